@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from . import actuators, extras
 from .arguments import brief, checked
 from .bench import excitation as excitations
 from .bench.excitation import COMMAND, STEP, Excitation, check_span
+from .bench.requirements import load_requirements
 from .bench.subject import ParameterSubject, Subject, open_subject
 from .errors import EmcasError, EmcasWarning, hint
 from .fmi.interface import FmuInterface, fin_sets, require_shared
@@ -168,22 +170,25 @@ def _numbers(given: Any, what: str, unit: str, expected: str) -> Array:
 
 @checked
 def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: Sequence[str] | str | None = None,
-             directory: Path | str | None = None, progress: Progress = silent, inside: bool = False) -> Validation:
-    """Judge a parameter set, or an FMU by its path, by the reference cases and by Table 2 of the thesis.
+             directory: Path | str | None = None, progress: Progress = silent, inside: bool = False,
+             requirements: Path | str | None = None) -> Validation:
+    """Judge a parameter set, or an FMU by its path, by the reference cases and by requirements.
 
-    `cases` are all unless given by name, one or several; `directory` holds the references (``emcas reference`` makes
-    them), those shipped unless given. Those that an FMU carries are taken with `inside`, or where the shipped ones are
-    of another actuator or other parameters. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each
-    with what was measured and its limit). Raises EmcasError.
+    `cases` are all unless given by name, one or several, and then no requirement is judged; `directory` holds the
+    references (``emcas reference`` makes them), `requirements` is a file of them, those shipped unless given.
+    References that an FMU carries are used with `inside`, or where the shipped ones are of another actuator or other
+    parameters. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each with what was measured and
+    its limit). Raises EmcasError.
     """
     cases = [cases] if isinstance(cases, str) else cases
     folder = None if directory is None else Path(directory)
     if isinstance(subject, ParameterSet):
         subject = ParameterSubject(subject)
-    if isinstance(subject, Subject):
-        return _validate(subject, cases, folder, progress, inside)
-    with open_subject(None if subject is None else Path(subject)) as opened:
-        return _validate(opened, cases, folder, progress, inside)
+    held = nullcontext(subject) if isinstance(subject, Subject) else open_subject(
+        None if subject is None else Path(subject))
+    with held as opened:
+        specification = load_requirements(None if requirements is None else Path(requirements), opened.parameters)
+        return _validate(opened, cases, folder, progress, inside, specification)
 
 
 @checked
@@ -227,7 +232,7 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
     base = parameters or load_parameters()
     chosen = (shipped_study(base) if study is None else study if isinstance(study, Study) else
               load_study(Path(study), base))
-    if chosen.needs_analysis:
+    if chosen.specification.needs_analysis:
         extras.require("analysis", "margins (tests of kind linear) need", "control", "casadi")
     evaluations = Journal(None if journal is None else Path(journal), chosen)
     return run(chosen, seed, generations, workers or os.cpu_count() or 1, evaluations, progress)

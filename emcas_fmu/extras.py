@@ -7,6 +7,15 @@ from importlib import import_module
 from .errors import EmcasError
 
 
+def absent(extra: str, what: str, *modules: str) -> str:
+    """Return what to install where a module of an extra is missing, in words; empty where none is."""
+    try:
+        require(extra, what, *modules)
+    except EmcasError as error:
+        return str(error)
+    return ""
+
+
 def require(extra: str, what: str, *modules: str) -> None:
     """Import the modules of an extra, or, where it is empty, packages by their names.
 

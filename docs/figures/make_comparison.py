@@ -21,6 +21,7 @@ from make_tables import main, markdown
 from emcas_fmu import plots
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, slew_to, step_to, sweep
+from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.metrics import FrequencyResponse, motion, sweep_response
 from emcas_fmu.bench.subject import ParameterSubject, Run
 from emcas_fmu.bench.writers import with_unit
@@ -30,7 +31,6 @@ from emcas_fmu.studies.compare import study
 from emcas_fmu.studies.report import mission, stiffness
 from emcas_fmu.studies.report.outcome import Value
 from emcas_fmu.studies.report.rig import Rig
-from emcas_fmu.studies.tuning.measure import Test, measure
 
 KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch, dual", "series-clutch": "clutch, series",
          "electrohydrostatic": "electrohydrostatic", "electrohydraulic": "electrohydraulic"}

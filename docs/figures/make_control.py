@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu import plots
+from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import ParameterSet, load_parameters
-from emcas_fmu.studies.tuning.measure import Test, measure
 
 PAGE = Path(__file__).resolve().parents[1] / "model" / "control.md"
 THESIS = {"controller.position.setpoint_weight": 1.0}

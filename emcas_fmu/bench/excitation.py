@@ -28,6 +28,7 @@ from ..simulation import MOST_POINTS, Array
 STEP = 1e-3  # s
 SETTLE = 1.0  # s at the starting end of a slew, unloaded: three times what the settling of a large step takes
 _FASTEST = 0.5 / STEP  # Hz
+HOLD = 3.0  # s: outlasts the integral action, whose time constant is kp/ki (0.24 s with the default gains)
 COMMAND, LOAD = "fin_command", "aero_torque"
 
 

@@ -25,8 +25,8 @@ Array = NDArray[np.floating[Any]]
 
 ACCURACY = radians(0.2)  # Yerlikaya (2016), Table 2
 SWEPT = (0.5, 24.0)  # Hz; above, a sweep to 30 Hz ends within half a segment of the estimate
-TAIL = 0.3  # s, the end of a response in which hunting is looked for
-HELD = 0.1  # s, the end of a hold over which the angle held is averaged
+HELD = 1.0 / 3.0  # share of a hold, its end, over which every figure of what is held is taken
+PURE = 0.9  # least share of a sine's response that its fundamental has: a triangle has 0.986, a square 0.81
 CREPT = 1e-8  # rad that count as motion
 
 # Hann segments of the frequency response. A second is thirty times the actuator's memory, so that cutting a
@@ -57,9 +57,16 @@ FIGURES: Mapping[str, Figure] = {
     "time_to_accuracy": Figure("s", f"until within {degrees(ACCURACY):g} deg of the command for good"),
     "time_to_90_percent": Figure("s", "until 90 % of the commanded change is covered"),
     "overshoot": Figure("1", "beyond the command, share of the change"),
-    "steady_error": Figure("rad", "mean error over the last tenth"),
-    "ripple": Figure("rad", f"peak to peak over the last {TAIL:g} s"),
+    "steady_error": Figure("rad", "mean distance from the command over the last third of the hold"),
+    "held_error": Figure("rad", "largest distance from the command over the last third of the hold"),
+    "held_angle": Figure("rad", "smallest magnitude of the angle over the last third of the hold", bad=-1.0),
+    "ripple": Figure("rad", "peak to peak of the angle over the last third of the hold"),
+    "rebound": Figure("rad", "largest angle beyond the command against a load that went"),
+    "current_ripple": Figure("A", "motor current about its mean, root mean square over the last third of the hold",
+                             ("motor_current",)),
+    "repeat_error": Figure("rad", "largest difference of the response after a history of use from a fresh unit's"),
     "sustained_rate": Figure("rad/s", "mean over the middle 60 % of the travel", bad=-1.0),
+    "rate_asymmetry": Figure("1", "difference of the sustained rates of both directions, share of the larger"),
     "peak_rate": Figure("rad/s", "largest magnitude of the fin rate", ("fin_rate",), -1.0),
     "peak_angle": Figure("rad", "largest magnitude of the fin angle"),
     "bandwidth_3db": Figure("Hz", "lowest frequency where the fundamental is 3 dB down", bad=-1.0),
@@ -201,10 +208,14 @@ class StepMetrics:
     time_to_90_percent: Any
     overshoot: Any
     steady_error: Any
+    held_error: Any
+    held_angle: Any
     ripple: Any
 
 
-MOTION = (*(field.name for field in fields(StepMetrics)), "peak_rate", "sustained_rate")
+RESTING = ("rebound", "time_to_accuracy", "steady_error", "held_error", "held_angle", "ripple", "current_ripple")
+"""The figures of `rest`."""
+MOTION = (*(field.name for field in fields(StepMetrics)), "current_ripple", "peak_rate", "sustained_rate")
 """The figures of `motion`."""
 
 
@@ -219,16 +230,27 @@ def step_metrics(time: Array, response: Array, start: float, command: Any) -> St
     level = np.asarray(command)[..., np.newaxis]
     share = (response - response[..., :1]) / (level - response[..., :1])
     tenth, most = (crossing(time, share, reached) for reached in (0.1, 0.9))
-    tail = int(np.argmax(time > time[-1] - TAIL))
     return StepMetrics(
         rise_time=most - tenth,
         settling_time=settling(time, np.abs(share - 1.0), 0.02),
-        time_to_accuracy=settling(time, np.abs(response - level), ACCURACY),
         time_to_90_percent=most - start,
         overshoot=np.maximum(np.max(share, axis=-1) - 1.0, 0.0),
-        steady_error=np.mean(response[..., -max(len(time) // 10, 1):], axis=-1) - command,
-        ripple=np.ptp(response[..., tail:], axis=-1),
+        **hold_figures(time, response, command),
     )
+
+
+def hold_figures(time: Array, response: Array, command: Any) -> dict[str, Any]:
+    """Return the figures of a response [rad] to a command [rad] that is constant over these times [s]."""
+    error = response - np.asarray(command)[..., np.newaxis]
+    last = _last(time)
+    return {"time_to_accuracy": settling(time, np.abs(error), ACCURACY),
+            "steady_error": np.mean(error[..., last], axis=-1), "held_error": np.max(np.abs(error[..., last]), axis=-1),
+            "held_angle": np.min(np.abs(response[..., last]), axis=-1), "ripple": np.ptp(response[..., last], axis=-1)}
+
+
+def _last(time: Array) -> slice:
+    """Return the rows of the last third of a hold."""
+    return slice(int(np.searchsorted(time, time[-1] - HELD * (time[-1] - time[0]) - 1e-9)), None)
 
 
 def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any:
@@ -248,17 +270,27 @@ def motion(run: Run, number: int = 0) -> dict[str, Any]:
     """Return the figures of the nth jump of the command of a finished run, judged until the next."""
     move, columns = run.excitation.moves[number], run.columns
     upto = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
-    time, angle, rate = (columns[name][..., :upto] for name in ("time", "fin_angle", "fin_rate"))
-    return {**vars(step_metrics(time, angle, move.start, move.level)),
-            "peak_rate": np.max(np.abs(since(move.start, time, rate)[1]), axis=-1),
+    of_move = {name: column[..., :upto] for name, column in columns.items()}
+    time, angle = of_move["time"], of_move["fin_angle"]
+    return {**vars(step_metrics(time, angle, move.start, move.level)), **_current_ripple(of_move, move.start),
+            "peak_rate": np.max(np.abs(since(move.start, time, of_move["fin_rate"])[1]), axis=-1),
             "sustained_rate": sustained_rate(time, angle, move.start, move.level)}
 
 
-def held_error(run: Run) -> Any:
-    """Return the mean fin angle - command [rad] over the end of a hold."""
-    time = run.columns["time"]
-    end = int(np.argmax(time > time[-1] - HELD))
-    return np.mean(run.columns["fin_angle"][..., end:], axis=-1) - run.excitation.moves[-1].level
+def rest(run: Run) -> dict[str, Any]:
+    """Return the figures RESTING of a finished run whose command is 0 and that is moved by a hinge moment."""
+    load = run.excitation.columns["aero_torque"]
+    time, angle = since(run.excitation.begin, run.columns["time"], run.columns["fin_angle"])
+    against = -np.sign(np.sum(load, axis=-1, keepdims=True)) * angle
+    return {**hold_figures(time, angle, 0.0), **_current_ripple(run.columns, run.excitation.begin),
+            "rebound": np.max(against, axis=-1, initial=0.0)}
+
+
+def _current_ripple(columns: Mapping[str, Array], start: float) -> dict[str, Any]:
+    if "motor_current" not in columns:
+        return {}
+    time, current = since(start, columns["time"], columns["motor_current"])
+    return {"current_ripple": np.std(current[..., _last(time)], axis=-1)}
 
 
 def usage(run: Run) -> dict[str, Any]:

@@ -231,6 +231,16 @@ class Subject(ABC):
         return {v.name: v for v in self.actuator.outputs}
 
     @property
+    def supply(self) -> str | None:
+        """The input of its supply, a voltage or a pressure; None where it has none."""
+        return None if self.actuator.supply is None else self.actuator.supply.input.name
+
+    @cached_property
+    def parameters(self) -> ParameterSet:
+        """Its parameters as a set."""
+        return load_parameters(model=self.model).with_values(self.values)
+
+    @property
     def references(self) -> Sequence[Stored]:
         """Responses of it that it carries."""
         return ()
@@ -298,7 +308,8 @@ class ParameterSubject(Subject):
     """A parameter set, run by the kernel in this process; `files` are those it is of."""
 
     def __init__(self, parameters: ParameterSet, files: Sequence[Path] = ()) -> None:
-        self.parameters, self.files, self.model = parameters, files, parameters.model
+        self.files, self.model = files, parameters.model
+        self.__dict__["parameters"] = parameters  # in place of those the base class makes of the values
 
     @cached_property
     def values(self) -> Mapping[str, Any]:

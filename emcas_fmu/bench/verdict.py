@@ -1,59 +1,61 @@
-"""Figures against requirements: those of the thesis's Table 2, and those of a user's file.
+"""Requirements judged: what was measured for each, whether it is met, and by what margin.
 
-Section 3.1 of Yerlikaya (2016) lists the figures of Table 2; it does not say how they are measured. The ways
-chosen here are in each requirement's `how`.
+Every page and command takes its verdict from `judge`; `evaluate` is the same for many units at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import zip_longest
-from math import degrees, isfinite, isnan, radians
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from itertools import groupby, zip_longest
+from math import degrees, isfinite, isnan
+from typing import Any, NamedTuple
 
 import numpy as np
 from junitparser import TestCase
-from pydantic import BeforeValidator, Field, PlainValidator, PrivateAttr, ValidationInfo
 from rich.markup import escape
 from rich.table import Column
 from rich.table import Table as RichTable
 
-from ..errors import EmcasError
-from ..reference.cases import LOAD
-from ..schema import In, Table, each, load, named
-from .excitation import Excitation, reference_case, step_to
-from .metrics import ACCURACY, held_error, motion, sweep_response, unit_of
-from .subject import Run
+from ..progress import Progress, silent
+from .measure import BANDWIDTHS, measure
+from .requirements import Case, Requirement, Specification
+from .subject import Subject
 from .writers import junit_case, number
 
-Sense = Literal["<=", ">="]
-Runs = Mapping[str, Run]
-TABLE_2 = "Yerlikaya (2016), Table 2"
-HOLD = 3.0  # s: outlasts the integral action, whose time constant is kp/ki (1 s with the default gains)
-_ACCURACY = round(degrees(ACCURACY), 9)  # deg
-_SENSES = {"at most": "<=", "at least": ">="}
+_SENSES = {"maximum": "<=", "minimum": ">="}
+
+
+class Figure(NamedTuple):
+    """What was measured for a requirement in a case, SI; nan where there is no value."""
+
+    requirement: Requirement
+    case: Case
+    measured: float
 
 
 @dataclass(frozen=True)
 class Judged:
     """A requirement and what was measured for it: `measured` [unit] at least or at most `limit` [unit].
 
-    ``measured`` is None where what it needs was not run (skipped) or gave no such figure (failed, with the reason
-    in ``note``); of a bandwidth ``beyond`` the sweep it is the highest frequency swept.
+    ``measured`` is None where it was not measured (skipped) or there is no such figure (failed), with the reason in
+    ``note``; of a bandwidth ``beyond`` those looked for it is the highest of these. ``case`` is that of the value, the
+    worst.
     """
 
     source: str
     name: str
     title: str
     measured: float | None
-    sense: Sense
+    sense: str
     limit: float
     unit: str
     note: str = ""
     skipped: bool = False
     beyond: bool = False
+    case: str = ""
+    figure: str = ""
+    reason: str = ""
 
     @property
     def margin(self) -> float | None:
@@ -92,10 +94,84 @@ class Judged:
         return f"{text} ({self.note})" if self.note else text
 
 
+def evaluate(subject: Subject, specification: Specification, changes: Sequence[Mapping[str, Any]],
+             progress: Progress = silent) -> list[list[Figure]]:
+    """Measure every requirement that the subject has the means for, in its cases, for each of several units.
+
+    `changes` are the parameters that differ from the subject's, of each unit; none depends on what it is measured
+    beside. In the order of the cases, then of the requirements. `progress` is called with the test.
+    """
+    cases = {case.name: case for case in specification.cases}
+    able = [(r.test, r) for r in specification.requirements if r.test and not r.obstacle(subject)]
+    found: dict[tuple[int, str], list[Figure]] = {(k, name): [] for k in range(len(changes)) for name in cases}
+    tests = [(test, [r for _, r in group])
+             for test, group in groupby(sorted(able, key=lambda each: repr(each[0])), key=lambda each: each[0])]
+    start = {"homing.required": False} if "homing.required" in subject.values else {}  # a unit that follows at once
+    for done, (test, requirements) in enumerate(tests):
+        progress(str(test), done, len(tests))
+        units = [(k, name) for k in range(len(changes)) for name in cases
+                 if any(name in r.cases for r in requirements)]
+        with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
+            measured = measure(test, subject, [{**start, **cases[name].values, **changes[k]} for k, name in units],
+                               tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
+        for (k, name), figures in zip(units, measured.tolist(), strict=True):
+            found[k, name] += [Figure(r, cases[name], figure)
+                               for r, figure in zip(requirements, figures, strict=True) if name in r.cases]
+    progress("done", len(tests), len(tests))
+    return [[figure for name in cases for figure in found[k, name]] for k in range(len(changes))]
+
+
+def judge(subject: Subject, specification: Specification, progress: Progress = silent) -> list[Judged]:
+    """Judge a subject by requirements, each by the worst of its cases; `progress` is called with the test."""
+    (figures,) = evaluate(subject, specification, [{}], progress)
+    by_name: dict[str, list[Figure]] = {}
+    for figure in figures:
+        by_name.setdefault(figure.requirement.name, []).append(figure)
+    return [judged(r, by_name.get(r.name, []), subject) for r in specification.requirements]
+
+
+def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judged:
+    """Return a requirement with the worst of what was measured for it; skipped where nothing was."""
+    unit, factor = r.shown
+    fixed: dict[str, Any] = {
+        "source": r.source, "name": r.name, "title": r.title or r.name, "sense": _SENSES[r.sense],
+        "limit": round(r.limit * factor, 9), "unit": unit, "figure": r.figure, "reason": r.reason}
+    if not figures:
+        return Judged(**fixed, measured=None, note=r.obstacle(subject), skipped=True)
+    sign = 1.0 if r.sense == "maximum" else -1.0
+    worst = max(figures, key=lambda f: np.inf if isnan(f.measured) else sign * f.measured)
+    case = worst.case.name if len(r.cases) > 1 else ""
+    how = r.how + (f"; worst in the case {case}" if case else "")
+    if r.test and r.test.amplitude > subject.command_limit * (1.0 + 1e-9):
+        how += f"; commands are clipped to {degrees(subject.command_limit):.6g} deg"
+    if not isfinite(worst.measured):
+        return Judged(**fixed, measured=None, case=case, note=f"no value, as {_why(r, worst.measured)}: {how}")
+    beyond = r.figure.startswith("bandwidth") and worst.measured >= BANDWIDTHS[1]
+    return Judged(**fixed, measured=worst.measured * factor, note=how, beyond=beyond, case=case)
+
+
+def _why(r: Requirement, measured: float) -> str:
+    """Return why a figure has no value, in words."""
+    kind = r.test.kind if r.test else ""
+    if kind == "linear":
+        return "the loop is unstable when closed"
+    if not isnan(measured):
+        return "it is not there by the end"
+    if kind == "sine":
+        return "the response is no sine of the command's frequency, or did not run to the end"
+    return "the response never reaches what is measured, or did not run to the end"
+
+
 def all_passed(judged: Sequence[Judged]) -> bool:
     """Return whether something was judged and all of it passed."""
     counted = [j for j in judged if not j.skipped]
     return bool(counted) and all(j.passed for j in counted)
+
+
+def left_out(judged: Sequence[Judged]) -> str:
+    """Return how many requirements were not judged, as the end of a sentence; empty where all were."""
+    count = sum(j.skipped for j in judged)
+    return f"; {count} more {'was' if count == 1 else 'were'} not judged" if count else ""
 
 
 def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
@@ -104,139 +180,6 @@ def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
         "measured", "required", "margin")), "unit", "")
     for j, after in zip_longest(judged, judged[1:]):
         table.add_row(escape(j.name), j.more + number(j.measured), f"{j.sense} {j.limit:g}", j.more + number(j.margin),
-                      j.unit, "[dim]not run[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]",
-                      end_section=after is not None and after.source != j.source)
+                      j.unit, "[dim]not judged[/]" if j.skipped else "[green]ok[/]" if j.passed else
+                      "[bold red]FAIL[/]", end_section=after is not None and after.source != j.source)
     return table
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """A row of Table 2: `needs` names the runs that `measure` takes its figure [unit] from."""
-
-    name: str
-    title: str
-    sense: Sense
-    limit: float
-    unit: str
-    how: str
-    needs: tuple[str, ...]
-    measure: Callable[[Sequence[Run]], float]
-
-
-def _range(runs: Sequence[Run]) -> float:
-    return degrees(min(abs(run.excitation.moves[-1].level + held_error(run)) for run in runs))
-
-
-def _accuracy(runs: Sequence[Run]) -> float:
-    return degrees(max(abs(held_error(run)) for run in runs))
-
-
-def _rate(runs: Sequence[Run]) -> float:
-    return degrees(min(motion(run, -1)["sustained_rate"] for run in runs))
-
-
-def _bandwidth(runs: Sequence[Run]) -> float:
-    response = sweep_response(runs[0])
-    return response.beyond if np.isnan(response.bandwidth) else response.bandwidth
-
-
-_HELD = {"hold_plus20": 20.0, "hold_minus20": -20.0, "hold_plus1": 1.0, "hold_minus1": -1.0}  # deg
-REQUIREMENTS = (
-    Requirement("range", "Operating range of the fin", ">=", 20.0 - _ACCURACY, "deg",
-                f"smaller angle held at commands of +20 and -20 deg after {HOLD:g} s; the range is ±20 deg, "
-                "its ends are met to the accuracy", tuple(_HELD)[:2], _range),
-    Requirement("accuracy", "Position accuracy of the fin", "<=", _ACCURACY, "deg",
-                f"largest error held after {HOLD:g} s at ±20 and ±1 deg, no load", tuple(_HELD), _accuracy),
-    Requirement("unloaded_rate", "Unloaded fin rate", ">=", 220.0, "deg/s",
-                "mean over the middle 60 % of steps to ±20 deg, the slower of the two", ("step_plus20", "step_minus20"),
-                _rate),
-    Requirement("loaded_rate", "Fin rate against 100 N.m", ">=", 200.0, "deg/s",
-                "mean over the middle 60 % of a slew from -20 to +20 deg", ("load_opposing",), _rate),
-    *(Requirement(f"bandwidth_{label}deg", f"Bandwidth at {amplitude} deg", ">=", 10.0, "Hz",
-                  f"-3 dB of the fundamental, sine sweep of {amplitude} deg", (f"chirp_{label}deg",), _bandwidth)
-      for label, amplitude in (("1", "1"), ("3p5", "3.5"))),
-)
-
-
-def holds() -> dict[str, Excitation]:
-    """Return the steps of Table 2 that are held until the integral action is through, by name; one under the load."""
-    return {**{name: step_to(radians(level), HOLD) for name, level in _HELD.items()},
-            "hold_loaded": step_to(radians(20.0), HOLD, -LOAD)}
-
-
-def table2_excitations(requirements: Sequence[Requirement] = REQUIREMENTS) -> dict[str, Excitation]:
-    """Return every excitation that requirements are judged by, by name, with the parameters as they are."""
-    names = sorted({name for requirement in requirements for name in requirement.needs})
-    steps = holds()
-    return {name: steps[name] if name in steps else reference_case(name, exact=False) for name in names}
-
-
-def judge_table2(runs: Runs, requirements: Sequence[Requirement] = REQUIREMENTS) -> list[Judged]:
-    """Judge Table 2, or other `requirements`, by runs by name.
-
-    A row is skipped where a run was not made, failed where one ended early.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
-        return [_table2(requirement, runs) for requirement in requirements]
-
-
-def _table2(r: Requirement, runs: Runs) -> Judged:
-    absent = [name for name in r.needs if name not in runs]
-    broken = [name for name in r.needs if name in runs and runs[name].stopped is not None]
-    measured, beyond = None, False
-    if absent:
-        note = f"needs {', '.join(absent)}, not run"
-    elif broken:
-        note = f"{', '.join(broken)} did not run to the end"
-    else:
-        measured = r.measure([runs[name] for name in r.needs])
-        beyond = r.measure is _bandwidth and isfinite(measured) and isnan(sweep_response(runs[r.needs[0]]).bandwidth)
-        note = r.how if isfinite(measured) else f"the response never reaches what is measured: {r.how}"
-    return Judged(TABLE_2, r.name, r.title, measured, r.sense, r.limit, r.unit, note, bool(absent), beyond)
-
-
-def _limit(entry: Any, info: ValidationInfo) -> float:
-    return float(In(unit_of(info.data.get("figure", ""))).number(entry))
-
-
-class FileRequirement(Table):
-    """A requirement of a user's file: its limit is in the unit that the name of its figure ends in."""
-
-    name: str
-    title: str = ""
-    figure: str
-    sense: Annotated[Sense, BeforeValidator(lambda entry: _SENSES.get(str(entry), entry))]
-    limit: Annotated[float, PlainValidator(_limit)]
-    _source: str = PrivateAttr("")
-
-    def model_post_init(self, context: Any) -> None:
-        """Keep the name of the file."""
-        self._source = context
-
-    @property
-    def source(self) -> str:
-        """The file it is from."""
-        return self._source
-
-    def judged(self, measured: float | None, note: str, beyond: bool = False) -> Judged:
-        """Return the requirement with what was measured for it."""
-        return Judged(self.source, self.name, self.title or self.name, measured, self.sense, self.limit,
-                      unit_of(self.figure), note, beyond=beyond)
-
-
-def _requirements(entries: Any, info: ValidationInfo) -> dict[str, FileRequirement]:
-    if not entries:
-        raise ValueError(f"expected one or more tables [[requirement]] with {', '.join(FileRequirement.model_fields)}")
-    return each(named(entries), lambda _, entry: FileRequirement.model_validate(entry, context=info.context))
-
-
-class _File(Table):
-    requirement: Annotated[dict[str, FileRequirement], PlainValidator(_requirements)] = Field({}, validate_default=True)
-
-
-def load_requirements(path: Path) -> list[FileRequirement]:
-    """Return the requirements of a TOML file, an array of tables ``[[requirement]]``.
-
-    Raises EmcasError naming the file, the requirement and what to write.
-    """
-    return list(load(_File, path, EmcasError, path.name).requirement.values())

@@ -154,6 +154,9 @@ JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this 
 DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; today's (UTC) unless given, or "
                                                      "that of SOURCE_DATE_EPOCH.", metavar="DATE")]
 ReportOption = Annotated[Path | None, page_option()]
+RequirementsOption = Annotated[Path | None, typer.Option(
+    help="Requirements (TOML) in place of the shipped ones, those of Table 2 and of a flight control's review; "
+         "docs/use/requirements.md.", metavar="FILE.toml", callback=ends_in(".toml"))]
 
 
 def calendar_date(text: str) -> str:

@@ -24,10 +24,11 @@ def compare(
         show_default=False)] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
+    requirements: common.RequirementsOption = None,
     as_json: common.JsonOption = None,
     report: common.ReportOption = None,
 ) -> None:
-    """Measure parameter sets, or actuators, by the requirements of the thesis's Table 2, a column each.
+    """Measure parameter sets, or actuators, by the same requirements, a column each.
 
     Exit code 0 whether the requirements are met or not (emcas validate judges); 2: it cannot be carried out.
     Files of --parameters lie below every set.
@@ -38,11 +39,11 @@ def compare(
 
     with common.failures():
         files = [Path(name) for name in sets or ()]
-        common.check_outputs(as_json, report, inputs=(*files, *(parameters or ())))
+        common.check_outputs(as_json, report, inputs=(*files, *(parameters or ()), requirements))
         chosen = load_sets(sets or DRIVES, model, parameters or ())
         common.warn(warning for each in chosen.values() for warning in each.warnings)
         with common.progress_bar() as progress:
-            result = run(chosen, common.stepper(progress, "compare"))
+            result = run(chosen, common.stepper(progress, "compare"), requirements)
         for path, write in ((as_json, write_json), (report, write_report)):
             if path:
                 write(result, path)

@@ -21,8 +21,7 @@ def report(
     article: common.SubjectArgument = None,
     parameters: common.ParametersOption = None,
     output: Annotated[Path, common.page_option("--output", "-o", what="Page to write.")] = Path("report.html"),
-    requirements: Annotated[Path | None, typer.Option(help="Requirements (TOML) beside those of Table 2.",
-                                                      metavar="FILE.toml")] = None,
+    requirements: common.RequirementsOption = None,
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     mission: Annotated[Path | None, typer.Option(help="Mission profile instead of the synthetic one: CSV of time (s) "
@@ -37,7 +36,7 @@ def report(
 ) -> None:
     """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report to sign."""
     from ..bench.excitation import csv_file
-    from ..bench.verdict import load_requirements
+    from ..bench.requirements import load_requirements
     from ..reference.cases import LOAD
     from ..studies.report.output import summary, write_json, write_junit, write_report
     from ..studies.report.study import carry_out
@@ -47,10 +46,10 @@ def report(
         if load is not None and not 0.0 < load < float("inf"):
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
         printed = common.calendar_date(date) if date else ""
-        specified = load_requirements(requirements) if requirements else []
         with common.progress_bar() as progress, common.open_subject(article, model, fin, parameters) as subject:
             profile = csv_file(mission, model=subject.model) if mission else None
-            result = carry_out(subject, load=load or LOAD, profile=profile, requirements=specified,
+            result = carry_out(subject, load=load or LOAD, profile=profile,
+                               specification=load_requirements(requirements, subject.parameters),
                                progress=common.stepper(progress, "test"))
         write_report(result, output, printed, document, revision)
         if as_json:

@@ -24,6 +24,7 @@ def tune(
              "models/tuning.toml, unless given.", metavar="FILE")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
+    requirements: common.RequirementsOption = None,
     output: Annotated[Path | None, common.toml_option(
         "Write a parameter file: the gains and what --parameters already changed.")] = None,
     report: common.ReportOption = None,
@@ -51,9 +52,10 @@ def tune(
     from ..studies.tuning.study import load_study, shipped_study
 
     with common.failures():
-        common.check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ())))
+        common.check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ()), requirements))
         base = common.parameter_set(parameters, model)
         chosen = load_study(study, base) if study else shipped_study(base)
+        chosen = chosen.judged_by(requirements) if requirements else chosen
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
@@ -66,6 +68,7 @@ def tune(
             raise typer.Exit(common.INTERRUPTED) from None
         command = shlex.join([
             "emcas", "tune", *([str(study)] if study else []), *common.parameter_arguments(parameters),
+            *(["--requirements", str(requirements)] if requirements else []),
             *([] if model == NONLINEAR else ["--model", model]), "--seed", str(seed), "--generations",
             str(generations)])
         if output:

@@ -1,4 +1,4 @@
-"""`emcas validate`: judge an FMU or a parameter set by the reference responses and the thesis's Table 2."""
+"""`emcas validate`: judge an FMU or a parameter set by the reference responses and by requirements."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from . import common
 
 EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu --report report.html "
                    "--junit junit.xml\n\n  emcas validate EMCAS.fmu --case step_plus20 --case load_opposing"
+          "\n\n  emcas validate my_actuator.toml --requirements my_requirements.toml"
           "\n\n  emcas validate EMCAS_elastic.fmu --inside\n\n  emcas validate --model elastic+heat")
 
 
@@ -26,26 +27,29 @@ def validate(
     report: common.ReportOption = None,
     directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
                                                       "unless given.", metavar="DIR")] = None,
+    requirements: common.RequirementsOption = None,
     inside: Annotated[bool, typer.Option("--inside", help="Compare trajectories with the references inside the FMU; of "
                                          "another actuator, or other parameters than the defaults, that is so "
                                          "unless --directory is given.")] = False,
 ) -> None:
     """Run a model on every reference case and judge it by the reference, where there is one of its actuator, and by
-    the thesis's Table 2.
+    requirements.
 
     Exit code 0: all that was judged is met, or with --case nothing had a criterion and it ran (JSON: passed is null);
     1: a criterion is not met, or nothing was judged and a case did not run to its end; 2: it cannot be carried out.
-    In a gate leave --case out: Table 2 is then judged.
+    In a gate leave --case out: with it no requirement is judged.
     """
     from ..api import validate as run
     from ..studies.validate.output import summary, write_json, write_junit, write_report
 
     with common.failures():
+        if case and requirements:
+            raise EmcasError("--case and --requirements: with --case no requirement is judged; leave one of them out")
         if inside and directory:
             raise EmcasError("--inside and --directory: references are of one place; give one of them")
-        common.check_outputs(as_json, junit, report, inputs=(article, directory))
+        common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
         with common.progress_bar() as progress, common.open_subject(article, model, fin) as subject:
-            result = run(subject, case, directory, common.stepper(progress, "validate"), inside)
+            result = run(subject, case, directory, common.stepper(progress, "validate"), inside, requirements)
         for path, write in ((as_json, write_json), (junit, write_junit), (report, write_report)):
             if path:
                 write(result, path)

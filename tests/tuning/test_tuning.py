@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.bench import subject
+from emcas_fmu.bench.measure import KINDS, Test, describing_function, measure
 from emcas_fmu.bench.metrics import FIGURES, step_metrics
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
@@ -31,7 +32,6 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.runtime.compiled import Tables
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
-from emcas_fmu.studies.tuning.measure import KINDS, Test, describing_function, measure
 from emcas_fmu.studies.tuning.optimise import Result as Tuned
 from emcas_fmu.studies.tuning.optimise import _parted, tune
 from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned

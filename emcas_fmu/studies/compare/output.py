@@ -17,11 +17,10 @@ from ... import __version__
 from ...bench import writers
 from ...bench.verdict import Judged
 from ...plots import COMMAND, Drawing, figure, pictures
-from .study import Result
+from .study import DRAWN, Result
 
 SCHEMA = "emcas-compare/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
-_SHOWN = {"step_plus20": "Step to 20 deg", "load_opposing": "Slew from -20 to 20 deg against 100 N.m"}
 _WIDEST = 3.5  # points, of the first set's curves
 _WINDOW = -0.02, 0.35  # s about the command
 
@@ -30,10 +29,10 @@ def summary(result: Result) -> Iterator[RenderableType]:
     """Give the figures as a table with a column for each set, what differs between the sets, and who meets all."""
     table = Table(Heading("requirement", no_wrap=True), Heading("required", justify="right", no_wrap=True),
                   *(Heading(escape(column.name), justify="right", overflow="fold") for column in result.columns),
-                  title="Table 2", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+                  title="Requirements", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for row in result.rows:
         first = row[0]
-        table.add_row(first.title, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, row))
+        table.add_row(first.name, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, row))
     yield table
     for name, values in result.differing.items() if len(result.models) == 1 else ():
         yield escape(f"{name}: {', '.join(writers.number(value) for value in values)}")
@@ -45,7 +44,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
 
 def _cell(j: Judged) -> str:
     if j.skipped:
-        return "[dim]not run[/]"
+        return "[dim]not judged[/]"
     return f"{j.more}{writers.number(j.measured)} {'[green]ok[/]' if j.passed else '[bold red]FAIL[/]'}"
 
 
@@ -74,11 +73,11 @@ def _drawings(result: Result) -> Iterator[Drawing]:
     """Draw the responses of every set to the large moves."""
     drawn, grid = figure(2, 2, width=10.0, height=2.6, sharex=True)
     widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # of curves that coincide, each is seen
-    for (angle, rate), (name, title) in zip(grid.T, _SHOWN.items(), strict=True):
+    for (angle, rate), title in zip(grid.T, DRAWN, strict=True):
         for k, column in enumerate(result.columns):
-            if name not in column.runs or column.runs[name].stopped is not None:
+            run = column.runs[title]
+            if run.stopped is not None:
                 continue
-            run = column.runs[name]
             time = run.columns["time"] - run.excitation.moves[-1].start
             shown = (time > _WINDOW[0]) & (time < _WINDOW[1])
             if not k:

@@ -1,16 +1,19 @@
-"""Parameter sets and actuators judged by Table 2, and by the fin's rate with its load, each by the same runs."""
+"""Parameter sets and actuators judged by the same requirements, beside each other."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from math import radians
 from pathlib import Path
 from typing import Any
 
 from ...actuators import NAMES, split
 from ...bench import verdict
+from ...bench.measure import Test, excitation
+from ...bench.requirements import load_requirements
 from ...bench.subject import ParameterSubject, Run
-from ...bench.verdict import REQUIREMENTS, Judged
+from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file
 from ...progress import Progress, silent
@@ -19,21 +22,21 @@ DEFAULT = "default"
 """The name of the default set itself."""
 DRIVES = (DEFAULT, "drive-si", "drive-scaled", "drive-pi")
 """What is compared unless sets are given."""
-_AGAINST = next(r for r in REQUIREMENTS if r.name == "loaded_rate")
-# Table 2 asks for its rate at 100 N.m and does not say which way the load acts: the rate with it is no row of Table 2.
-ROWS = (*REQUIREMENTS, replace(_AGAINST, name="aided_rate", title="Fin rate with 100 N.m (added)",
-                               needs=("load_aiding",)))
 _OUTPUTS = ("fin_angle", "fin_rate")
+DRAWN: Mapping[str, Test] = {"Step to 20 deg": Test("step", radians(20.0), 0.45),
+                             "Slew from -20 to 20 deg against 100 N.m": Test("slew", radians(20.0), 0.5, -100.0)}
+"""The tests whose responses are drawn, by the titles of these."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One set or actuator: the name it was given by, the parameters, and what was measured, in the order of ROWS."""
+    """One set or actuator: the name it was given by, the parameters, and what was measured, a row each."""
 
     name: str
     parameters: ParameterSet
     judged: tuple[Judged, ...]
     runs: Mapping[str, Run] = field(repr=False)
+    """Responses for the pictures, by name."""
 
     @property
     def passed(self) -> bool:
@@ -98,16 +101,18 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
     return {name: loaded(name) for name in names}
 
 
-def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent) -> Result:
-    """Judge every set. `progress` is called with the set and the run, how many are done and how many there are."""
-    excitations, columns = verdict.table2_excitations(ROWS), list[Column]()
-    total = len(sets) * len(excitations)
-    for name, parameters in sets.items():
-        subject, runs = ParameterSubject(parameters), dict[str, Run]()
-        for label, excitation in excitations.items():
-            progress(f"{name}: {label}", len(columns) * len(excitations) + len(runs), total)
-            if not subject.obstacle(excitation):
-                runs[label] = subject.run(excitation, outputs=_OUTPUTS)
-        columns.append(Column(name, parameters, tuple(verdict.judge_table2(runs, ROWS)), runs))
-    progress("done", total, total)
+def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requirements: Path | None = None) -> Result:
+    """Judge every set by a file of requirements, the shipped ones unless given.
+
+    `progress` is called with the set and the test, how many are done and how many there are. Raises EmcasError.
+    """
+    columns = list[Column]()
+    for done, (name, parameters) in enumerate(sets.items()):
+        subject = ParameterSubject(parameters)
+        judged = verdict.judge(subject, load_requirements(requirements, parameters),
+                               lambda test, at, of, name=name, done=done: progress(  # type: ignore[misc]
+                                   f"{name}: {test}", done * of + at, len(sets) * of))
+        runs = {title: subject.run(excitation(test, 1.0, subject), outputs=_OUTPUTS)
+                for title, test in DRAWN.items()}
+        columns.append(Column(name, parameters, tuple(judged), runs))
     return Result(tuple(columns))

@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ... import plots
+from ...bench.excitation import HOLD
 from ...bench.metrics import ACCURACY as _ACCURACY
-from ...bench.verdict import HOLD, Judged
+from ...bench.verdict import Judged
 from ...bench.writers import with_unit
 from ...plots import COMMAND, LIMIT, Drawing, Picture, legend_above
 from .outcome import Array, Outcome
@@ -68,7 +69,7 @@ def _steps(outcome: Outcome, limits: list[Judged]) -> Drawing:
         angle.plot([0.0, 400.0], [size, size], **LIMIT)
         far = time >= 0.0
         error.plot(*_thin(time[far], series["angle_deg"][far] - size), **{**look, "linewidth": 1.0})
-    _limit(angle, limits, "s", 1e3, across=False)
+    _limit(angle, limits, "ms", across=False)
     _limit(error, limits, "deg", sides=True)
     legend_above(angle, 8)
     angle.set(ylabel="fin angle [deg]", xlabel="time from the command [ms]", xlim=(-20, 400))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from math import isfinite, isnan, radians
+from math import isfinite, radians
 
 import numpy as np
 
-from ...bench.excitation import SETTLE, slew_to, step_to
+from ...bench.excitation import HOLD, SETTLE, step_to, sweep
+from ...bench.measure import BANDWIDTHS, Test, excitation, measure
 from ...bench.metrics import SWEPT, motion, since, sweep_response, swept
-from ...bench.verdict import HOLD
 from ...reference.cases import LOAD_RISE, SWEEP
 from .outcome import Outcome, displayed, quantity
 from .rig import Rig
@@ -20,6 +20,7 @@ _STEP = (
     quantity("rise_time", "rise time"), quantity("settling_time", "settling time"),
     quantity("overshoot", "overshoot"), quantity("steady_error", "steady error"),
 )
+_BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
 _FREQUENCY = (
     quantity("bandwidth_3db", "-3 dB"), quantity("bandwidth_90deg", "-90 deg"),
     quantity("peak_gain", "largest gain"), quantity("lowest_coherence", "least coherence"),
@@ -53,28 +54,28 @@ def _step_group(size: float) -> str:
 
 
 def frequency(rig: Rig) -> Outcome:
-    """Measure the response to logarithmic sweeps of the command, H1 estimate by Welch's method."""
+    """Measure bandwidths under sines, and the response to logarithmic sweeps, H1 estimate by Welch's method."""
     figures, curves, notes, labels = {}, {}, [], {"1deg": "1 deg", "3p5deg": "3.5 deg"}
     beyond: dict[str, float] = {}
-    for group, label in labels.items():
-        run = rig.table2[f"chirp_{group}"]
-        run.finished()
+    lowest, highest = BANDWIDTHS
+    for (group, label), amplitude in zip(labels.items(), (1.0, 3.5), strict=True):
+        run = rig.run(sweep(radians(amplitude), 12.0))
         response = sweep_response(run)
-        if response.bandwidth <= response.frequency[0]:
-            notes.append(f"At {label} the gain is below -3 dB from the lowest frequency on.")
-        figures[group] = displayed(swept(response), _FREQUENCY)
-        if isfinite(response.beyond):
-            beyond |= {f"{group}.{key}": response.beyond for key in ("bandwidth_3db_hz", "bandwidth_90deg_hz")
-                       if isnan(figures[group][key])}
+        ((at, lag),) = measure(Test("sine", radians(amplitude)), rig.subject, [{}], _BANDWIDTHS, ("minimum",) * 2)
+        if at <= lowest:
+            notes.append(f"At {label} the gain is below -3 dB from {lowest:g} Hz on.")
+        figures[group] = displayed({**swept(response), "bandwidth_3db": at, "bandwidth_90deg": lag}, _FREQUENCY)
+        beyond |= {f"{group}.{name}_hz": highest for name, each in zip(_BANDWIDTHS, (at, lag), strict=True)
+                   if isfinite(each) and each >= highest}
         curves[group] = {"frequency_hz": response.frequency, "gain_db": response.gain_db,
                          "phase_deg": np.degrees(response.phase), "coherence": response.coherence}
     low, high = SWEPT
     return Outcome(
-        f"Fin angle over command. Logarithmic sine sweep of the command from {SWEEP[0]:g} to {SWEEP[1]:g} Hz in 12 s "
-        f"about 0 deg, no load; H1 estimate by Welch's method, Hann segments of 1 s, evaluated from {low:g} to "
-        f"{high:g} Hz. It is the fundamental: the describing function of the amplitude. A frequency that is not "
-        "reached within the sweep lies beyond its end. Coherence is below 1 where the response is not linear, or "
-        "changes within a segment.", _FREQUENCY, figures,
+        "Fin angle over command, the fundamental: the describing function of the amplitude. Bandwidths by sines of the "
+        f"command about 0 deg, no load, the frequency bisected between {lowest:g} and {highest:g} Hz. Curves, largest "
+        f"gain and coherence by a logarithmic sine sweep from {SWEEP[0]:g} to {SWEEP[1]:g} Hz in 12 s; H1 estimate by "
+        f"Welch's method, Hann segments of 1 s, evaluated from {low:g} to {high:g} Hz. Coherence is below 1 where the "
+        "response is not linear, or changes within a segment.", _FREQUENCY, figures,
         tuple(f"{group}.{key}" for group in labels for key in ("bandwidth_3db_hz", "bandwidth_90deg_hz")),
         labels, curves, notes=tuple(notes), beyond=beyond)
 
@@ -85,10 +86,10 @@ def slews(rig: Rig) -> Outcome:
     for load, factor, label in (("unloaded", 0.0, "unloaded"), ("opposing", -1.0, f"against {rig.load:g} N.m"),
                                 ("aiding", 1.0, f"with {rig.load:g} N.m")):
         for direction, sign in (("positive", 1.0), ("negative", -1.0)):
-            slew = slew_to(radians(sign * rig.limit), SLEW, factor * sign * rig.load)
+            slew = excitation(Test("slew", radians(rig.limit), SLEW, factor * rig.load), sign, rig.subject)
             run, group = rig.run(slew), f"{load}_{direction}"
             labels[group] = f"{label}, {direction}"
-            figures[group] = displayed(motion(run, 1), _SLEW)
+            figures[group] = displayed(motion(run, -1), _SLEW)
             names = [name for name in ("fin_angle", "fin_rate", "motor_current") if name in run.columns]
             time, *columns = since(slew.begin, run.columns["time"], *(run.columns[name] for name in names))
             series[group] = {"time_s": time - slew.begin, **{

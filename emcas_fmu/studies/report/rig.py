@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import cos, degrees, pi
 
-from ...bench import verdict
 from ...bench.excitation import Excitation
 from ...bench.metrics import ACCURACY
 from ...bench.subject import Run, Subject
@@ -59,9 +57,3 @@ class Rig:
         run = self.subject.run(excitation, outputs=[name for name in RECORDED if name in self.subject.outputs])
         run.finished()
         return run
-
-    @cached_property
-    def table2(self) -> Mapping[str, Run]:
-        """The runs the requirements of Table 2 are measured from, with the parameters as they are."""
-        return {name: self.subject.run(excitation, outputs=("fin_angle", "fin_rate"))
-                for name, excitation in verdict.table2_excitations().items() if not self.subject.obstacle(excitation)}

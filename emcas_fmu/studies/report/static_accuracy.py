@@ -12,17 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from ...bench.excitation import staircase
-from ...bench.metrics import HELD, bidirectional
-from ...bench.verdict import HOLD
+from ...bench.excitation import HOLD, staircase
+from ...bench.metrics import bidirectional
+from ...bench.requirements import Case
 from ...parameters import load_parameters
-from ..tuning.study import Case, shipped_study
+from ..tuning.study import shipped_study
 from .outcome import Array, Outcome, Quantity
 from .rig import Rig
 
 INTERVALS = 8  # of the range
 CYCLES = 5
 STEP = 0.02  # s, of the outputs: only what is held is looked at
+LAST = 0.1  # s, the end of a hold over which the angle is averaged
 
 QUANTITIES = (
     Quantity("largest_error_deg", "largest error", "largest |angle - command| of any approach"),
@@ -56,7 +57,7 @@ def _errors(rig: Rig, targets: Array, visits: list[tuple[int, int, int]], values
     """Return errors [deg] (side, target, cycle) of every hold, nan of an approach there is not."""
     # First to the lowest target, which no cycle has approached yet.
     levels = tuple(radians(targets[k]) for k in (0, *(k for k, _, _ in visits)))
-    hold, last = round(HOLD / STEP), round(HELD / STEP)
+    hold, last = round(HOLD / STEP), round(LAST / STEP)
     grid = staircase(levels, (HOLD,) * len(levels), step=STEP).with_start_values(values)
     angle = np.degrees(rig.run(grid).columns["fin_angle"])
     errors = np.full((2, len(targets), CYCLES), np.nan)
@@ -79,7 +80,7 @@ def measure(rig: Rig) -> Outcome:
     labels = {name: name.replace("_", " ") + " (estimates)" for name in cases}
     return Outcome(
         f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
-        f"for {HOLD:g} s; its angle is the mean of the last {HELD:g} s. The ends of the range can be approached "
+        f"for {HOLD:g} s; its angle is the mean of the last {LAST:g} s. The ends of the range can be approached "
         "from one side only and are no part of the hysteresis. With tolerances the unit as built deviates from the "
         "parameters in its controllers, by the estimates of models/tuning.toml.", QUANTITIES, figures,
         (*(f"grid.{key}" for key in ("largest_error_deg", "hysteresis_deg", "repeatability_deg")),

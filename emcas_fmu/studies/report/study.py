@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from ...actuators import NONLINEAR
+from ...bench import verdict
 from ...bench.excitation import STEP, Excitation
 from ...bench.provenance import conditions
+from ...bench.requirements import Specification, load_requirements
 from ...bench.subject import Identification, StoppedError, Subject
-from ...bench.verdict import FileRequirement, Judged, all_passed, judge_table2
-from ...errors import EmcasError
+from ...bench.verdict import Judged
+from ...errors import EmcasError, hint
 from ...parameters import load_parameters
 from ...progress import Progress, silent
 from ...reference.cases import LOAD
@@ -34,8 +35,9 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome]]] = {
     "mission": ("Mission profile", mission.measure),
     "stepping": ("Accuracy of the stepping", stepping.measure),
 }
-_OF_TABLE_2 = {"accuracy": "static_accuracy", "unloaded_rate": "slew_rate", "loaded_rate": "slew_rate",
-               "bandwidth_1deg": "frequency_response", "bandwidth_3p5deg": "frequency_response"}
+# Figures of requirements, by the test whose picture has their limits.
+_LIMITED = {"step_response": ("settling_time", "overshoot"), "static_accuracy": ("held_error",),
+            "slew_rate": ("sustained_rate",), "frequency_response": ("bandwidth_3db",)}
 
 
 @dataclass(frozen=True)
@@ -48,18 +50,10 @@ class Result:
     judged: tuple[Judged, ...]
     parameters: Mapping[str, Any] = field(repr=False)
     model: str = NONLINEAR
-    figures: Mapping[tuple[str, str], str] = field(default_factory=dict, repr=False)
-    """Of a requirement, by its source and name: the figure it limits, as test.group.figure."""
-
-    @property
-    def sources(self) -> list[str]:
-        """Where the requirements are from, each once."""
-        return list(dict.fromkeys(j.source for j in self.judged))
 
     def limits(self, test: str) -> list[Judged]:
         """Return the requirements that limit figures of a test."""
-        return [j for j in self.judged if not j.skipped
-                and self.figures.get((j.source, j.name), _OF_TABLE_2.get(j.name, "")).partition(".")[0] == test]
+        return [j for j in self.judged if not j.skipped and j.figure in _LIMITED.get(test, ())]
 
     @property
     def entries(self) -> list[tuple[Variable, Any, str, str]]:
@@ -87,20 +81,21 @@ class Result:
     @property
     def passed(self) -> bool:
         """Whether every test was finished and every requirement is met."""
-        return not self.stopped and all_passed(self.judged)
+        return not self.stopped and verdict.all_passed(self.judged)
 
 
 def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | None = None,
-              requirements: Sequence[FileRequirement] = (), progress: Progress = silent) -> Result:
-    """Carry out every test. `progress` is called with the test's name, how many are done and how many there are.
+              specification: Specification | None = None, progress: Progress = silent) -> Result:
+    """Carry out every test, and judge the subject by a specification, the shipped one unless given.
 
-    Raises EmcasError where a requirement names a figure there is not; a subject that fails is a result.
+    `progress` is called with the test's name, how many are done and how many there are. A subject that fails is a
+    result.
     """
     rig, outcomes, total = Rig(subject, load, profile), dict[str, Outcome](), len(TESTS) + 1
     # A fin that does not move has no gain and no coherence: such figures are nan, and no requirement passes on one.
     with np.errstate(divide="ignore", invalid="ignore"):
-        progress("Table 2", 0, total)
-        judged = judge_table2(rig.table2)
+        progress("requirements", 0, total)
+        judged = verdict.judge(subject, specification or load_requirements(None, subject.parameters))
         for done, (name, (title, measure)) in enumerate(TESTS.items(), start=1):
             progress(title, done, total)
             try:
@@ -110,9 +105,8 @@ def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | Non
                 outcome, lacking = Outcome("Not finished.", stopped=str(error)), {}
             outcomes[name] = replace(outcome, name=name, title=title, not_applicable=lacking)
     progress("done", total, total)
-    judged += judge(requirements, outcomes)
-    return Result(subject.identification, load, outcomes, tuple(judged), subject.values, subject.model,
-                  {(r.source, r.name): r.figure for r in requirements})
+    judged = [_of_report(each, outcomes) if each.figure.count(".") == 2 else each for each in judged]
+    return Result(subject.identification, load, outcomes, tuple(judged), subject.values, subject.model)
 
 
 def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
@@ -123,29 +117,15 @@ def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
                 yield f"{test}.{group}.{key}", value
 
 
-def judge(requirements: Sequence[FileRequirement], outcomes: Mapping[str, Outcome]) -> list[Judged]:
-    """Judge the user's requirements by the figures of the tests. Raises EmcasError where there is no such figure."""
-    figures = dict(flat(outcomes))
-    judged = []
-    for r in requirements:
-        test, _, rest = r.figure.partition(".")
-        outcome, (group, _, key) = outcomes.get(test), rest.partition(".")
-        label = f"{r.source}: requirement {r.name}: "
-        if isinstance(figures.get(r.figure), bool):
-            raise EmcasError(f"{label}{r.figure} is true or false, and has no limit; choose a figure that is a number")
-        if outcome and r.figure in figures:
-            bound = outcome.beyond.get(rest) if r.sense == ">=" else None
-            measured = float(figures[r.figure]) if bound is None else bound
-            how = f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}"
-            judged.append(r.judged(measured, how if isfinite(measured) else
-                                   f"the response never reaches what is measured: {how}", bound is not None))
-        elif outcome and outcome.stopped:
-            judged.append(r.judged(None, outcome.stopped))
-        elif outcome and key in outcome.not_applicable:
-            judged.append(r.judged(None, f"not applicable: {outcome.not_applicable[key]}"))
-        else:
-            numbers = [name for name, value in figures.items() if not isinstance(value, bool)]
-            close = get_close_matches(r.figure, numbers, 3, 0.4) or numbers[:3]
-            raise EmcasError(f"{label}there is no figure {r.figure}; close to it are {', '.join(close)} "
-                             "(`emcas report --json FILE` writes all)")
-    return judged
+def _of_report(judged: Judged, outcomes: Mapping[str, Outcome]) -> Judged:
+    """Return a requirement on a figure of the tests with what was measured. Raises EmcasError where there is none."""
+    figures, (test, group, key) = dict(flat(outcomes)), judged.figure.split(".")
+    outcome, value = outcomes.get(test), figures.get(judged.figure)
+    if outcome and (outcome.stopped or key in outcome.not_applicable):
+        return replace(judged, note=outcome.stopped or outcome.not_applicable[key], skipped=not outcome.stopped)
+    if outcome is None or value is None or isinstance(value, bool):
+        numbers = [name for name, each in figures.items() if not isinstance(each, bool)]
+        raise EmcasError(f"requirement {judged.name}: there is no figure {judged.figure} that is a number"
+                         f"{hint(judged.figure, numbers)} (`emcas report --json FILE` writes all)")
+    how = f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}"
+    return replace(judged, measured=value if isfinite(value) else None, note=how, skipped=False)

@@ -7,8 +7,7 @@ from math import degrees, inf, nan, radians, sqrt
 
 import numpy as np
 
-from ...bench.excitation import staircase
-from ...bench.verdict import HOLD
+from ...bench.excitation import HOLD, staircase
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 

@@ -9,9 +9,8 @@ from math import degrees, radians
 import numpy as np
 
 from ... import plots
-from ...bench.excitation import COMMAND, Excitation, sine_from_rest, slew_to, step_to
-from ...bench.metrics import FIGURES, HELD, FrequencyResponse, displayed, motion, shown, usage
-from ...bench.verdict import HOLD
+from ...bench.excitation import COMMAND, HOLD, Excitation, sine_from_rest, slew_to, step_to
+from ...bench.metrics import FIGURES, FrequencyResponse, displayed, motion, rest, shown, usage
 from ...extensions.status import STATUS
 from ...reference.cases import LOAD
 from ...reference.linear import LinearModel
@@ -43,8 +42,7 @@ def linear_model(runs: Runs) -> Shown:
     held = {}
     plain = {"controller__position__ki": 0.0, "controller__position__setpoint_weight": 1.0}
     for name, gains in (("P", plain), ("PI", {})):
-        columns = runs.run(step_to(0.0, HOLD, LOAD), **gains).columns
-        held[name] = degrees(float(np.mean(columns["fin_angle"][columns["time"] > columns["time"][-1] - HELD])))
+        held[name] = degrees(float(rest(runs.run(step_to(0.0, HOLD, LOAD), **gains))["steady_error"]))
     rows = (("-3 dB [Hz]", response.bandwidth), ("-90 deg [Hz]", response.phase_bandwidth),
             *((f"fin angle left by {LOAD:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
               for name, error in held.items()))
@@ -148,7 +146,7 @@ def homing(runs: Runs) -> Shown:
 def requirements(runs: Runs) -> Shown:
     """Show what the position controller is to do, and what it does (Table 17)."""
     study = shipped_study(runs.parameters)
-    asked = tuple(r for r in study.requirements if r.test.kind != "linear")  # margins need more packages
+    asked = tuple(r for r in study.requirements if r.test and r.test.kind != "linear")  # margins need more packages
     gains = {t.name: float(runs.values[t.name]) for t in study.tunables}
     (judged,) = evaluate(replace(study, cases=study.cases[:1], requirements=asked), [gains])
     nominal = judged.by_requirement()
@@ -185,9 +183,10 @@ def optimised(runs: Runs) -> Shown:
 def search(runs: Runs) -> Shown:
     """Show a short search for gains, on steps alone (Figure 4.4)."""
     study = shipped_study(runs.parameters)
-    asked = tuple(r for r in study.requirements if r.test.kind == "step")
-    tuned = tune(replace(study, cases=study.cases[:1], requirements=asked), generations=_GENERATIONS)
-    tests = sorted({r.test for r in asked}, key=lambda test: test.amplitude)
+    steps = [(r, r.test) for r in study.requirements if r.test and r.test.kind == "step"]
+    tuned = tune(replace(study, cases=study.cases[:1], requirements=tuple(r for r, _ in steps)),
+                 generations=_GENERATIONS)
+    tests = sorted({test for _, test in steps}, key=lambda test: test.amplitude)
     listed = ", ".join(f"{degrees(test.amplitude):g}°" for test in tests)
     drawing = tuning_pictures.responses(tuned, tests)
     rows = tuple((name, tuned.before.gains[name], value) for name, value in tuned.best.gains.items())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cached_property, lru_cache
 from math import degrees, radians
 from pathlib import Path
@@ -12,7 +12,6 @@ import numpy as np
 from ...actuators import NONLINEAR
 from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case, times
 from ...bench.subject import ParameterSubject, Run
-from ...bench.verdict import table2_excitations
 from ...parameters import ParameterSet, load_parameters
 from ...reference.cases import LEAD_IN, LOAD_RISE
 from ...reference.cases import LOAD as RATED
@@ -65,11 +64,6 @@ class Runs:
     def case(self, name: str) -> Run:
         """Return the run of a reference case with the encoder as it is set."""
         return self.run(reference_case(name, exact=False, supply=supply_start(NONLINEAR, self.values)))
-
-    @cached_property
-    def table2(self) -> Mapping[str, Run]:
-        """The runs that Table 2 is judged by."""
-        return {name: self.subject.run(excitation) for name, excitation in table2_excitations().items()}
 
     def _friction(self, rpm: float, temperature: float) -> friction_rig.Sweep:
         return friction_rig.sweep(self.values, rpm, temperature)

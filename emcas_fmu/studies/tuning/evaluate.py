@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from math import isnan
 from pathlib import Path
 
+from ...bench import verdict
+from ...bench.requirements import Requirement
 from ...bench.subject import ParameterSubject
 from ...writing import append, write
-from .measure import measure
-from .study import Requirement, Study, StudyError
+from .study import Study, StudyError
 
 # Share of its limit at which a figure stands that cannot be had: never reached, unstable, not finite.
 HOPELESS = 10.0
@@ -84,22 +84,10 @@ def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluat
 
     Hopeless are responses that cannot be computed, and gains that break a rule of the actuator.
     """
-    subject, names = ParameterSubject(study.base), [case.name for case in study.cases]
-    judged: dict[tuple[int, str], list[Judgement]] = {(k, name): [] for k in range(len(gains)) for name in names}
-    ordered = sorted(study.requirements, key=lambda r: repr(r.test))
-    for test, group in groupby(ordered, key=lambda r: r.test):
-        requirements = list(group)
-        units = [(k, case) for k in range(len(gains)) for case in study.cases
-                 if any(case.name in r.cases for r in requirements)]
-        if not units:
-            continue
-        measured = measure(test, subject, [{**case.values, **gains[k]} for k, case in units],
-                           tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
-        for (k, case), figures in zip(units, measured.tolist(), strict=True):
-            judged[k, case.name] += [Judgement(r.name, case.name, figure, share(r, figure))
-                                     for r, figure in zip(requirements, figures, strict=True) if case.name in r.cases]
-    return [Evaluation(dict(each), tuple(judgement for name in names for judgement in judged[k, name]))
-            for k, each in enumerate(gains)]
+    found = verdict.evaluate(ParameterSubject(study.base), study.specification, gains)
+    return [Evaluation(dict(each), tuple(
+        Judgement(f.requirement.name, f.case.name, f.measured, share(f.requirement, f.measured)) for f in figures))
+        for each, figures in zip(gains, found, strict=True)]
 
 
 class Journal:

@@ -21,11 +21,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
+from ...bench.requirements import Case
 from ...parameters import ParameterSet
 from ...progress import Progress, silent
 from ...runtime import library
 from .evaluate import Evaluation, Journal, evaluate
-from .study import Case, Study, Tunable
+from .study import Study, Tunable
 
 # Gains are given with as many digits as a person would set.
 _DIGITS = 3

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
+from ...bench.measure import Test, response
 from ...bench.subject import ParameterSubject
 from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, figure
 from .evaluate import HOPELESS, Evaluation
-from .measure import Test, response
 from .optimise import Result
 
 _LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle": "--"}
@@ -25,7 +25,8 @@ _NEAR = 1.6
 
 def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
     """Draw every picture the result has something for; of two requirements that conflict the `pair`, if given."""
-    if moves := list(dict.fromkeys(r.test for r in result.study.requirements if r.test.kind in ("step", "slew"))):
+    if moves := list(dict.fromkeys(
+            r.test for r in result.study.requirements if r.test and r.test.kind in ("step", "slew"))):
         yield responses(result, moves)
     yield search(result)
     if found := conflict(result.evaluated, pair):

@@ -1,16 +1,15 @@
-"""What is written without being a requirement: the linear model beside the subject, and what accuracy takes."""
+"""What is written without being a requirement: the linear model beside the subject."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees, inf, radians
+from math import radians
 
 import numpy as np
 
 from ...bench import metrics
 from ...bench.subject import Run
-from ...bench.verdict import HOLD
 from ...bench.writers import rounded
 from ...reference.cases import LEAD_IN
 
@@ -72,17 +71,4 @@ def claims(comparisons: Sequence[Comparison]) -> list[Finding]:
         findings.append(Finding("nonlinear_slower_above_3deg",
                              f"Above {ALIKE_BELOW:g} deg, this model rises more slowly: {each}",
                              all(c.rise_time_fmu > c.rise_time_linear for c in large)))
-    return findings
-
-
-def accuracy(runs: Mapping[str, Run]) -> list[Finding]:
-    """Return how long the accuracy takes, and what a load does to it: Table 2 says neither."""
-    findings = []
-    for name, what in (("hold_plus20", "a step to 20 deg"), ("hold_loaded", "the same step against 100 N.m")):
-        if name in runs and runs[name].stopped is None:
-            took = metrics.motion(runs[name])["time_to_accuracy"]
-            when = f"not within {HOLD:g} s" if took == inf else f"{took:.3f} s after the command"
-            left = f"{rounded(degrees(metrics.held_error(runs[name])), '+.4f')} deg are left after {HOLD:g} s"
-            findings.append(Finding(f"time_to_accuracy_{name}", "The error stays within "
-                                 f"±{degrees(metrics.ACCURACY):.6g} deg after {what}: {when}; {left}"))
     return findings

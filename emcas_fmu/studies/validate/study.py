@@ -1,4 +1,4 @@
-"""A whole validation: every reference case, Table 2, and the linear model beside it where that is of the actuator."""
+"""A whole validation: every reference case, the requirements, and the linear model where that is of the actuator."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...actuators import NAMES, NONLINEAR, parts
 from ...arguments import checked
 from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, step_to, with_encoder
+from ...bench.requirements import Specification, load_requirements
 from ...bench.subject import Columns, Identification, Run, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError
@@ -39,7 +38,7 @@ _LINEAR_DURATION = 0.3  # s
 
 @dataclass(frozen=True)
 class CaseResult:
-    """One reference case: how far the run went, its errors (none without a reference) and its performance figures."""
+    """One reference case: how far the run went, and its errors; none without a reference."""
 
     name: str
     title: str
@@ -49,8 +48,6 @@ class CaseResult:
     wall_time: float
     messages: tuple[str, ...]
     errors: Mapping[str, metrics.Errors]
-    figures: Mapping[str, float]
-    """Performance figures; the name ends in the unit."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,7 @@ class Result:
     independent: bool
     cases: tuple[CaseResult, ...]
     trajectory: tuple[Judged, ...]
-    table2: tuple[Judged, ...]
+    requirements: tuple[Judged, ...]
     comparisons: tuple[claims.Comparison, ...]
     findings: tuple[claims.Finding, ...]
     notes: tuple[str, ...]
@@ -107,7 +104,7 @@ class Result:
     @property
     def criteria(self) -> tuple[Judged, ...]:
         """Everything to pass."""
-        return (*self.trajectory, *self.table2)
+        return (*self.trajectory, *self.requirements)
 
     @property
     def judged(self) -> list[Judged]:
@@ -143,22 +140,21 @@ class Result:
         if not count:
             short = [case.name for case in self.cases if case.stopped is not None]
             ended = f" and {', '.join(short)} did not run to the end" if short else ""
-            return (f"nothing was judged{ended}: what was run has no reference of {self.about.model}, and no "
-                    "requirement of Table 2 by itself")
-        if failed:
-            return f"{failed} of {count} criteria {'is' if failed == 1 else 'are'} not met"
-        return f"all {count} criteria are met" if count > 1 else "the one criterion is met"
+            return f"nothing was judged{ended}: what was run has no reference of {self.about.model}"
+        met = (f"{failed} of {count} criteria {'is' if failed == 1 else 'are'} not met" if failed else
+               f"all {count} criteria are met" if count > 1 else "the one criterion is met")
+        return met + verdict.left_out(self.criteria)
 
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
-             progress: Progress = silent, inside: bool = False) -> Result:
-    """Judge a subject by the reference cases in `directory` (default: the stored ones) and by Table 2.
+             progress: Progress = silent, inside: bool = False, specification: Specification | None = None) -> Result:
+    """Judge a subject by the reference cases in `directory` (default: the stored ones) and by requirements.
 
-    Trajectories are judged where the references are of the subject's actuator, performance always. With `inside`, or
-    where the stored ones are of another actuator or other parameters, they are judged by the references that an FMU
-    carries. With `names`, only these cases and what they suffice for. `progress` is called with the name
-    of the run, how many are done and how many there are. Raises EmcasError where the validation cannot be carried out;
-    a failing subject is a result.
+    Trajectories are judged where the references are of the subject's actuator, the requirements of a `specification`
+    (the shipped ones unless given) always. With `inside`, or where the stored ones are of another actuator or other
+    parameters, trajectories are judged by the references that an FMU carries. With `names`, only these cases are run
+    and no requirement is judged. `progress` is called with the name of the run, how many are done and how many there
+    are. Raises EmcasError where the validation cannot be carried out; a failing subject is a result.
     """
     folder = directory or models_directory() / "reference"
     cases, from_inside = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
@@ -173,7 +169,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     notes += [f"{case.name} is run at the subject's own supply of {supply:.4g} V and not compared: its reference is of "
               f"{case.supply:.4g} V" for case in others if case.name not in obstacles and case.reference]
     cases = [case for case in cases if case.name not in obstacles]
-    extra = {} if names else {**verdict.holds(), **_linear_steps(subject)}
+    extra = {} if names else _linear_steps(subject)
     if not names and parts(subject.model)[0] == NONLINEAR and (why := obstacle(subject.values)):
         notes.append(f"The comparison with the linear model is left out: {why}")
     total, series = len(cases) + len(extra), dict[str, Series]()
@@ -190,8 +186,12 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     for name, excitation in extra.items():
         progress(name, len(series), total)
         series[name] = Series(subject.run(excitation, outputs=outputs))
+    required: list[Judged] = []
+    if not names:
+        chosen = specification or load_requirements(None, subject.parameters)
+        required = verdict.judge(subject, chosen, progress)
     progress("done", total, total)
-    return _result(subject, where, from_inside, cases, series, notes)
+    return _result(subject, where, from_inside, cases, series, required, notes)
 
 
 def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, carried: Sequence[stored.Stored],
@@ -221,7 +221,7 @@ def _made_of(subject: Subject, case: stored.Stored) -> bool:
 
 
 def _result(subject: Subject, where: str, inside: bool, cases: Sequence[stored.Stored], series: Mapping[str, Series],
-            notes: list[str]) -> Result:
+            required: Sequence[Judged], notes: list[str]) -> Result:
     runs = {name: each.run for name, each in series.items()}
     linear = {}
     for amplitude in claims.AMPLITUDES:
@@ -233,11 +233,11 @@ def _result(subject: Subject, where: str, inside: bool, cases: Sequence[stored.S
     compared = [case for case in cases if series[case.name].exact]
     independent = all(case.independent for case in compared)
     notes[:0] = _origin(subject, where, inside, compared)
-    findings = (*claims.claims(comparisons), *claims.accuracy(runs))
+    findings = tuple(claims.claims(comparisons))
     notes += _notes(subject, compared, series)
     return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
                   where if trajectory else "", inside, independent, tuple(results), trajectory,
-                  tuple(verdict.judge_table2(runs)), comparisons, findings, tuple(notes), series, linear,
+                  tuple(required), comparisons, findings, tuple(notes), series, linear,
                   subject.actuator.origin)
 
 
@@ -271,32 +271,13 @@ def _case_result(case: stored.Stored, series: Series) -> CaseResult:
             response, reference = series.compared(name)
             errors[name] = metrics.errors(response * scale, reference * scale, unit)
     return CaseResult(case.name, case.title, case.kind, case.stop_time, run.stopped, run.wall_time, run.messages,
-                      errors, _figures(case.kind, series.run))
-
-
-def _figures(kind: str, run: Run) -> dict[str, float]:
-    """Return the performance figures of a case; empty where its run ended early."""
-    if run.stopped is not None:
-        return {}
-    if kind == "chirp":
-        response = metrics.sweep_response(run)
-        swept = metrics.swept(response)
-        return {"bandwidth_hz": swept["bandwidth_3db"], "phase_bandwidth_hz": swept["bandwidth_90deg"],
-                "swept_to_hz": response.beyond,
-                "lowest_coherence": float(np.min(response.coherence, initial=1.0))}
-    if kind not in ("step", "cold", "sag", "load"):
-        return {}
-    number = 1 if kind == "load" else 0
-    figures, move = metrics.displayed(metrics.motion(run, number)), run.excitation.moves[number]
-    figures |= {"end_error_deg": figures["steady_error_deg"], "judged_for_s": move.end - move.start}
-    return {key: figures[key] for key in ("rise_time_s", "settling_time_s", "overshoot_percent", "end_error_deg",
-                                          "peak_rate_deg_per_s", "sustained_rate_deg_per_s", "judged_for_s")}
+                      errors)
 
 
 def _trajectory(case: CaseResult, series: Series) -> Judged:
     """Judge the fin angle's largest error [deg] to the reference."""
     reason = series.exact.reason if series.exact else ""
-    return Judged(f"1 % of the accuracy of {verdict.TABLE_2}", case.name, case.title,
+    return Judged("1 % of the accuracy of Yerlikaya (2016), Table 2", case.name, case.title,
                   None if reason else case.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
 
 

@@ -1,0 +1,333 @@
+"""The tests that requirements name, and the figures measured in them.
+
+A test of a motion or a load is made in both directions; a figure is the worse of the two. Every study takes its tests
+from here, so that a figure of a test is the same number wherever it shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import degrees, isnan, nan
+from typing import Any, TypeVar
+
+import numpy as np
+
+from .. import extras
+from ..actuators import capabilities
+from ..parameters import ParameterError, ParameterSet
+from ..simulation import Array
+from .excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to, times
+from .metrics import FIGURES, MOTION, PURE, RESTING, USAGE, fundamental_weights, motion, rest, usage
+from .subject import Run, Runs, Subject
+
+T = TypeVar("T")
+
+_MARGINS = ("gain_margin", "phase_margin", "delay_margin")
+_BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
+_MOVES = tuple(dict.fromkeys((*MOTION, *USAGE)))
+_RESTS = tuple(dict.fromkeys((*RESTING, *USAGE)))
+KINDS: Mapping[str, tuple[str, ...]] = {
+    "step": _MOVES, "slew": (*_MOVES, "rate_asymmetry"), "load": _RESTS, "release": _RESTS, "sine": _BANDWIDTHS,
+    "linear": _MARGINS, "repeat": ("repeat_error",)}
+"""The figures of each kind of test."""
+BANDWIDTHS = 2.0, 60.0  # Hz, between which a bandwidth is looked for
+_LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and how many: enough for margins to 1e-6
+_CYCLES, _FITTED = 4.0, 0.15  # of a sine that are fitted, and s that these last at least
+_TRANSIENT = (2.0, 0.1)  # cycles, and at least s, before them
+USE, REST = 6.0, 4.0  # s, of a history of use, and of the rest after it: four times the integral's time constant
+
+
+@dataclass(frozen=True)
+class Test:
+    """A test of a `kind`.
+
+    `amplitude` [rad]; `duration` [s] of what is judged; `torque` [N.m] along the motion, negative against it; `settle`
+    [s] before; `supply`, share of the supply's start value.
+
+    step     from rest at zero to amplitude, under a constant torque
+    slew     from -amplitude, held for `settle`, to amplitude, the torque rising with the command
+    load     the torque comes at once on a fin held at 0
+    release  the torque, on a fin held at 0 for `settle`, goes at once
+    sine     sines of an amplitude, the frequency bisected
+    linear   the loop broken at the drive's reference
+    repeat   a slew after a history of use with this torque and rest, compared with that of a fresh unit
+    """
+
+    __test__ = False  # not one of pytest's
+
+    kind: str
+    amplitude: float = 0.0
+    duration: float = 0.6
+    torque: float = 0.0
+    settle: float = SETTLE
+    supply: float = 1.0
+
+    def __str__(self) -> str:
+        """What is done, in words."""
+        size = f"{degrees(self.amplitude):.4g} deg"
+        words = {"step": f"step of {size}, both ways, held for {self.duration:g} s",
+                 "slew": f"slew from one side to the other, {size}, both ways, over {self.duration:g} s",
+                 "load": f"{self.torque:g} N.m at once on a fin held at 0, both ways, for {self.duration:g} s",
+                 "release": f"{self.torque:g} N.m let go after {self.settle:g} s, both ways, over {self.duration:g} s",
+                 "sine": f"fundamental under sines of {size}", "linear": "linear loop, broken at the drive's reference",
+                 "repeat": f"slew of ±{size} after one-sided cycles, stall, saturation, disabling and brown-out"}
+        loaded = f", {'with' if self.torque > 0.0 else 'against'} {abs(self.torque):g} N.m"
+        return (words[self.kind] + (loaded if self.torque and self.kind in ("step", "slew") else "")
+                + ("" if self.supply == 1.0 else f", at {100.0 * self.supply:g} % of the supply"))
+
+
+def obstacle(test: Test, figure: str, subject: Subject) -> str:
+    """Return why a subject has not this figure of a test, in words; empty where it has it."""
+    if test.kind == "linear":
+        lacks = capabilities.POSITION_LOOP not in subject.actuator.provides
+        return f"this actuator has not {capabilities.POSITION_LOOP}" if lacks else extras.absent(
+            "analysis", "margins need", "control", "casadi")
+    if test.supply != 1.0 and subject.supply is None:
+        return "this actuator has no supply"
+    return subject.lacking(FIGURES[figure].needs)
+
+
+def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str],
+            senses: Sequence[str]) -> Array:
+    """Return figures of a test [changes, figures], SI, the worse of both directions by the sense of their limits.
+
+    `changes` are parameters that differ from the subject's, for each unit that is tested; what is measured of one does
+    not depend on the others. nan where there is none, and in every figure of a unit whose response cannot be computed.
+    """
+    if test.kind == "linear":
+        margins = [_margins(subject.parameters, each) for each in changes]
+        table: Array = np.array([[each[name] for name in figures] for each in margins])
+        return table
+    if test.kind == "sine":
+        return _bandwidths(test, subject, changes, figures)
+    if test.kind == "repeat":
+        return np.tile(_repeated(test, subject, changes)[:, np.newaxis], len(figures))
+    outputs = tuple(dict.fromkeys(name for figure in ("sustained_rate", "peak_rate", *figures)
+                                  for name in FIGURES[figure].needs))
+    sides = [_moved(_run(test, sign, subject, changes, outputs)) for sign in (1.0, -1.0)]
+    if "rate_asymmetry" in figures:
+        rates = [side["sustained_rate"] for side in sides]
+        sides[0]["rate_asymmetry"] = sides[1]["rate_asymmetry"] = 1.0 - np.minimum(*rates) / np.maximum(*rates)
+    worse = {"maximum": np.maximum, "minimum": np.minimum}
+    found: Array = np.column_stack([worse[sense](*(side[name] for side in sides))
+                                    for name, sense in zip(figures, senses, strict=True)])
+    return found
+
+
+def columns(subject: Subject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+    """Return parameters that differ from the subject's in some of the units, for each name the values in all."""
+    names = dict.fromkeys(name for each in changes for name in each) or [next(iter(subject.values))]  # for their number
+    return {name: np.array([each.get(name, subject.values[name]) for each in changes]) for name in names}
+
+
+def response(test: Test, subject: Subject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:
+    """Return the run of a test of a motion or a load."""
+    return _run(test, sign, subject, [changes], None)[0]
+
+
+def excitation(test: Test, sign: float, subject: Subject) -> Excitation:
+    """Return what a test of a motion or a load does with a subject, in a direction."""
+    made = _motion(test, sign)
+    if test.supply != 1.0 and subject.supply:
+        start = float(subject.inputs[subject.supply].initial(subject.values))
+        made = made.holding({subject.supply: test.supply * start})
+    return made
+
+
+def _run(test: Test, sign: float, subject: Subject, changes: Sequence[Mapping[str, Any]],
+         outputs: Sequence[str] | None) -> Runs:
+    return subject.run_all(excitation(test, sign, subject), columns(subject, changes), outputs)
+
+
+@lru_cache(maxsize=64)
+def _motion(test: Test, sign: float) -> Excitation:
+    level, torque = sign * test.amplitude, sign * test.torque
+    if test.kind in ("load", "release"):
+        settle = test.settle if test.kind == "release" else 0.0
+        begin = step_to(0.0, settle + test.duration)
+        at_rest = replace(begin, begin=begin.begin + settle)
+        on = begin.judged(begin.time) & (~at_rest.judged(begin.time) if settle else True)
+        return at_rest.holding({LOAD: np.where(on, torque, 0.0)})
+    if test.kind == "slew":
+        slew = slew_to(level, test.duration, torque, settle=test.settle)
+        return slew.holding({COMMAND: np.where(slew.judged(slew.time), level, -level)})  # from the first row on
+    return step_to(level, test.duration).holding({LOAD: torque})
+
+
+def _moved(runs: Runs) -> dict[str, Array]:
+    """Return the figures of steps, slews or loads."""
+    places, finished = runs.finished()
+    figures = {**usage(finished), **(motion(finished, -1) if finished.excitation.moves else rest(finished))}
+    figures["steady_error"] = np.abs(figures["steady_error"])
+    return {name: _among(runs, places, values) for name, values in figures.items()}
+
+
+def _among(runs: Runs, places: Array, values: Any) -> Array:
+    """Return values of the runs at these places among nan for the others."""
+    every = np.full(len(runs), nan, dtype=np.result_type(values))
+    every[places] = values
+    return every
+
+
+# -- repeat ----------------------------------------------------------------------
+
+
+def _use(test: Test, subject: Subject) -> Iterator[dict[str, Array]]:
+    """Yield inputs of a second each of a history of use, of those that the subject has.
+
+    Cycles to one side, and to the other; loads beyond the stall, both ways; disabled in motion; a supply that breaks
+    down; commands beyond the range, faster than it can follow.
+    """
+    phase = times(1.0)[:-1]
+    one_sided = np.interp(phase % 0.5, [0.0, 0.15, 0.35, 0.5], [1.0, 1.0, 0.0, 0.0])
+    square = np.sign(np.sin(6.0 * phase))
+    for sign in (1.0, -1.0):
+        yield {COMMAND: sign * one_sided}
+        yield {LOAD: np.where(phase < 0.9, sign, 0.0)}
+    yield {COMMAND: np.where(phase < 0.5, 0.75, -0.5), "enable": phase % 0.37 < 0.25, LOAD: 0.15 * square}
+    yield {COMMAND: square, subject.supply or "": np.where(phase % 0.4 < 0.2, 1.0, 0.3)}
+    yield {COMMAND: 3.0 * np.sin(8.0 * np.pi * phase), LOAD: -0.5 * square}
+
+
+def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]) -> Array:
+    """Return the largest difference [rad] of slews after a history of use and rest from those of a fresh unit."""
+    history = list(_use(test, subject))
+    used = len(history) * round(1.0 / STEP)
+    rows = used + round((REST + 3.0 * test.duration) / STEP) + 1
+    scale = {COMMAND: test.amplitude, LOAD: test.torque}
+    fresh = {name: np.full(rows, float(v.initial(subject.values))) for name, v in subject.inputs.items()
+             if any(name in phase for phase in history)}
+    probe = round(test.duration / STEP)
+    fresh[COMMAND][-3 * probe - 1:] = test.amplitude * np.repeat([1.0, -1.0, 0.0], [probe, probe, probe + 1])
+    worn = {name: column.copy() for name, column in fresh.items()}
+    for k, phase in enumerate(history):
+        for name, share in phase.items():
+            if name in worn:
+                at = slice(k * round(1.0 / STEP), (k + 1) * round(1.0 / STEP))
+                worn[name][at] = share * scale.get(name, fresh[name][0])
+    angles = []
+    for inputs in (worn, fresh):
+        runs = subject.run_all(Excitation(str(test), inputs), columns(subject, changes), ("fin_angle",))
+        places, finished = runs.finished()
+        every = np.full((len(runs), 3 * probe), nan)
+        every[places] = finished.columns["fin_angle"][..., -3 * probe:]
+        angles.append(every)
+    difference: Array = np.max(np.abs(angles[0] - angles[1]), axis=-1)
+    return difference
+
+
+# -- sine ------------------------------------------------------------------------
+
+
+def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> Array:
+    """Return the frequencies where gain and lag pass their levels, by bisection of the describing function.
+
+    Every unit follows its own bisection; what they all need next is simulated together. nan where a response is not a
+    sine, as that of a unit that hunts.
+    """
+    crossings, searches = np.full((len(changes), len(figures)), nan), [_search(figures) for _ in changes]
+    due = {unit: next(search) for unit, search in enumerate(searches)}
+    while due:
+        responses = describing_function(subject, [changes[unit] for unit in due], test.amplitude, list(due.values()))
+        for unit, response in zip(list(due), responses.tolist(), strict=True):
+            if isnan(abs(response)):
+                del due[unit]
+                continue
+            try:
+                due[unit] = searches[unit].send(response)
+            except StopIteration as end:
+                crossings[unit] = end.value
+                del due[unit]
+    return crossings
+
+
+_LEVELS: Mapping[str, Callable[[complex], float]] = {
+    "bandwidth_3db": lambda h: abs(h) - 10.0 ** (-3.0 / 20.0),
+    "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from none: it is 90 deg where this first vanishes
+}
+_Search = Generator[float, complex, T]  # yields frequencies [Hz], is sent the responses there, and returns a T
+
+
+def _search(figures: Sequence[str]) -> _Search[list[float]]:
+    """Return where gain and lag pass their levels; each frequency is yielded once."""
+    known: dict[float, complex] = {}
+
+    def at(frequency: float) -> _Search[complex]:
+        if frequency not in known:
+            known[frequency] = yield frequency
+        return known[frequency]
+
+    crossings = []
+    for name in figures:
+        crossings.append((yield from _crossing(_LEVELS[name], at)))
+    return crossings
+
+
+def _crossing(level: Callable[[complex], float], at: Callable[[float], _Search[complex]]) -> _Search[float]:
+    """Return where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere."""
+    lowest, highest = BANDWIDTHS
+    low = lowest
+    for high in np.geomspace(lowest, highest, 12).tolist():
+        if level((yield from at(high))) <= 0.0:
+            break
+        low = high
+    else:
+        return highest
+    if low == high:
+        return lowest
+    for _ in range(6):  # to 2 parts in 1000
+        middle = (low * high) ** 0.5
+        low, high = (middle, high) if level((yield from at(middle))) > 0.0 else (low, middle)
+    return float((low * high) ** 0.5)
+
+
+def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], amplitude: float,
+                        frequency: Sequence[float]) -> Array:
+    """Return the fundamental of the fin angle over a sine command of `amplitude` [rad], for each unit at its frequency
+    [Hz]; nan where the response cannot be computed, or is no sine (its fundamental is less than PURE of it)."""
+    at = np.array(frequency)
+    cycles = np.ceil(np.maximum(_CYCLES / at, _FITTED) * at)
+    runs = subject.run_all(sine(amplitude, at, cycles, _TRANSIENT), columns(subject, changes), ("fin_angle",))
+    places, finished = runs.finished()
+    fundamentals = [_fundamental(*each) for each in zip(
+        finished.columns["fin_angle"], at[places].tolist(), cycles[places].tolist(), strict=True)]
+    return _among(runs, places, 1j * np.array(fundamentals, dtype=complex) / amplitude)
+
+
+def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
+    """Return the fundamental of the last cycles of a sine of fin angles at the rows; nan where it is no sine."""
+    first, weights = _weights(frequency, cycles)
+    fitted = angle[first:first + len(weights)]
+    fundamental = complex(weights @ fitted)
+    return fundamental if 0.5 * abs(fundamental) ** 2 >= PURE * float(np.var(fitted)) else complex(nan, nan)
+
+
+@lru_cache(maxsize=1024)  # all bisections are between the same frequencies
+def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
+    """Return the first row that is fitted, and the weights of those that are."""
+    begin = max(_TRANSIENT[0] / frequency, _TRANSIENT[1])
+    time = times(begin + cycles / frequency)
+    fitted = (time >= begin) & (time <= begin + cycles / frequency)
+    return int(np.argmax(fitted)), fundamental_weights(time[fitted], frequency, drift=False)
+
+
+# -- linear ----------------------------------------------------------------------
+
+
+def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
+    """Return the margins of the loop broken at the drive's reference; none where the closed loop is unstable."""
+    from ..studies.analysis.frequency import highest, margins
+    from ..studies.analysis.linear import LinearActuator, sound
+
+    plain = sound(parameters)
+    try:
+        linear = LinearActuator({**plain.values, **plain.having(changes)}, model=plain.model)
+    except (ParameterError, ArithmeticError):
+        return dict.fromkeys(_MARGINS, nan)
+    if not linear.stable:
+        return dict.fromkeys(_MARGINS, nan)
+    loop = linear.loop("reference")
+    broken = margins(loop, np.geomspace(_LOOP_LOWEST, highest(loop), _LOOP_POINTS))
+    return dict(zip(_MARGINS, (broken.gain_db, broken.phase, broken.delay), strict=True))

@@ -1,0 +1,242 @@
+"""Requirements: figures of tests, each with a limit, in the cases in which they must hold. Read from TOML.
+
+The shipped ones are `models/requirements.toml`; a user's file replaces them wherever an actuator is judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
+
+from ..errors import EmcasError
+from ..files import models_directory
+from ..parameters import ParameterSet
+from ..schema import In, Table, each, kind_of, load, named, parameter_of, unknown
+from ..variables import Variable
+from .excitation import SETTLE, STEP
+from .measure import KINDS, Test, obstacle
+from .metrics import FIGURES, shown, unit_of
+from .subject import ParameterSubject, Subject
+
+_SHORTEST = 0.3  # s, of what is judged
+
+
+def _amplitude(entry: Any, info: ValidationInfo) -> float:
+    base: Any = info.context
+    amplitude = float(In("rad", base=base.values.get("command.limit")).number(entry))
+    if not 0.0 < amplitude < inf:
+        raise ValueError("must be an amplitude above 0")
+    return amplitude
+
+
+class _Linear(Table):
+    kind: str
+
+
+class _Timed(_Linear):
+    duration: Annotated[float, In("s", _SHORTEST, 100.0)] = 0.6
+    supply: Annotated[float, In("1", 0.1, 2.0)] = 1.0
+
+
+class _Load(_Timed):
+    torque: Annotated[float, In("N.m")]
+
+
+class _Release(_Load):
+    settle: Annotated[float, In("s", STEP, 100.0)] = SETTLE
+
+
+class _Sine(_Linear):
+    amplitude: Annotated[float, PlainValidator(_amplitude)]
+
+
+class _Move(_Timed):
+    amplitude: Annotated[float, PlainValidator(_amplitude)]
+    torque: Annotated[float, In("N.m")] = 0.0
+
+
+class _Slew(_Move):
+    settle: Annotated[float, In("s", STEP, 100.0)] = SETTLE
+
+
+_TESTS: Mapping[str, type[_Linear]] = {"step": _Move, "slew": _Slew, "load": _Load, "release": _Release, "sine": _Sine,
+                                       "linear": _Linear, "repeat": _Move}
+
+
+def _unit(figure: str) -> str:
+    """Return a figure's unit: SI of one of the bench, of one of the acceptance report that which its name ends in."""
+    return FIGURES[figure].unit if figure in FIGURES else unit_of(figure)
+
+
+def _test(entry: Any, info: ValidationInfo) -> Test:
+    table = _TESTS[kind_of(entry, _TESTS)].model_validate(entry, context=info.context)
+    return Test(**table.model_dump())
+
+
+def _limit(entry: Any, info: ValidationInfo) -> float:
+    """Return a limit in the unit of its figure; that of an unknown figure is no further error."""
+    limit = float(In(_unit(info.data["figure"])).number(entry)) if "figure" in info.data else 1.0
+    if limit <= 0.0:
+        raise ValueError("must be above 0")
+    return limit
+
+
+class Requirement(Table):
+    """A figure of a test and its limit, either a maximum or a minimum in the figure's unit, in the cases named.
+
+    Without a test the figure is one of the acceptance report, as ``test.group.figure`` of its JSON, and judged there
+    only. An `optional` one is not judged where the actuator lacks what it needs. The context is the parameter set.
+    """
+
+    name: str
+    title: str = ""
+    test: Annotated[Test | None, PlainValidator(_test)] = None
+    figure: str
+    maximum: Annotated[float | None, PlainValidator(_limit)] = None
+    minimum: Annotated[float | None, PlainValidator(_limit)] = None
+    cases: list[str] = Field(default_factory=list, min_length=1)  # all
+    source: str = ""
+    reason: str = ""
+    optional: bool = False
+
+    @field_validator("figure")
+    @classmethod
+    def _of_the_test(cls, figure: str, info: ValidationInfo) -> str:
+        test = info.data.get("test")
+        if test is None and figure.count(".") == 2:
+            return figure
+        kinds = [test.kind] if test else list(KINDS)
+        available = list(dict.fromkeys(name for kind in kinds for name in KINDS[kind]))
+        if figure not in available:
+            raise ValueError(f"a {' or '.join(kinds)} test has no such figure; {unknown(figure, available)}")
+        if "test" in info.data and test is None:
+            raise ValueError("needs a test, such as { kind = \"step\", amplitude = \"5 deg\" }; a figure of the "
+                             "acceptance report has the form test.group.figure")
+        return figure
+
+    @model_validator(mode="after")
+    def _one_limit(self, info: ValidationInfo) -> Requirement:
+        if (self.maximum is None) == (self.minimum is None):
+            raise ValueError("needs either maximum or minimum")
+        base: Any = info.context
+        if not self.optional and (why := self.obstacle(ParameterSubject(base))) and self.test:
+            raise ValueError(f"{self.figure}: {why} ({base.model})")
+        return self
+
+    @property
+    def sense(self) -> str:
+        """Which of the two the limit is."""
+        return "minimum" if self.maximum is None else "maximum"
+
+    @property
+    def limit(self) -> float:
+        """The limit, in `unit`."""
+        return float(getattr(self, self.sense))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the limit and of what is measured."""
+        return _unit(self.figure)
+
+    @property
+    def shown(self) -> tuple[str, float]:
+        """The unit in which people read it, and the factor to that."""
+        return shown(self.unit) if self.test else (self.unit, 1.0)
+
+    @property
+    def how(self) -> str:
+        """How it is measured."""
+        return f"{FIGURES[self.figure].title}; {self.test}" if self.test else self.figure
+
+    def obstacle(self, subject: Subject) -> str:
+        """Return why it cannot be measured of a subject, in words; empty where it can."""
+        if self.test is None:
+            return "a figure of the acceptance report: emcas report judges it"
+        return obstacle(self.test, self.figure, subject)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Circumstances: values of parameters that differ from the set that is judged, SI."""
+
+    name: str
+    values: Mapping[str, Any]
+
+
+NOMINAL = Case("nominal", {})
+
+
+@dataclass(frozen=True)
+class Specification:
+    """Requirements and the cases in which they are judged, of a file."""
+
+    requirements: tuple[Requirement, ...]
+    cases: tuple[Case, ...] = (NOMINAL,)
+    file: str = ""
+
+    @property
+    def needs_analysis(self) -> bool:
+        """Whether a requirement is one of linear analysis."""
+        return any(r.test and r.test.kind == "linear" for r in self.requirements)
+
+
+def variable_of(name: str, base: ParameterSet) -> Variable:
+    """Return a parameter of a set by name. Raises ValueError, naming those that are made to be tuned."""
+    variables = {e.variable.name: e.variable for e in base.entries}
+    tunable = ", ".join(v.name for v in variables.values() if v.variability == "tunable")
+    return parameter_of(name, variables, f"; made to be tuned are {tunable}" if tunable else "")
+
+
+def _cases(entries: Any, info: ValidationInfo) -> dict[str, Case]:
+    base: Any = info.context
+
+    def change(name: str, entry: Any) -> object:
+        variable = variable_of(name, base)
+        if name in info.data.get("tunables", {}):
+            raise ValueError("is to be tuned and cannot be set by a case")
+        share = isinstance(entry, str) and entry.strip().endswith("%")
+        return In(variable.unit, base=float(base.values[name])).number(entry) if share else entry
+
+    def read(name: str, entry: Any) -> Case:
+        changes = each(entry, change)
+        values = base.with_values(changes).values
+        return Case(name, {key: values[key] for key in changes})
+
+    return each(entries, read)
+
+
+def _requirements(entries: Any, info: ValidationInfo) -> dict[str, Requirement]:
+    cases = list(info.data.get("cases", ()))
+
+    def read(name: str, entry: Any) -> Requirement:
+        requirement = Requirement.model_validate(entry, context=info.context)
+        for case in requirement.cases:
+            if case not in cases and cases:
+                raise ValueError(f"there is no case {case}; {unknown(case, cases)}")
+        return requirement.model_copy(update={"cases": requirement.cases or cases})
+
+    return each(named(entries), read)
+
+
+Cases = Annotated[dict[str, Case], PlainValidator(_cases), Field(min_length=1)]
+Requirements = Annotated[dict[str, Requirement], PlainValidator(_requirements), Field(min_length=1)]
+
+
+class _File(Table):
+    cases: Cases = Field(default_factory=lambda: {NOMINAL.name: NOMINAL})
+    requirements: Requirements
+
+
+def load_requirements(path: Path | None, base: ParameterSet) -> Specification:
+    """Return the requirements of a TOML file, the shipped ones unless given, for a parameter set.
+
+    Raises EmcasError naming the file, the entry and what to write.
+    """
+    shipped = models_directory() / "requirements.toml"
+    file = load(_File, path or shipped, EmcasError, base)
+    return Specification(tuple(file.requirements.values()), tuple(file.cases.values()), (path or shipped).name)
