@@ -118,18 +118,18 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         Defect("position gain × 2.5", {"controller.position.kp": 2.5}, ("phase_margin", "gain_margin"), "clutch"),
     ),
     "electrohydrostatic": (
-        Defect("20 % of air in the oil", {"fault.air.active": True}, ("load_step",), "electrohydrostatic+faults"),
+        Defect("oil that air makes five times as soft", {"fault.air.active": True}, ("load_step",), "electrohydrostatic+faults"),
         Defect("pump that leaks ten times as much", {"fault.leakage.active": True}, ("load_step", "torque_reserve"),
                "electrohydrostatic+faults"),
         Defect("relief valve at a fifth", {"fault.relief_open.active": True}, ("torque_reserve",),
                "electrohydrostatic+faults"),
     ),
     "electrohydraulic": (
-        Defect("30 % of air in the oil", {"fault.air.active": True}, ("load_step", "gain_margin"),
-               "electrohydraulic+faults"),
+        Defect("oil that air makes seven times as soft", {"fault.air.active": True, "fault.air.share": 0.14},
+               ("load_step",), "electrohydraulic+faults"),
         Defect("supply at half its pressure", {"fault.brown_out.active": True}, ("loaded_rate",),
                "electrohydraulic+faults"),
-        Defect("silted valve", {"fault.silting.active": True}, ("accuracy_20deg", "accuracy_1deg", "small_step"),
+        Defect("silted valve, its null shifted", {"fault.silting.active": True}, ("symmetry",),
                "electrohydraulic+faults"),
     ),
 }
