@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .api import *  # noqa: F403  # __all__ is there
 
-__version__ = "0.2.0"
-__date__ = "2026-11-22"  # of the version, as the changelog has it
+__version__ = "0.3.0"
+__date__ = "2026-11-23"  # of the version, as the changelog has it
 __author__ = "The EMCAS-FMU authors"
 __copyright__ = f"Copyright (c) 2026 {__author__}"
 __license__ = "MIT"
