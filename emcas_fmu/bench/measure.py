@@ -33,9 +33,11 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "linear": _MARGINS, "repeat": ("repeat_error",)}
 """The figures of each kind of test."""
 BANDWIDTHS = 2.0, 60.0  # Hz, between which a bandwidth is looked for
+GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz, of which two neighbours are bisected
+BISECTIONS = 6  # to 2 parts in 1000
 _LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and how many: enough for margins to 1e-6
-_CYCLES, _FITTED = 4.0, 0.15  # of a sine that are fitted, and s that these last at least
-_TRANSIENT = (2.0, 0.1)  # cycles, and at least s, before them
+CYCLES, FITTED = 4.0, 0.15  # of a sine that are fitted, and s that these last at least
+TRANSIENT = (2.0, 0.1)  # cycles, and at least s, before them
 USE, REST = 6.0, 4.0  # s, of a history of use, and of the rest after it: four times the integral's time constant
 
 
@@ -104,9 +106,7 @@ def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], 
         return _bandwidths(test, subject, changes, figures)
     if test.kind == "repeat":
         return np.tile(_repeated(test, subject, changes)[:, np.newaxis], len(figures))
-    outputs = tuple(dict.fromkeys(name for figure in ("sustained_rate", "peak_rate", *figures)
-                                  for name in FIGURES[figure].needs))
-    sides = [_moved(_run(test, sign, subject, changes, outputs)) for sign in (1.0, -1.0)]
+    sides = [_moved(_run(test, sign, subject, changes, recorded(figures))) for sign in (1.0, -1.0)]
     if "rate_asymmetry" in figures:
         rates = [side["sustained_rate"] for side in sides]
         sides[0]["rate_asymmetry"] = sides[1]["rate_asymmetry"] = 1.0 - np.minimum(*rates) / np.maximum(*rates)
@@ -114,6 +114,12 @@ def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], 
     found: Array = np.column_stack([worse[sense](*(side[name] for side in sides))
                                     for name, sense in zip(figures, senses, strict=True)])
     return found
+
+
+def recorded(figures: Sequence[str]) -> tuple[str, ...]:
+    """Return the outputs from which figures of a motion or a load are found."""
+    return tuple(dict.fromkeys(name for figure in ("sustained_rate", "peak_rate", *figures)
+                               for name in FIGURES[figure].needs))
 
 
 def columns(subject: Subject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
@@ -166,7 +172,7 @@ def _moved(runs: Runs) -> dict[str, Array]:
 
 def _among(runs: Runs, places: Array, values: Any) -> Array:
     """Return values of the runs at these places among nan for the others."""
-    every = np.full(len(runs), nan, dtype=np.result_type(values))
+    every = np.full((len(runs), *np.shape(values)[1:]), nan, dtype=np.result_type(values))
     every[places] = values
     return every
 
@@ -193,12 +199,24 @@ def _use(test: Test, subject: Subject) -> Iterator[dict[str, Array]]:
 
 def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]) -> Array:
     """Return the largest difference [rad] of slews after a history of use and rest from those of a fresh unit."""
+    starts = {name: float(v.initial(subject.values)) for name, v in subject.inputs.items()}
+    angles = []
+    for made in histories(test, subject, starts):
+        runs = subject.run_all(made, columns(subject, changes), ("fin_angle",))
+        places, finished = runs.finished()
+        angles.append(_among(runs, places, finished.columns["fin_angle"][..., made.judged(made.time)]))
+    difference: Array = np.max(np.abs(angles[0] - angles[1]), axis=-1)
+    return difference
+
+
+def histories(test: Test, subject: Subject, starts: Mapping[str, float]) -> tuple[Excitation, Excitation]:
+    """Return what a used unit is given and what a fresh one, of inputs with these start values [SI]; judged are the
+    slews."""
     history = list(_use(test, subject))
     used = len(history) * round(1.0 / STEP)
     rows = used + round((REST + 3.0 * test.duration) / STEP) + 1
     scale = {COMMAND: test.amplitude, LOAD: test.torque}
-    fresh = {name: np.full(rows, float(v.initial(subject.values))) for name, v in subject.inputs.items()
-             if any(name in phase for phase in history)}
+    fresh = {name: np.full(rows, start) for name, start in starts.items() if any(name in phase for phase in history)}
     probe = round(test.duration / STEP)
     fresh[COMMAND][-3 * probe - 1:] = test.amplitude * np.repeat([1.0, -1.0, 0.0], [probe, probe, probe + 1])
     worn = {name: column.copy() for name, column in fresh.items()}
@@ -206,16 +224,9 @@ def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]
         for name, share in phase.items():
             if name in worn:
                 at = slice(k * round(1.0 / STEP), (k + 1) * round(1.0 / STEP))
-                worn[name][at] = share * scale.get(name, fresh[name][0])
-    angles = []
-    for inputs in (worn, fresh):
-        runs = subject.run_all(Excitation(str(test), inputs), columns(subject, changes), ("fin_angle",))
-        places, finished = runs.finished()
-        every = np.full((len(runs), 3 * probe), nan)
-        every[places] = finished.columns["fin_angle"][..., -3 * probe:]
-        angles.append(every)
-    difference: Array = np.max(np.abs(angles[0] - angles[1]), axis=-1)
-    return difference
+                worn[name][at] = share * scale.get(name, starts[name])
+    begin = (rows - 3 * probe) * STEP
+    return Excitation(str(test), worn, begin), Excitation(str(test), fresh, begin)
 
 
 # -- sine ------------------------------------------------------------------------
@@ -269,7 +280,7 @@ def _crossing(level: Callable[[complex], float], at: Callable[[float], _Search[c
     """Return where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere."""
     lowest, highest = BANDWIDTHS
     low = lowest
-    for high in np.geomspace(lowest, highest, 12).tolist():
+    for high in GRID:
         if level((yield from at(high))) <= 0.0:
             break
         low = high
@@ -277,7 +288,7 @@ def _crossing(level: Callable[[complex], float], at: Callable[[float], _Search[c
         return highest
     if low == high:
         return lowest
-    for _ in range(6):  # to 2 parts in 1000
+    for _ in range(BISECTIONS):
         middle = (low * high) ** 0.5
         low, high = (middle, high) if level((yield from at(middle))) > 0.0 else (low, middle)
     return float((low * high) ** 0.5)
@@ -288,8 +299,8 @@ def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], 
     """Return the fundamental of the fin angle over a sine command of `amplitude` [rad], for each unit at its frequency
     [Hz]; nan where the response cannot be computed, or is no sine (its fundamental is less than PURE of it)."""
     at = np.array(frequency)
-    cycles = np.ceil(np.maximum(_CYCLES / at, _FITTED) * at)
-    runs = subject.run_all(sine(amplitude, at, cycles, _TRANSIENT), columns(subject, changes), ("fin_angle",))
+    cycles = np.ceil(np.maximum(CYCLES / at, FITTED) * at)
+    runs = subject.run_all(sine(amplitude, at, cycles, TRANSIENT), columns(subject, changes), ("fin_angle",))
     places, finished = runs.finished()
     fundamentals = [_fundamental(*each) for each in zip(
         finished.columns["fin_angle"], at[places].tolist(), cycles[places].tolist(), strict=True)]
@@ -307,7 +318,7 @@ def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
 @lru_cache(maxsize=1024)  # all bisections are between the same frequencies
 def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
     """Return the first row that is fitted, and the weights of those that are."""
-    begin = max(_TRANSIENT[0] / frequency, _TRANSIENT[1])
+    begin = max(TRANSIENT[0] / frequency, TRANSIENT[1])
     time = times(begin + cycles / frequency)
     fitted = (time >= begin) & (time <= begin + cycles / frequency)
     return int(np.argmax(fitted)), fundamental_weights(time[fitted], frequency, drift=False)

@@ -23,7 +23,7 @@ from .requirements import Case, Requirement, Specification
 from .subject import Subject
 from .writers import junit_case, number
 
-_SENSES = {"maximum": "<=", "minimum": ">="}
+SENSES = {"maximum": "<=", "minimum": ">="}
 
 
 class Figure(NamedTuple):
@@ -106,7 +106,7 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
     found: dict[tuple[int, str], list[Figure]] = {(k, name): [] for k in range(len(changes)) for name in cases}
     tests = [(test, [r for _, r in group])
              for test, group in groupby(sorted(able, key=lambda each: repr(each[0])), key=lambda each: each[0])]
-    start = {"homing.required": False} if "homing.required" in subject.values else {}  # a unit that follows at once
+    start = at_start(subject)
     for done, (test, requirements) in enumerate(tests):
         progress(str(test), done, len(tests))
         units = [(k, name) for k in range(len(changes)) for name in cases
@@ -119,6 +119,11 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
                                for r, figure in zip(requirements, figures, strict=True) if name in r.cases]
     progress("done", len(tests), len(tests))
     return [[figure for name in cases for figure in found[k, name]] for k in range(len(changes))]
+
+
+def at_start(subject: Subject) -> dict[str, Any]:
+    """Return parameters with which a subject follows from the first row on."""
+    return {"homing.required": False} if "homing.required" in subject.values else {}
 
 
 def judge(subject: Subject, specification: Specification, progress: Progress = silent) -> list[Judged]:
@@ -134,7 +139,7 @@ def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judge
     """Return a requirement with the worst of what was measured for it; skipped where nothing was."""
     unit, factor = r.shown
     fixed: dict[str, Any] = {
-        "source": r.source, "name": r.name, "title": r.title or r.name, "sense": _SENSES[r.sense],
+        "source": r.source, "name": r.name, "title": r.title or r.name, "sense": SENSES[r.sense],
         "limit": round(r.limit * factor, 9), "unit": unit, "figure": r.figure, "reason": r.reason}
     if not figures:
         return Judged(**fixed, measured=None, note=r.obstacle(subject), skipped=True)

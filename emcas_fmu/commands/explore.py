@@ -11,6 +11,7 @@ import typer
 from .. import extras
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
+from ..files import as_given
 from ..parameters import load_parameters
 from . import common
 from .settings import changed, read_settings
@@ -18,7 +19,7 @@ from .settings import changed, read_settings
 EPILOG = ("Examples:\n\n  emcas explore"
           "\n\n  emcas explore --model elastic+heat --output elastic.html"
           "\n\n  emcas explore -p my_actuator.toml --set friction.temperature='-20 degC' --output cold.html"
-          "\n\n  emcas explore --model my_actuator.py --date 2026-03-31")
+          "\n\n  emcas explore --model my_actuator.py --requirements my_requirements.toml")
 
 
 def explore(
@@ -27,6 +28,7 @@ def explore(
     settings: Annotated[list[str] | None, typer.Option(
         "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own, that the "
                       "page starts from (may be given several times).", metavar="NAME=VALUE")] = None,
+    requirements: common.RequirementsOption = None,
     output: Annotated[Path, common.page_option("--output", "-o", what="The page.")] = Path("explore.html"),
     date: common.DateOption = None,
 ) -> None:
@@ -43,7 +45,7 @@ def explore(
 
     with common.failures():
         files = parameters or []
-        common.check_outputs(output, inputs=files)
+        common.check_outputs(output, inputs=(*files, requirements))
         extras.require("native", "emcas explore needs", "ziglang")
         printed = common.calendar_date(date) if date else ""
         changes, _, constants = read_settings(settings or [], FmuInterface(1, model))
@@ -54,8 +56,9 @@ def explore(
         command = shlex.join([
             "emcas", "explore", *(("--model", model) if model != NONLINEAR else ()),
             *common.parameter_arguments(files), *(part for each in settings or () for part in ("--set", each)),
-            "--output", str(output), *(("--date", printed) if printed else ())])
-        about = About(command, ParameterSubject(chosen, files).identification, printed or today())
+            *(("--requirements", as_given(requirements)) if requirements else ()), "--output", str(output),
+            *(("--date", printed) if printed else ())])
+        about = About(command, ParameterSubject(chosen, files).identification, printed or today(), requirements)
         with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
             size = write(output, chosen, constants, about)
     common.print_written(output)

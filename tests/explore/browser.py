@@ -108,10 +108,10 @@ def chromium() -> Iterator[Browser]:
             driver.quit()
 
 
-def written(folder: Path, model: str, name: str = "explore") -> Path:
+def written(folder: Path, model: str, requirements: Path | None = None) -> Path:
     """The page of an actuator with its default parameters."""
     parameters = load_parameters(model=model)
-    path = folder / f"{name}.html"
-    about = page.About("emcas explore", ParameterSubject(parameters).identification)
+    path = folder / "explore.html"
+    about = page.About("emcas explore", ParameterSubject(parameters).identification, requirements=requirements)
     page.write(path, parameters, {}, about)
     return path

@@ -12,8 +12,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.cli import app
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.studies.explore import page
 from tests.docs.recipes import ROOT
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
@@ -40,11 +41,15 @@ def data(path: str = "explore.html") -> dict[str, Any]:
     return read
 
 
+def described(parameters: ParameterSet) -> dict[str, Any]:
+    return page.document(parameters, {}, load_requirements(None, parameters))
+
+
 @pytest.mark.parametrize("model", [*NAMES, DIRECT_DRIVE, "elastic+stribeck+heat+homing+supply+faults"],
                          ids=lambda model: Path(model).stem)
 def test_an_actuator_is_described_whole(model: str) -> None:
     actuator, parameters = get(model), load_parameters(model=model)
-    given = json.loads(json.dumps(page.document(parameters, {}), allow_nan=False))
+    given = json.loads(json.dumps(described(parameters), allow_nan=False))
     assert [p["name"] for p in given["parameters"]] == [v.name for v in actuator.parameters]
     assert all(p["value"] == p["shipped"] == parameters.values[p["name"]] for p in given["parameters"])
     outputs = {v.name for v in actuator.outputs}
@@ -52,12 +57,15 @@ def test_an_actuator_is_described_whole(model: str) -> None:
     known = {v["name"] for v in (*given["parameters"], *given["inputs"])}
     assert {name for names in given["first"].values() for name in names} <= known
     assert given["first"]["gains"]
-    assert {name for r in given["requirements"] for name in r["needs"]} == given["runs"].keys()
+    judged = [r for r in given["requirements"] if not r["left_out"]]
+    assert {r["test"] for r in judged} == set(range(len(given["tests"])))
+    assert all(r["figure"] in given["tests"][r["test"]]["figures"] for r in judged)
+    assert {name for test in given["tests"] for name in test["outputs"]} <= outputs
     assert all(abs(p["value"] / p["shown"][1]) < 1e9 for p in given["parameters"])
 
 
 def test_a_parameter_is_shown_in_the_unit_of_its_file() -> None:
-    given = page.document(load_parameters(), {})
+    given = described(load_parameters())
     shown = {p["name"]: (p["shown"][0], p["value"] / p["shown"][1]) for p in given["parameters"]}
     assert shown["drive.transport_delay"] == ("ms", pytest.approx(3.7))
     assert shown["screw.lead"] == ("mm/turn", pytest.approx(5.0))
@@ -84,12 +92,52 @@ def test_a_page_starts_from_what_is_given(explore: Any, tmp_path: Path) -> None:
     assert Path("mine.html").read_text(encoding="utf-8") == text
 
 
+def test_a_page_judges_by_requirements_that_are_given(explore: Any) -> None:
+    Path("mine.toml").write_text("""
+[cases]
+nominal = {}
+hot = { "friction.temperature" = "71 degC" }
+
+[[requirements]]
+name = "quick"
+test = { kind = "slew", amplitude = "50 %", torque = "-50 N*m" }
+figure = "sustained_rate"
+minimum = "150 deg/s"
+
+[[requirements]]
+name = "robust"
+test = { kind = "linear" }
+figure = "gain_margin"
+minimum = "4 dB"
+optional = true
+cases = ["hot"]
+
+[[requirements]]
+name = "drops"
+figure = "lifetime.endurance.wear_percent"
+maximum = "1 %"
+optional = true
+""", encoding="utf-8")
+    done = explore("--requirements", "mine.toml", "-o", "mine.html")
+    assert done.exit_code == 0, done.output
+    given = data("mine.html")
+    assert [(r["name"], r["test"], r["limit"], r["unit"], r["cases"]) for r in given["requirements"]] == [
+        ("quick", 0, 150.0, "deg/s", ["nominal", "hot"]), ("robust", None, 4.0, "dB", ["hot"]),
+        ("drops", None, 1.0, "%", ["nominal", "hot"])]
+    assert [r["left_out"] for r in given["requirements"]] == [
+        "", "not judged here: emcas validate", "a figure of the acceptance report: emcas report judges it"]
+    assert given["cases"] == {"nominal": {}, "hot": {"friction.temperature": 71.0}}
+    assert [rule for panel in given["panels"] for rule in panel["rules"]] == [[150.0, "required 150 °/s, loaded"]]
+    assert "--requirements mine.toml" in Path("mine.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(("arguments", "said"), [
     (("--set", "fin_command=0.1"), "--set fin_command: is moved in the page"),
     (("--set", "controller.position.kq=1"), "controller.position.kp"),
     (("--set", "fin.stop_angle=0.1"), "fin.stop_angle"),
     (("--date", "tomorrow"), "--date tomorrow: expected a date"),
     (("--model", "no-such"), "there is no actuator"),
+    (("--requirements", "none.toml"), "none.toml"),
     (("-o", "none/page.html"), "there is no folder none"),
 ])
 def test_what_cannot_be_is_said_and_nothing_written(explore: Any, arguments: tuple[str, ...], said: str,

@@ -18,18 +18,18 @@ function motionTo(level, from, begin, {duration, load}) {
 }
 
 /** A wave of the command from rest: `phase` [rad] of the time since it began [s]. */
-function wave(amplitude, duration, phase, written = t => t) {
+function wave(amplitude, duration, phase) {
     const begin = DATA.constants.LEAD_IN, time = times(begin + duration);
-    const command = time.map(t => amplitude * Math.sin(phase(Math.max(written(t) - begin, 0))));
+    const command = time.map(t => amplitude * Math.sin(phase(Math.max(t - begin, 0))));
     return {time, begin, columns: {fin_command: command}};
 }
 
-/** A logarithmic sweep between two frequencies [Hz]; its times may be `written` with fewer digits. */
-function sweep({amplitude, low, high, duration}, written = t => t) {
+/** A logarithmic sweep between two frequencies [Hz]. */
+function sweep({amplitude, low, high, duration}) {
     const [from, to] = [low, high].map(f => general(f, 6));
     if (!(low < high)) throw new Error(`the sweep's low = ${from} Hz is not below its high = ${to} Hz`);
     const growth = Math.log(high / low) / duration;
-    return wave(amplitude, duration, since => 2 * Math.PI * low * Math.expm1(growth * since) / growth, written);
+    return wave(amplitude, duration, since => 2 * Math.PI * low * Math.expm1(growth * since) / growth);
 }
 
 /** A load that is held beside an excitation without one of its own. */
@@ -56,18 +56,6 @@ const SHAPES = {
             return "aero_torque" in made.columns ? made : underLoad(made, s.load);
         }},
 };
-
-/** One of Table 2's: columns whose runs of equal values are counted, or a sweep that is rounded as a file stores it. */
-function ofTable2(run) {
-    if (run.sweep) {
-        const stored = x => Number(x.toPrecision(DATA.constants.SIGNIFICANT_DIGITS)), begin = DATA.constants.LEAD_IN;
-        const {time, columns} = sweep({...run.sweep, duration: run.stop - begin}, stored);
-        return {time, begin, columns: {fin_command: columns.fin_command.map(stored)}};
-    }
-    const whole = runs => Float64Array.from(runs.flatMap(([value, count]) => Array(count).fill(value)));
-    const columns = Object.entries(run.columns).map(([name, counted]) => [name, whole(counted)]);
-    return {time: times(run.stop), begin: run.begin, columns: Object.fromEntries(columns)};
-}
 
 /** The jumps of a command: instant [s], level, and when the next one comes or the rows end [s]. */
 function moves(time, command) {

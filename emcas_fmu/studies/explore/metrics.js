@@ -34,50 +34,68 @@ function between(start, end, time, ...columns) {
 const mean = values => values.reduce((sum, x) => sum + x, 0) / values.length;
 const largest = values => values.reduce((most, x) => Math.max(most, x), -Infinity);
 const magnitude = values => values.reduce((most, x) => Math.max(most, Math.abs(x)), 0);
+const degrees = angle => angle * 180 / Math.PI;
 const rms = values => Math.sqrt(mean(values.map(x => x * x)));
+
+/** The figures of a response [rad] to a command [rad] that is constant over these times. */
+function holdFigures(time, response, command) {
+    const error = response.map(angle => angle - command), held = lastThird(time, error).map(Math.abs);
+    const angles = lastThird(time, response);
+    return {
+        time_to_accuracy: settling(time, error.map(Math.abs), DATA.constants.ACCURACY),
+        steady_error: mean(lastThird(time, error)), held_error: largest(held),
+        held_angle: -largest(angles.map(angle => -Math.abs(angle))),
+        ripple: largest(angles) + largest(angles.map(x => -x)),
+    };
+}
+
+/** The last third of a column over a hold. */
+function lastThird(time, column) {
+    const end = time[time.length - 1], start = end - DATA.constants.HELD * (end - time[0]);
+    return column.subarray(time.findIndex(t => t >= start - 1e-9));
+}
 
 /** The figures of a motion [rad] commanded at `start` [s] to a level [rad]. */
 function stepMetrics(time, response, start, command) {
     const travel = command - response[0], share = response.map(angle => (angle - response[0]) / travel);
     const [tenth, most] = [0.1, 0.9].map(level => crossing(time, share, level));
-    const tail = response.filter((_, k) => time[k] > time[time.length - 1] - DATA.constants.TAIL);
     return {
         rise_time: most - tenth,
         settling_time: settling(time, share.map(x => Math.abs(x - 1)), 0.02),
-        time_to_accuracy: settling(time, response.map(x => Math.abs(x - command)), DATA.constants.ACCURACY),
         time_to_90_percent: most - start,
         overshoot: Math.max(largest(share) - 1, 0),
-        steady_error: mean(response.subarray(-Math.max(Math.floor(time.length / 10), 1))) - command,
-        ripple: largest(tail) + largest(tail.map(x => -x)),
+        ...holdFigures(time, response, command),
         sustained_rate: Math.abs(travel) * 0.6 / (crossing(time, share, 0.8) - crossing(time, share, 0.2)),
     };
 }
 
-/** The last jump of a run's command. */
-function lastMove({excitation: {time, columns}}) {
-    const jumps = moves(time, columns.fin_command);
-    return jumps[jumps.length - 1];
-}
-
 /** The figures of the last jump of the command. */
-function motion(run) {
-    const {excitation, outputs} = run, move = lastMove(run);
-    const [time, angle, rate] = between(move.start, move.end, excitation.time, outputs.fin_angle, outputs.fin_rate);
-    return {...stepMetrics(time, angle, move.start, move.level), peak_rate: magnitude(rate)};
+function motion({excitation: {time: rows, columns}, outputs}) {
+    const move = moves(rows, columns.fin_command).pop();
+    const [time, angle, rate] = between(move.start, move.end, rows, outputs.fin_angle, outputs.fin_rate);
+    return {...stepMetrics(time, angle, move.start, move.level), peak_rate: magnitude(rate),
+        ...currentRipple(move.start, move.end, rows, outputs)};
 }
 
-/** The mean fin angle - command [rad] over the end of a hold. */
-function heldError(run) {
-    const {excitation: {time}, outputs} = run;
-    const end = outputs.fin_angle.filter((_, k) => time[k] > time[time.length - 1] - DATA.constants.HELD);
-    return mean(end) - lastMove(run).level;
+/** The figures of a fin that a hinge moment moves while the command is 0. */
+function rest({excitation: {time: rows, begin, columns}, outputs}) {
+    const [time, angle] = between(begin, Infinity, rows, outputs.fin_angle), side = Math.sign(mean(columns.aero_torque));
+    return {...holdFigures(time, angle, 0), ...currentRipple(begin, Infinity, rows, outputs),
+        rebound: Math.max(largest(angle.map(x => -side * x)), 0)};
+}
+
+function currentRipple(start, end, rows, {motor_current: whole}) {
+    if (!whole) return {};
+    const current = lastThird(...between(start, end, rows, whole)), middle = mean(current);
+    return {current_ripple: rms(current.map(x => x - middle))};
 }
 
 const REDUCTIONS = {peak: magnitude, rms, share: column => mean(column.map(x => Number(x > 0.5)))};
 
-/** The figures any run has, as far as the actuator has the outputs. */
-function usage({excitation: {time}, outputs}) {
-    const figures = {};
+/** The figures any run has from `begin` [s] on, as far as there are the outputs. */
+function usage({excitation: {time: rows}, outputs: whole}, begin = 0) {
+    const [time, ...columns] = between(begin, Infinity, rows, ...Object.values(whole)), figures = {};
+    const outputs = Object.fromEntries(Object.keys(whole).map((name, k) => [name, columns[k]]));
     for (const [name, [reduction, output]] of Object.entries(DATA.usage)) {
         if (outputs[output]) figures[name] = REDUCTIONS[reduction](outputs[output]);
     }
@@ -98,73 +116,3 @@ function figures(run) {
     const single = command && moves(run.excitation.time, command).length === 1;
     return {...(single ? motion(run) : {}), ...usage(run)};
 }
-
-/** The rows by which a response lags its command most alike; looked for within 0.25 s, beyond which none would. */
-function lagOf(command, response) {
-    const reach = Math.round(0.25 / STEP);
-    let best = -Infinity, lag = 0;
-    for (let shift = -reach; shift <= reach; ++shift) {
-        let sum = 0;
-        const last = command.length - Math.max(shift, 0);
-        for (let k = Math.max(-shift, 0); k < last; ++k) sum += command[k] * response[k + shift];
-        if (sum > best) [best, lag] = [sum, shift];
-    }
-    return Math.max(lag, 0);
-}
-
-/** Cross- and auto-spectrum, sums over Hann segments: the command's conjugate by the response, and by itself, a bin. */
-function spectra(command, response, length, bins) {
-    const points = 8 * length, step = length - Math.floor(DATA.constants.OVERLAP * length);
-    const cosine = Float64Array.from({length: points}, (_, k) => Math.cos(2 * Math.PI * k / points));
-    const sine = Float64Array.from({length: points}, (_, k) => Math.sin(2 * Math.PI * k / points));
-    const cross = bins.map(() => [0, 0]), auto = bins.map(() => 0);
-    const c = new Float64Array(length), r = new Float64Array(length);
-    for (let first = 0; first + length <= command.length; first += step) {
-        for (let k = 0; k < length; ++k) {
-            const window = 0.5 - 0.5 * cosine[8 * k];
-            [c[k], r[k]] = [window * command[first + k], window * response[first + k]];
-        }
-        bins.forEach((bin, i) => {
-            let at = 0, cc = 0, cs = 0, rc = 0, rs = 0;
-            for (let k = 0; k < length; ++k) {
-                cc += c[k] * cosine[at], cs -= c[k] * sine[at], rc += r[k] * cosine[at], rs -= r[k] * sine[at];
-                at += bin;
-                if (at >= points) at -= points;
-            }
-            cross[i][0] += cc * rc + cs * rs;
-            cross[i][1] += cc * rs - cs * rc;
-            auto[i] += cc * cc + cs * cs;
-        });
-    }
-    return {cross, auto};
-}
-
-/** The H1 estimate of a run under a sweep: frequency [Hz], gain [dB], phase [rad, unwrapped], both bandwidths [Hz]. */
-function frequencyResponse({excitation: {columns: {fin_command: given}}, outputs: {fin_angle: angle}}) {
-    const lag = lagOf(given, angle), [low, high] = DATA.constants.SWEPT;
-    const command = given.subarray(0, given.length - lag), response = angle.subarray(lag);
-    const length = Math.min(Math.round(DATA.constants.SEGMENT / STEP), command.length);
-    const spacing = 1 / (8 * length * STEP);
-    const bins = Array.from({length: Math.floor(high / spacing) + 1}, (_, bin) => bin);
-    const {cross, auto} = spectra(command, response, length, bins);
-    auto[0] /= 2;  // of a one-sided density
-    const strongest = largest(auto);
-    const taken = bins.filter(bin => bin * spacing >= low && auto[bin] > DATA.constants.EXCITED * strongest);
-    const frequency = taken.map(bin => bin * spacing);
-    const gain = taken.map(bin => 20 * Math.log10(Math.hypot(...cross[bin]) / auto[bin]));
-    const phase = taken.map(bin =>
-        Math.atan2(cross[bin][1], cross[bin][0]) - 2 * Math.PI * bin * spacing * lag * STEP);
-    const turn = 2 * Math.PI;
-    phase.forEach((_, i) => { phase[i] -= turn * Math.round((phase[i] - (i ? phase[i - 1] : 0)) / turn); });
-    return {frequency, gain, phase, bandwidth: crossing(frequency, gain.map(x => -x), 3),
-        phase_bandwidth: crossing(frequency, phase.map(x => -x), Math.PI / 2)};
-}
-
-const degrees = angle => angle * 180 / Math.PI;
-/** What bench/verdict.py measures for the rows of Table 2, of finished runs. */
-const MEASURES = {
-    range: runs => degrees(Math.min(...runs.map(run => Math.abs(lastMove(run).level + heldError(run))))),
-    accuracy: runs => degrees(Math.max(...runs.map(run => Math.abs(heldError(run))))),
-    rate: runs => degrees(runs.reduce((least, run) => Math.min(least, motion(run).sustained_rate), Infinity)),
-    bandwidth: ([run]) => run.frequency.bandwidth,
-};

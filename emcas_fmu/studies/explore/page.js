@@ -3,6 +3,7 @@
 
 const $ = id => document.getElementById(id);
 const REST = 300; // ms without a change, after which what takes longer is computed
+const BUSY = 16; // ms, after which what takes longer lets the page answer
 const MOST_BYTES = 50e6; // of a CSV file, which a browser reads whole
 
 class Page {
@@ -141,9 +142,26 @@ class Page {
         return problems;
     }
 
-    respond(setting, excitation) {
-        const rows = excitation.time.length;
-        return {excitation, outputs: this.unit.run(setting.parameters, setting.inputs(excitation), rows, STEP)};
+    respond(setting, excitation, changes = {}, outputs = undefined) {
+        const inputs = setting.inputs(excitation), parameters = {...setting.parameters, ...changes};
+        return {excitation, outputs: this.unit.run(parameters, inputs, excitation.time.length, STEP, outputs)};
+    }
+
+    /** A `respond` of measure.js, of a setting with parameters that differ, beside which the page answers its user. */
+    beside(setting, changes) {
+        const {live, kept} = this;
+        return async (excitation, outputs) => {
+            if (performance.now() > this.due) {
+                await new Promise(resolve => setTimeout(resolve));
+                this.due = performance.now() + BUSY;
+            }
+            if (this.live !== live || this.kept !== kept) return new Promise(() => undefined);  // not wanted any more
+            try {
+                return this.respond(setting, excitation, changes, outputs);
+            } catch {
+                return null;
+            }
+        };
     }
 
     say(problems, warnings = []) {
@@ -169,34 +187,41 @@ class Page {
         this.written = location.hash;
     }
 
-    /** What takes longer, run by run, unless something changes meanwhile: Table 2, the Bode plot, words, the link. */
+    /** What takes longer, unless something changes meanwhile: the Bode plot, requirements, words, the link. */
     async rest() {
-        const {live, kept} = this;
         this.writeLink();
         this.tell();
-        for (const [, each] of this.cases) {
-            each.runs ??= {};
-            for (const [name, run] of Object.entries(DATA.runs)) {
-                if (each.runs[name]) continue;
-                await new Promise(resolve => setTimeout(resolve));
-                if (this.live !== live || this.kept !== kept) return;
-                each.runs[name] = this.ofTable2(each.setting, run);
-            }
-        }
-        drawRequirements($("requirements"), this.cases);
+        this.due = 0;
+        for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
         drawBode(this.gain, this.phase, this.cases);
         $("bode-summary").textContent = bodeSummary(this.cases);
+        for (const [, each] of this.cases) each.measured ??= await this.measured(each.setting);
+        drawRequirements($("requirements"), this.cases);
         document.body.classList.remove("waiting");
         document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
     }
 
-    ofTable2(setting, run) {
-        try {
-            const made = this.respond(setting, ofTable2(run));
-            return run.sweep ? {...made, frequency: frequencyResponse(made)} : made;
-        } catch (error) {
-            return {stopped: error.message};
+    /** The frequency responses that are shown of a setting, each with its label. */
+    async responses(setting) {
+        const respond = this.beside(setting, DATA.at_start), found = [];
+        for (const [amplitude, load] of sinesOf(setting)) {
+            const label = `${shownNumber(degrees(amplitude))}°${load ? `, ${shownNumber(load)} N·m` : ""}`;
+            found.push([label, await frequencyResponse(amplitude, load, respond)]);
         }
+        return found;
+    }
+
+    /** The figures of every test of the requirements, by its cases. */
+    async measured(setting) {
+        const found = [];
+        for (const test of DATA.tests) {
+            const figures = {};
+            for (const name of test.cases) {
+                figures[name] = await measure(test, setting, this.beside(setting, DATA.cases[name]));
+            }
+            found.push(figures);
+        }
+        return found;
     }
 
     /** The response in words, for who does not see it. */

@@ -6,21 +6,20 @@ import base64
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from math import isclose
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ... import __version__, rules
 from ...actuators import extension_outputs, full_name, get, parts
 from ...actuators import fin_port as port
-from ...bench import excitation, metrics
-from ...bench.excitation import LOAD, Excitation
-from ...bench.subject import Identification
-from ...bench.verdict import REQUIREMENTS, table2_excitations
+from ...bench import excitation, measure, metrics
+from ...bench.excitation import COMMAND, LOAD, Excitation
+from ...bench.requirements import Requirement, Specification, load_requirements
+from ...bench.subject import Identification, ParameterSubject, Subject
+from ...bench.verdict import SENSES, at_start
 from ...bench.writers import page, plain, typeset
 from ...compiler import WEB, zig
 from ...errors import EmcasError
@@ -35,21 +34,27 @@ from ...writing import write as write_file
 
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
-SCRIPTS = ("unit.js", "excitations.js", "metrics.js", "settings.js", "plots.js", "results.js", "controls.js", "page.js")
+SCRIPTS = ("unit.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "plots.js", "results.js",
+           "controls.js", "page.js")
 MOST_ROWS = 60_000  # of a CSV file; a minute
 _MOST_FIRST = 12  # parameters of an actuator without gains that stand first
-_HEADLINES = ("rise_time", "settling_time", "overshoot", "steady_error", "peak_rate", "peak_current", "energy_drawn")
+_HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
+_NOT_HERE = "not judged here: emcas validate"  # margins of a linear model, which is not in the page
 # Figures of metrics.motion and metrics.usage, in the order of the table.
 _FIGURES = tuple(name for name in metrics.FIGURES if name in (*metrics.MOTION, *metrics.USAGE))
 
 
 @dataclass(frozen=True)
 class About:
-    """What a page says of itself: the command that made it, the set it starts from, and a date if one is given."""
+    """What a page says of itself: the command that made it, the set it starts from, and a date if one is given.
+
+    `requirements` is the file by which it judges; the shipped ones unless given.
+    """
 
     command: str
     identification: Identification
     date: str = ""
+    requirements: Path | None = None
 
 
 def sources(model: str) -> dict[str, str]:
@@ -65,10 +70,12 @@ def compiled(files: Mapping[str, str]) -> bytes:
     return compiler.library(files, _MAIN, WEB, "unit")
 
 
-def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str, Any]:
-    """Return what the scripts need of an actuator with a set of parameters, and of inputs held at other constants."""
+def document(parameters: ParameterSet, inputs: Mapping[str, float], specification: Specification) -> dict[str, Any]:
+    """Return what the scripts need of an actuator with a set of parameters, of inputs held at other constants, and of
+    requirements.
+    """
     model, actuator = full_name(parameters.model), parameters.actuator
-    shipped, runs = load_parameters(model=model).values, table2_excitations()
+    shipped, subject = load_parameters(model=model).values, ParameterSubject(parameters)
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
     described: dict[str, Any] = {
@@ -78,7 +85,7 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str,
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
         "outputs": [{"name": v.name, "description": v.description} for v in actuator.outputs],
-        "first": _first(parameters), "panels": _panels(model), "equal": actuator.equal_parameters,
+        "first": _first(parameters), "panels": _panels(model, specification), "equal": actuator.equal_parameters,
         "rules": [{"message": rule.message, "warning": rule.warning} for rule in actuator.all_rules],
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
         "clipping": {"message": CLIPPED, "rounding": ROUNDING, "in_degrees": IN_DEGREES, "like_degrees": LIKE_DEGREES},
@@ -86,16 +93,12 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str,
         "figures": {name: {"title": metrics.FIGURES[name].title, "shown": _shown(metrics.FIGURES[name].unit)}
                     for name in _FIGURES},
         "headlines": _HEADLINES, "usage": metrics.REDUCED,
-        "requirements": [{"name": r.name, "title": r.title, "sense": r.sense, "limit": r.limit, "unit": r.unit,
-                          "how": r.how, "needs": r.needs, "measure": r.measure.__name__.strip("_")}
-                         for r in REQUIREMENTS],
-        "runs": {name: _run(name, run) for name, run in runs.items()},
-        "load": max(float(np.max(np.abs(run.columns[LOAD]))) for run in runs.values() if LOAD in run.columns),
-        "constants": _constants(), "units": {unit: _shown(unit) for unit in ("rad", "rad/s")},
+        **_judging(specification, subject), "load": cases.LOAD, "constants": _constants(),
+        "units": {unit: _shown(unit) for unit in ("rad", "rad/s")},
     }
     shown = {each["shown"][0] for each in (*described["parameters"], *described["inputs"], *described["panels"],
                                            *described["figures"].values())}
-    units = sorted({*shown, *(r.unit for r in REQUIREMENTS), "deg", "N.m"})
+    units = sorted({*shown, *(r["unit"] for r in described["requirements"]), "deg", "N.m"})
     described["typeset"] = {unit: typeset(unit) for unit in units}
     result: dict[str, Any] = plain(described)
     return result
@@ -154,13 +157,13 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
             "temperature": [v.name for v in tunable if v.unit == "degC"], "gains": gains}
 
 
-def _panels(model: str) -> list[dict[str, Any]]:
+def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
     """Return the panels over time: the response's own, then one for each output of an extension."""
     further = [[v] for v in extension_outputs(model)]
     return [{"title": _title(panel), "names": [v.name for v in panel],
              "shown": _inverse(metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
              "items": [item for item, _ in panel[0].items], "bits": panel[0].bits,
-             "rules": _lines(panel[0])} for panel in (*panels(model), *further)]
+             "rules": _lines(panel[0], specification)} for panel in (*panels(model), *further)]
 
 
 def _title(panel: Sequence[Variable]) -> str:
@@ -168,26 +171,58 @@ def _title(panel: Sequence[Variable]) -> str:
     return ", ".join(names).capitalize()
 
 
-def _lines(v: Variable) -> list[tuple[float, str]]:
+def _lines(v: Variable, specification: Specification) -> list[tuple[float, str]]:
     """Return the requirements that are lines in a panel: value as shown, and words."""
-    return [(r.limit, f"required {r.limit:g} °/s{', loaded' if r.name == 'loaded_rate' else ''}")
-            for r in REQUIREMENTS if r.unit == "deg/s" and v == port.FIN_RATE]
+    rates = [(r.limit * r.shown[1], r.test) for r in specification.requirements
+             if r.test and r.test.supply == 1.0 and r.figure in ("sustained_rate", "peak_rate")]
+    return list(dict.fromkeys((round(limit, 9), f"required {limit:.6g} °/s{', loaded' if test.torque else ''}")
+                              for limit, test in rates)) if v == port.FIN_RATE else []
 
 
-def _run(name: str, run: Excitation) -> dict[str, Any]:
-    """Return a run of Table 2: its sweep, or its columns as values with their counts."""
-    case = next((case for case in cases.CASES if case.name == name and case.kind == "chirp"), None)
-    if case:
-        low, high = cases.SWEEP
-        return {"stop": run.stop, "sweep": {"amplitude": case.amplitude, "low": low, "high": high}}
-    counted = {column: [(float(value), len(list(rows))) for value, rows in groupby(values)]
-               for column, values in run.columns.items()}
-    return {"stop": run.stop, "begin": run.begin, "columns": counted}
+def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
+    """Return the requirements, the tests that they name by their places, and cases with the parameters that differ."""
+    tests: dict[measure.Test, list[Requirement]] = {}
+    listed = []
+    for r in specification.requirements:
+        unit, size = r.shown
+        left_out = _NOT_HERE if r.test and r.test.kind == "linear" else r.obstacle(subject)
+        if r.test and not left_out:
+            tests.setdefault(r.test, []).append(r)
+        listed.append({
+            "name": r.name, "title": r.title or r.name, "figure": r.figure, "sense": SENSES[r.sense],
+            "limit": round(r.limit * size, 9), "unit": unit, "factor": size, "how": r.how,
+            "reason": r.reason or r.source, "cases": r.cases, "test": None if left_out else list(tests).index(r.test), "left_out": left_out})
+    return {"requirements": listed, "tests": [_test(test, by, subject) for test, by in tests.items()],
+            "at_start": at_start(subject),
+            "cases": {case.name: {**at_start(subject), **case.values} for case in specification.cases}}
+
+
+def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> dict[str, Any]:
+    """Return a test with what is given to the unit and recorded; inputs but command and load are shares of what is set.
+    """
+    runs: Sequence[Excitation] = ()
+    if test.kind == "repeat":
+        runs = measure.histories(test, subject, {**dict.fromkeys(subject.inputs, 1.0), COMMAND: 0.0, LOAD: 0.0})
+    elif test.kind != "sine":
+        runs = [measure.excitation(replace(test, supply=1.0), sign, subject) for sign in (1.0, -1.0)]
+        if test.supply != 1.0:
+            runs = [run.holding({subject.supply or "": test.supply}) for run in runs]
+    figures = list(dict.fromkeys(r.figure for r in by))
+    return {"kind": test.kind, "amplitude": test.amplitude, "figures": figures, "outputs": measure.recorded(figures),
+            "cases": list(dict.fromkeys(name for r in by for name in r.cases)), "runs": [_counted(run) for run in runs]}
+
+
+def _counted(run: Excitation) -> dict[str, Any]:
+    """Return an excitation, its columns as values with their counts."""
+    return {"stop": run.stop, "begin": run.begin,
+            "columns": {name: [(float(value), len(list(rows))) for value, rows in groupby(column)]
+                        for name, column in run.columns.items()}}
 
 
 def _constants() -> dict[str, Any]:
-    named = {excitation: ("STEP", "SETTLE"), cases: ("LEAD_IN", "LOAD_RISE", "SWEEP", "SIGNIFICANT_DIGITS"),
-             metrics: ("ACCURACY", "TAIL", "HELD", "SEGMENT", "OVERLAP", "EXCITED", "SWEPT")}
+    named = {excitation: ("STEP", "SETTLE"), cases: ("LEAD_IN", "LOAD_RISE", "SWEEP"),
+             metrics: ("ACCURACY", "HELD", "PURE"),
+             measure: ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT")}
     return {"MOST_ROWS": MOST_ROWS, **{name: getattr(module, name) for module, names in named.items()
                                        for name in names}}
 
@@ -203,14 +238,15 @@ def _joined(names: Iterable[str]) -> str:
 
 def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> str:
     """Return the page. The same parameters, inputs and words about it give the same text. Raises CompilerError."""
-    described, files = document(parameters, inputs), sources(parameters.model)
+    specification = load_requirements(about.requirements, parameters)
+    described, files = document(parameters, inputs, specification), sources(parameters.model)
     code = compiled(files)
     digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
     source_digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()
     return page(
-        "studies/explore/page.html.j2", about=about, digest=digest, source_digest=source_digest,
-        entries=parameters.entries, model=described["model"], title=parameters.actuator.title,
-        origin=parameters.actuator.origin, first=described["first"], estimates=parameters.estimates,
+        "studies/explore/page.html.j2", about=about, requirements=specification.file, digest=digest,
+        source_digest=source_digest, entries=parameters.entries, model=described["model"],
+        title=parameters.actuator.title, origin=parameters.actuator.origin, first=described["first"], estimates=parameters.estimates,
         data=_embedded({**described, "digest": digest[:12]}), unit=base64.b64encode(code).decode(),
         style=_joined(["page.css"]), script=_joined(SCRIPTS))
 

@@ -76,66 +76,60 @@ function headings(first, cases, more) {
         ...more.map(name => element("th", {scope: "col", class: name === "required" ? "n" : "how"}, name))];
 }
 
-/** What is measured for a requirement, and whether it is met: {value, beyond, passed}. */
-function judged(requirement, runs) {
-    const needed = requirement.needs.map(name => runs[name]);
-    if (needed.some(run => run.stopped)) return {value: NaN, passed: false};
-    let value = MEASURES[requirement.measure](needed), beyond = false;
-    if (requirement.measure === "bandwidth" && Number.isNaN(value)) {
-        const {frequency} = needed[0].frequency;
-        [value, beyond] = [frequency[frequency.length - 1], true];
-    }
-    const passed = requirement.sense === ">=" ? value >= requirement.limit : value <= requirement.limit;
-    return {value, beyond, passed};
-}
-
 function drawRequirements(table, cases) {
     $("requirements-head").replaceChildren(...headings("requirement", cases, ["required", "how it is measured"]));
     fill(table, DATA.requirements.map(requirement => {
-        const unit = typeset(requirement.unit), gap = unit.startsWith("°") ? "" : " ";
+        const unit = typeset(requirement.unit), gap = unit.startsWith("°") ? "" : " ", more = [];
         const cells = cases.map(([, each]) => {
-            const {value, beyond, passed} = judged(requirement, each.runs);
+            if (requirement.left_out) return element("td", {class: "n skip"}, "not judged");
+            const {value, case: worst, beyond, passed} = judged(requirement, each.measured);
+            const text = Number.isNaN(value) ? "no value" : `${shownNumber(value)}${Number.isFinite(value) ? gap + unit : ""}`;
+            const where = requirement.cases.length > 1 ? `, ${worst}` : "";
             return element("td", {class: `n ${passed ? "pass" : "fail"}`},
-                `${passed ? "✓" : "✗"} ${beyond ? "> " : ""}${shownNumber(value)}${gap}${unit}`);
+                `${passed ? "✓" : "✗"} ${beyond ? "> " : ""}${text}${where}`);
         });
         const limit = `${requirement.sense === ">=" ? "≥" : "≤"} ${shownNumber(requirement.limit)}${gap}${unit}`;
-        return [requirement.title, ...cells, limit, element("td", {class: "how"}, requirement.how)];
+        const {how, reason, left_out: leftOut} = requirement;
+        return [requirement.title, ...cells, limit, element("td", {class: "how"}, leftOut || how,
+            element("span", {class: "quiet"}, reason && ` · ${reason}`))];
     }));
 }
 
-/** The sweeps there are: of Table 2, and the excitation where it is one. */
-function sweeps(each) {
-    const chirp = each.setting.shape === "chirp" && {
-        "this chirp": each.chirp ??= {frequency: frequencyResponse(each.run)}};
-    const listed = Object.entries(DATA.runs).filter(([, run]) => run.sweep).map(([name, run]) =>
-        [`${shownNumber(degrees(run.sweep.amplitude))}°`, each.runs[name]]);
-    return [...listed, ...Object.entries(chirp || {})].filter(([, run]) => run.frequency?.frequency.length);
+/** The sines of which the frequency response is shown, amplitude [rad] and load [N.m]: those of requirements, and what
+    is set where it is one. */
+function sinesOf(setting) {
+    const required = DATA.tests.filter(({kind}) => kind === "sine").map(({amplitude}) => [amplitude, 0]);
+    const wave = ["sine", "chirp"].includes(setting.shape);
+    const own = wave ? ["amplitude", "load"].map(field => setting.get(`excitation.${field}`)) : [];
+    const known = required.some(each => each.every((x, k) => x === own[k]));
+    return wave && own[0] && !known ? [...required, own] : required;
 }
 
 const DASHES = [undefined, [7, 4], [2, 3]];
 
 function drawBode(gain, phase, cases) {
     const two = cases.length > 1;
-    const responses = cases.flatMap(([letter, each]) => sweeps(each).map(([label, {frequency}], k) => ({
-        label: two ? `${label} ${letter}` : label, frequency, dash: DASHES[k],
-        stroke: COLORS[letter === "A" ? 1 : 0]})));
-    const curves = part => responses.map(({frequency, ...look}) => (
-        {...look, x: frequency.frequency, y: frequency[part].map(part === "phase" ? degrees : x => x)}));
-    const required = DATA.requirements.find(({measure}) => measure === "bandwidth");
-    gain.under = u => forbidden(u, required.limit, -3);
+    const responses = cases.flatMap(([letter, each]) => each.responses.map(([label, response], k) => ({
+        label: two ? `${label} ${letter}` : label, response, dash: DASHES[k % DASHES.length],
+        stroke: COLORS[letter === "A" ? 1 : 0]}))).filter(({response}) => response.frequency.length);
+    const curves = part => responses.map(({response, ...look}) => (
+        {...look, x: response.frequency, y: response[part].map(part === "phase" ? degrees : x => x)}));
+    const required = DATA.requirements.find(({figure, left_out: leftOut}) => figure === "bandwidth_3db" && !leftOut);
+    gain.under = u => required && forbidden(u, required.limit, -3);
     gain.over = u => {
         rule(u, "y", -3, "−3 dB");
-        rule(u, "x", required.limit, `required ${shownNumber(required.limit)} Hz`);
-        for (const {frequency: {bandwidth}, stroke} of responses) mark(u, bandwidth, -3, stroke());
+        if (required) rule(u, "x", required.limit, `required ${shownNumber(required.limit)} Hz`);
+        for (const {response, stroke} of responses) mark(u, response.bandwidth_3db, -3, stroke());
     };
     phase.over = u => {
         rule(u, "y", -90, "−90°");
-        for (const {frequency, stroke} of responses) mark(u, frequency.phase_bandwidth, -90, stroke());
+        for (const {response, stroke} of responses) mark(u, response.bandwidth_90deg, -90, stroke());
     };
-    gain.draw(curves("gain"));
-    phase.draw(curves("phase"));
-    gain.describe(bodeSummary(cases));
-    phase.describe(bodeSummary(cases));
+    for (const [plot, part] of [[gain, "gain"], [phase, "phase"]]) {
+        if (responses.length) plot.draw(curves(part));
+        plot.figure.hidden = !responses.length;
+        plot.describe(bodeSummary(cases));
+    }
 }
 
 /** A ring at a point of a plot. */
@@ -153,10 +147,9 @@ function mark(u, x, y, stroke) {
 }
 
 function bodeSummary(cases) {
-    const at = (x, {frequency}) => Number.isFinite(x) ? `at ${shownNumber(x)} Hz` :
-        `above ${shownNumber(frequency[frequency.length - 1])} Hz`;
-    const one = ([label, {frequency}]) => `${label}: −3 dB ${at(frequency.bandwidth, frequency)}, ` +
-        `−90° ${at(frequency.phase_bandwidth, frequency)}`;
+    const at = x => x === undefined ? "without a value" :
+        x < DATA.constants.BANDWIDTHS[1] ? `at ${shownNumber(x)} Hz` : `above ${shownNumber(x)} Hz`;
+    const one = ([label, response]) => `${label}: −3 dB ${at(response.bandwidth_3db)}, −90° ${at(response.bandwidth_90deg)}`;
     return cases.map(([letter, each]) =>
-        (cases.length > 1 ? `${letter}: ` : "") + sweeps(each).map(one).join("; ")).join(". ");
+        (cases.length > 1 ? `${letter}: ` : "") + each.responses.map(one).join("; ")).join(". ");
 }

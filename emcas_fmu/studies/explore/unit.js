@@ -73,8 +73,8 @@ class Unit {
         });
     }
 
-    /** Outputs by name at rows `step` [s] apart, of inputs by name: a column, or a value that is held. */
-    run(values, inputs, rows, step) {
+    /** Outputs by name, all or some, at rows `step` [s] apart, of inputs by name: a column, or a value that is held. */
+    run(values, inputs, rows, step, names = DATA.outputs.map(({name}) => name)) {
         this.put(values);
         if (!this.code.actuator_start(this.actuator, this.parameters)) throw new Error("the parameters are refused");
         const before = this.top, width = DATA.inputs.length, wide = DATA.outputs.length;
@@ -89,7 +89,10 @@ class Unit {
         const reason = new Int32Array(this.code.memory.buffer, this.result, 1)[0];
         if (reached < rows) throw new Error(`at ${general(reached * step, 6)} s: ${DATA.reasons[reason]}`);
         const computed = this.doubles(out, rows * wide);
-        return Object.fromEntries(DATA.outputs.map(({name}, place) =>
-            [name, Float64Array.from({length: rows}, (_, k) => computed[k * wide + place])]));
+        return Object.fromEntries(names.map(name => {
+            const column = new Float64Array(rows), place = DATA.outputs.findIndex(v => v.name === name);
+            for (let k = 0; k < rows; ++k) column[k] = computed[k * wide + place];
+            return [name, column];
+        }));
     }
 }

@@ -1,0 +1,118 @@
+"use strict";
+/* The tests of requirements as bench/measure.py makes them, and their verdict as in bench/verdict.py; SI. A unit answers
+ * by `respond(excitation, outputs)`: a promise of its run, or of null where that does not reach its end. */
+
+/** The rows of a run of a test: columns of counted values, of the inputs held as shares of what is set. */
+function embedded({begin, stop, columns}, setting) {
+    const whole = Object.entries(columns).map(([name, counted]) => {
+        const unit = HELD.some(v => v.name === name) ? Number(setting.get(name)) : 1;
+        return [name, Float64Array.from(counted.flatMap(([value, count]) => Array(count).fill(unit * value)))];
+    });
+    return {time: times(stop), begin, columns: Object.fromEntries(whole)};
+}
+
+/** The figures of a test: of each direction, where it has two. */
+async function measure(test, setting, respond) {
+    if (test.kind === "sine") return [await bandwidths(test.figures, sines(test.amplitude, 0, respond))];
+    const runs = [];
+    for (const run of test.runs) runs.push(await respond(embedded(run, setting), test.outputs));
+    if (runs.includes(null)) return [{}];
+    if (test.kind === "repeat") {
+        const [worn, fresh] = runs.map(({excitation: {time, begin}, outputs: {fin_angle: angle}}) =>
+            between(begin, Infinity, time, angle)[1]);
+        return [{repeat_error: magnitude(worn.map((x, k) => x - fresh[k]))}];
+    }
+    const sides = runs.map(moved), rates = sides.map(side => side.sustained_rate);
+    return sides.map(side => ({...side, rate_asymmetry: 1 - Math.min(...rates) / Math.max(...rates)}));
+}
+
+/** The figures of a step, a slew or a load. */
+function moved(run) {
+    const {time, begin, columns: {fin_command: command}} = run.excitation;
+    const figures = {...usage(run, begin), ...(moves(time, command).length ? motion(run) : rest(run))};
+    return {...figures, steady_error: Math.abs(figures.steady_error)};
+}
+
+/** The fundamental of the fin angle over a sine of an amplitude at a frequency [Hz], [real, imaginary]; NaN where the
+    response is no sine. */
+async function describingFunction(amplitude, load, frequency, respond) {
+    const {CYCLES, FITTED, TRANSIENT: [cycles, seconds], PURE} = DATA.constants, turn = 2 * Math.PI * frequency;
+    const begin = Math.max(cycles / frequency, seconds);
+    const end = begin + Math.ceil(Math.max(CYCLES / frequency, FITTED) * frequency) / frequency, time = times(end);
+    const sine = {time, begin, columns: {fin_command: time.map(t => amplitude * Math.sin(turn * t))}};
+    const run = await respond(underLoad(sine, load), ["fin_angle"]);
+    if (!run) return [NaN, NaN];
+    const first = time.findIndex(t => t >= begin), last = lastIndex(time, t => t <= end) + 1;
+    const fitted = time.subarray(first, last), centred = column => {
+        const middle = mean(column);
+        return column.map(x => x - middle);  // least squares beside an offset
+    };
+    const angle = centred(run.outputs.fin_angle.subarray(first, last));
+    const [c, s] = [Math.cos, Math.sin].map(wave => centred(fitted.map(t => wave(turn * t))));
+    const dot = (a, b) => a.reduce((sum, x, k) => sum + x * b[k], 0);
+    const [cc, ss, cs, cy, sy] = [dot(c, c), dot(s, s), dot(c, s), dot(c, angle), dot(s, angle)];
+    const [a, b] = [cy * ss - sy * cs, sy * cc - cy * cs].map(x => x / (cc * ss - cs * cs));
+    const pure = (a * a + b * b) / 2 >= PURE * dot(angle, angle) / angle.length;
+    return pure ? [b / amplitude, a / amplitude] : [NaN, NaN];
+}
+
+/** The responses to sines of an amplitude under a load: `known` by the frequency, and `at` any, each simulated once. */
+function sines(amplitude, load, respond) {
+    const known = new Map();
+    const at = async frequency => {
+        if (!known.has(frequency)) known.set(frequency, await describingFunction(amplitude, load, frequency, respond));
+        return known.get(frequency);
+    };
+    return {known, at};
+}
+
+const LEVELS = {bandwidth_3db: response => Math.hypot(...response) - 10 ** (-3 / 20), bandwidth_90deg: ([real]) => real};
+
+/** The frequencies [Hz] where gain or lag pass their levels, by bisection; NaN where a response is no sine. */
+async function bandwidths(figures, {known, at}) {
+    const found = {};
+    for (const name of figures) found[name] = await crossed(LEVELS[name], at);
+    const pure = [...known.values()].every(([real]) => !Number.isNaN(real));
+    return pure ? found : {};
+}
+
+/** Where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere. */
+async function crossed(level, at) {
+    const {BANDWIDTHS: [lowest, highest], BISECTIONS, GRID} = DATA.constants;
+    let low = lowest, high = lowest;
+    for (high of GRID) {
+        if (!(level(await at(high)) > 0)) break;
+        low = high;
+    }
+    if (low === highest) return highest;
+    for (let k = 0; k < BISECTIONS && low < high; ++k) {
+        const middle = Math.sqrt(low * high);
+        if (level(await at(middle)) > 0) low = middle;
+        else high = middle;
+    }
+    return Math.sqrt(low * high);
+}
+
+/** The response to sines, where it is one: frequency [Hz], gain [dB], phase [rad, unwrapped], both bandwidths [Hz]. */
+async function frequencyResponse(amplitude, load, respond) {
+    const {known, at} = sines(amplitude, load, respond), found = await bandwidths(Object.keys(LEVELS), {known, at});
+    for (const [k, frequency] of DATA.constants.GRID.entries()) {
+        if (k) await at(Math.sqrt(frequency * DATA.constants.GRID[k - 1]));
+        await at(frequency);
+    }
+    const pure = [...known].filter(([, [real]]) => !Number.isNaN(real)).sort(([f], [g]) => f - g);
+    const phase = pure.map(([, [real, imaginary]]) => Math.atan2(imaginary, real)), turn = 2 * Math.PI;
+    phase.forEach((_, i) => { phase[i] -= turn * Math.round((phase[i] - (i ? phase[i - 1] : 0)) / turn); });
+    return {frequency: pure.map(([f]) => f), gain: pure.map(([, h]) => 20 * Math.log10(Math.hypot(...h))), phase, ...found};
+}
+
+/** What is measured for a requirement, [unit], in which case, and whether it is met; `measured` has for each test, and
+    by the case, figures of both directions. */
+function judged({test, figure, cases, sense, limit, factor}, measured) {
+    const most = sense === "<=", worse = most ? Math.max : Math.min;
+    const values = cases.map(name => worse(...measured[test][name].map(side => side[figure] ?? NaN)));
+    const worst = worse(...values), value = worst * factor;
+    return {value, case: cases[values.findIndex(x => Object.is(x, worst))],
+        beyond: figure.startsWith("bandwidth") && worst >= DATA.constants.BANDWIDTHS[1],
+        passed: Number.isFinite(value) && (most ? limit - value : value - limit) >= 0};
+}
