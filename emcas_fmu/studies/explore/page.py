@@ -186,12 +186,14 @@ def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
     for r in specification.requirements:
         unit, size = r.shown
         left_out = _NOT_HERE if r.test and r.test.kind == "linear" else r.obstacle(subject)
+        place = None
         if r.test and not left_out:
             tests.setdefault(r.test, []).append(r)
+            place = list(tests).index(r.test)
         listed.append({
             "name": r.name, "title": r.title or r.name, "figure": r.figure, "sense": SENSES[r.sense],
             "limit": round(r.limit * size, 9), "unit": unit, "factor": size, "how": r.how,
-            "reason": r.reason or r.source, "cases": r.cases, "test": None if left_out else list(tests).index(r.test), "left_out": left_out})
+            "reason": r.reason or r.source, "cases": r.cases, "test": place, "left_out": left_out})
     return {"requirements": listed, "tests": [_test(test, by, subject) for test, by in tests.items()],
             "at_start": at_start(subject),
             "cases": {case.name: {**at_start(subject), **case.values} for case in specification.cases}}
@@ -246,7 +248,8 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
     return page(
         "studies/explore/page.html.j2", about=about, requirements=specification.file, digest=digest,
         source_digest=source_digest, entries=parameters.entries, model=described["model"],
-        title=parameters.actuator.title, origin=parameters.actuator.origin, first=described["first"], estimates=parameters.estimates,
+        title=parameters.actuator.title, origin=parameters.actuator.origin, first=described["first"],
+        estimates=parameters.estimates,
         data=_embedded({**described, "digest": digest[:12]}), unit=base64.b64encode(code).decode(),
         style=_joined(["page.css"]), script=_joined(SCRIPTS))
 
