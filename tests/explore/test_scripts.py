@@ -161,7 +161,7 @@ def test_requirements_are_judged_as_by_the_bench(scripts: Browser, subject: Para
 
 
 TESTS = {"step": ('{ kind = "step", amplitude = "5 deg", torque = "-60 N*m" }',), "sine": (
-            '{ kind = "sine", amplitude = "1 deg" }', '{ kind = "sine", amplitude = "0.02 deg" }'),
+            '{ kind = "sine", amplitude = "1 deg" }', '{ kind = "sine", amplitude = "0.05 deg" }'),
          "slew": ('{ kind = "slew", amplitude = "90 %", duration = "0.4 s", supply = "60 %" }',),
          "load": ('{ kind = "load", torque = "-390 N*m", duration = "0.5 s" }',),
          "release": ('{ kind = "release", torque = "-200 N*m", settle = "0.4 s" }',),
@@ -188,7 +188,7 @@ def test_every_figure_is_the_bench_s_in_the_worst_case(browser: Browser, subject
     monkeypatch.setattr(page, "compiled", lambda files: unit)
     expected = judge(subject, load_requirements(every_figure, subject.parameters))
     assert {j.case for j in expected} == {"weak", "cold"}
-    assert {j.measured is None for j in expected} == {True, False}
+    assert {j.name[:4] for j in expected if j.measured is None} >= {"load", "sine"}
     browser.open(written(tmp_path, "nonlinear", every_figure))
     check_verdict(browser, expected)
     browser.rested("window.page.refresh()")
@@ -215,8 +215,8 @@ def test_frequency_response_is_the_bench_s(scripts: Browser, subject: ParameterS
     expected = measure.describing_function(subject, [{}] * len(grid), amplitude, measure.GRID)
     pure = np.isfinite(expected)
     assert pure.all() == (amplitude == DEG)
-    at = [int(np.argmin(np.abs(np.array(found["frequency"]) - f))) for f in grid[pure]]
-    np.testing.assert_array_equal(np.array(found["frequency"])[at], grid[pure])
+    at = [found["frequency"].index(f) for f in grid[pure].tolist()]
+    assert not {*found["frequency"]} & {*grid[~pure].tolist()}
     response = 10.0 ** (np.array(found["gain"])[at] / 20.0) * np.exp(1j * np.array(found["phase"])[at])
     np.testing.assert_allclose(response, expected[pure], rtol=0, atol=ROUNDING)
     assert np.all(np.abs(np.diff(found["phase"])) < np.pi)
