@@ -84,7 +84,7 @@ def obstacle(test: Test, figure: str, subject: Subject) -> str:
     """Return why a subject has not this figure of a test, in words; empty where it has it."""
     if test.kind == "linear":
         lacks = capabilities.POSITION_LOOP not in subject.actuator.provides
-        return f"this actuator has not {capabilities.POSITION_LOOP}" if lacks else extras.absent(
+        return f"margins need {capabilities.POSITION_LOOP}, which this actuator has not" if lacks else extras.absent(
             "analysis", "margins need", "control", "casadi")
     if test.supply != 1.0 and subject.supply is None:
         return "this actuator has no supply"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf
+from math import degrees
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,18 +19,21 @@ from ..parameters import ParameterSet
 from ..schema import In, Table, each, kind_of, load, named, parameter_of, unknown
 from ..variables import Variable
 from .excitation import SETTLE, STEP
-from .measure import KINDS, Test, obstacle
+from .measure import BANDWIDTHS, KINDS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
-from .subject import ParameterSubject, Subject
+from .subject import COMMAND_RANGE, ParameterSubject, Subject
 
 _SHORTEST = 0.3  # s, of what is judged
 
 
 def _amplitude(entry: Any, info: ValidationInfo) -> float:
-    base: Any = info.context
-    amplitude = float(In("rad", base=base.values.get("command.limit")).number(entry))
-    if not 0.0 < amplitude < inf:
+    limit = ParameterSubject(info.context).command_limit
+    amplitude = float(In("rad", base=limit).number(entry))
+    if amplitude <= 0.0:
         raise ValueError("must be an amplitude above 0")
+    most = max(limit, COMMAND_RANGE)  # of a unit with less than that range the command is clipped, which shows
+    if amplitude > most * (1.0 + 1e-9):
+        raise ValueError(f"is beyond command.limit = {degrees(limit):.6g} deg; give {degrees(most):.6g} deg at most")
     return amplitude
 
 
@@ -83,6 +86,8 @@ def _limit(entry: Any, info: ValidationInfo) -> float:
     limit = float(In(_unit(info.data["figure"])).number(entry)) if "figure" in info.data else 1.0
     if limit <= 0.0:
         raise ValueError("must be above 0")
+    if info.data.get("figure") in KINDS["sine"] and not BANDWIDTHS[0] < limit < BANDWIDTHS[1]:
+        raise ValueError("must be between {:g} and {:g} Hz, where a bandwidth is looked for".format(*BANDWIDTHS))
     return limit
 
 
@@ -125,7 +130,7 @@ class Requirement(Table):
             raise ValueError("needs either maximum or minimum")
         base: Any = info.context
         if not self.optional and (why := self.obstacle(ParameterSubject(base))) and self.test:
-            raise ValueError(f"{self.figure}: {why} ({base.model})")
+            raise ValueError(f"{self.figure}: {why} ({base.model}); with optional = true it is then not judged")
         return self
 
     @property

@@ -18,7 +18,7 @@ from rich.table import Column
 from rich.table import Table as RichTable
 
 from ..progress import Progress, silent
-from .measure import BANDWIDTHS, measure
+from .measure import BANDWIDTHS, KINDS, measure
 from .requirements import Case, Requirement, Specification
 from .subject import Subject
 from .writers import junit_case, number
@@ -39,8 +39,8 @@ class Judged:
     """A requirement and what was measured for it: `measured` [unit] at least or at most `limit` [unit].
 
     ``measured`` is None where it was not measured (skipped) or there is no such figure (failed), with the reason in
-    ``note``; of a bandwidth ``beyond`` those looked for it is the highest of these. ``case`` is that of the value, the
-    worst.
+    ``note``; of a bandwidth ``beyond`` those looked for it is the next of these. ``case`` is that of the value,
+    the worst.
     """
 
     source: str
@@ -76,8 +76,13 @@ class Judged:
 
     @property
     def more(self) -> str:
-        """The sign before a figure that is a lower bound."""
-        return "> " if self.beyond else ""
+        """The sign before a figure that is a bound."""
+        return "" if not self.beyond or self.measured is None else "< " if self.measured <= BANDWIDTHS[0] else "> "
+
+    @property
+    def more_margin(self) -> str:
+        """The same before the margin, which falls where what has a maximum rises."""
+        return self.more if self.sense == ">=" else {"> ": "< ", "< ": "> "}.get(self.more, "")
 
     def as_dict(self) -> dict[str, Any]:
         """Return the requirement with its margin and verdict, for JSON."""
@@ -151,7 +156,7 @@ def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judge
         how += f"; commands are clipped to {degrees(subject.command_limit):.6g} deg"
     if not isfinite(worst.measured):
         return Judged(**fixed, measured=None, case=case, note=f"no value, as {_why(r, worst.measured)}: {how}")
-    beyond = r.figure.startswith("bandwidth") and worst.measured >= BANDWIDTHS[1]
+    beyond = r.figure in KINDS["sine"] and not BANDWIDTHS[0] < worst.measured < BANDWIDTHS[1]
     return Judged(**fixed, measured=worst.measured * factor, note=how, beyond=beyond, case=case)
 
 
@@ -184,7 +189,8 @@ def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
     table = RichTable(Column(heading, no_wrap=True), *(Column(name, justify="right") for name in (
         "measured", "required", "margin")), "unit", "")
     for j, after in zip_longest(judged, judged[1:]):
-        table.add_row(escape(j.name), j.more + number(j.measured), f"{j.sense} {j.limit:g}", j.more + number(j.margin),
-                      j.unit, "[dim]not judged[/]" if j.skipped else "[green]ok[/]" if j.passed else
-                      "[bold red]FAIL[/]", end_section=after is not None and after.source != j.source)
+        table.add_row(escape(j.name), j.more + number(j.measured), f"{j.sense} {j.limit:g}",
+                      j.more_margin + number(j.margin), j.unit,
+                      "[dim]not judged[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]",
+                      end_section=after is not None and after.source != j.source)
     return table

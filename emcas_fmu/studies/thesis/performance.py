@@ -21,7 +21,7 @@ _MOTION = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [
 _RATE = 220.0  # deg/s, Table 2
 _SWEEPS = {"chirp_1deg": "1°", "chirp_3p5deg": "3.5°"}
 _DRAWN = "chirp_3p5deg"
-_SENSES = {">=": "at least", "<=": "at most"}
+_SENSES = {"minimum": "at least", "maximum": "at most"}
 
 
 def steps(runs: Runs) -> Shown:
@@ -138,7 +138,7 @@ def _table2(runs: Runs) -> Specification:
 
 def required(runs: Runs) -> Shown:
     """Show the performance that the thesis requires (Table 2)."""
-    rows = tuple((r.title, _SENSES[r.sense], r.limit * r.shown[1], r.shown[0], r.how)
+    rows = tuple((r.title, _SENSES[r.sense], round(r.limit * r.shown[1], 9), r.shown[0], r.how)
                  for r in _table2(runs).requirements)
     return Shown("the thesis's limits",
                  table=Table(("requirement", "", "limit", "unit", "how it is measured here"), rows),
@@ -147,8 +147,9 @@ def required(runs: Runs) -> Shown:
 
 def realised(runs: Runs) -> Shown:
     """Show the performance of the set (Table 20)."""
-    rows = tuple((j.title, _SENSES[j.sense], j.limit, j.measured, j.margin, j.unit, j.passed)
-                 for j in judge(runs.subject, _table2(runs)))
+    table2 = _table2(runs)
+    rows = tuple((j.title, _SENSES[r.sense], j.limit, j.measured, j.margin, j.unit, j.passed)
+                 for r, j in zip(table2.requirements, judge(runs.subject, table2), strict=True))
     return Shown(runs.conditions("steps, slews and sine sweeps of Table 2", "none, and 100 N.m against the slew"),
                  table=Table(("requirement", "", "limit", "measured", "margin", "unit", "met"), rows),
                  caption="Of a simulated unit whose parameters are largely estimates: emcas validate has the details.",
