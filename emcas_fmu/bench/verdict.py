@@ -71,8 +71,9 @@ class Judged:
 
     @property
     def passed(self) -> bool:
-        """Whether the limit is kept; never true of a figure that is missing or not a number."""
-        return self.margin is not None and bool(self.margin >= 0.0)
+        """Whether the limit is kept; never true of a figure that is missing, not a number, or a bound that leaves it open.
+        """
+        return self.margin is not None and bool(self.margin >= 0.0) and self.more_margin != "< "
 
     @property
     def more(self) -> str:
@@ -178,10 +179,14 @@ def all_passed(judged: Sequence[Judged]) -> bool:
     return bool(counted) and all(j.passed for j in counted)
 
 
-def left_out(judged: Sequence[Judged]) -> str:
-    """Return how many requirements were not judged, as the end of a sentence; empty where all were."""
-    count = sum(j.skipped for j in judged)
-    return f"; {count} more {'was' if count == 1 else 'were'} not judged" if count else ""
+def in_words(judged: Sequence[Judged], one: str = "requirement", many: str = "requirements") -> str:
+    """Return how many are met and how many were not judged; `one` and `many` are what they are called."""
+    counted = [j for j in judged if not j.skipped]
+    failed, left = sum(not j.passed for j in counted), len(judged) - len(counted)
+    met = ("nothing was judged" if not counted else
+           f"{failed} of {len(counted)} {many} {'is' if failed == 1 else 'are'} not met" if failed else
+           f"all {len(counted)} {many} are met" if len(counted) > 1 else f"the one {one} is met")
+    return met + (f"; {left} more {'was' if left == 1 else 'were'} not judged" if left else "")
 
 
 def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:

@@ -20,7 +20,7 @@ from emcas_fmu.bench.measure import BANDWIDTHS, KINDS, Test, describing_function
 from emcas_fmu.bench.metrics import FIGURES, Array, hold_figures
 from emcas_fmu.bench.requirements import Requirement, Specification, load_requirements
 from emcas_fmu.bench.subject import ParameterSubject, Run, Subject
-from emcas_fmu.bench.verdict import Judged, all_passed, judge, judged, left_out, summary_table
+from emcas_fmu.bench.verdict import Judged, all_passed, in_words, judge, judged, summary_table
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 
@@ -269,7 +269,7 @@ def test_what_is_skipped_counts_neither_way() -> None:
     assert [j.skipped for j in found.values()] == [False, True, True]
     assert [j.passed for j in found.values()] == [True, False, False]
     assert found["rest_current"].note == "this actuator has no motor_current"
-    assert left_out(list(found.values())) == "; 2 more were not judged"
+    assert in_words(list(found.values())) == "the one requirement is met; 2 more were not judged"
     assert all_passed(list(found.values()))
     assert not all_passed([j for j in found.values() if j.skipped])
 
@@ -280,6 +280,9 @@ def test_what_passes_as_a_whole(pattern: Sequence[str]) -> None:
     rows = [Judged("", "x", "X", {"ok": 0.5, "fail": 2.0, "skip": None}[each], "<=", 1.0, "deg", skipped=each == "skip")
             for each in pattern]
     assert all_passed(rows) is ("ok" in pattern and "fail" not in pattern)
+    said = in_words(rows)
+    assert said.startswith(("all ", "the one ")) is all_passed(rows)
+    assert ("not judged" in said) is ("skip" in pattern)
 
 
 # -- sines -----------------------------------------------------------------------
@@ -354,6 +357,13 @@ def test_a_bandwidth_beyond_those_looked_for_is_a_bound(tmp_path: Path) -> None:
     assert "< 2 Hz" in str(found["least"])
     within = by_name(Lag(0.02), specification)["least"]
     assert (within.beyond, within.more) == (False, "")
+
+
+@pytest.mark.parametrize(("measured", "sense", "limit", "passed"), [
+    (60.0, ">=", 30.0, True), (60.0, ">=", 70.0, False), (60.0, "<=", 30.0, False), (60.0, "<=", 70.0, False),
+    (2.0, "<=", 3.0, True), (2.0, "<=", 1.0, False), (2.0, ">=", 3.0, False), (2.0, ">=", 1.0, False)])
+def test_a_bound_passes_only_where_it_decides(measured: float, sense: str, limit: float, passed: bool) -> None:
+    assert Judged("", "x", "X", measured, sense, limit, "Hz", beyond=True).passed is passed
 
 
 @pytest.mark.parametrize("limit", ["1.9", "2", "60", "100"])

@@ -9,14 +9,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.bench.verdict import judge_table2
+from emcas_fmu.bench.requirements import load_requirements
+from emcas_fmu.bench.verdict import judge
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.files import named_sets
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.compare import study
 from emcas_fmu.studies.compare.study import DRIVES, Column, compare, load_sets
-from emcas_fmu.studies.report.rig import Rig
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def _measured(column: Column) -> dict[str, float]:
     return {j.name: j.measured for j in column.judged if j.measured is not None}
 
 
-def test_the_readings_of_the_gains_that_meet_table_2(drives: dict[str, Column]) -> None:
+def test_the_readings_of_the_gains_that_meet_the_requirements(drives: dict[str, Column]) -> None:
     missed = {name: [j.name for j in column.judged if not j.passed] for name, column in drives.items()}
     assert missed["drive-si"] == missed["drive-pi"] == []
     assert "loaded_rate" in missed["drive-scaled"]
@@ -43,11 +43,10 @@ def test_a_stiffer_current_loop_is_faster(drives: dict[str, Column]) -> None:
         assert found[2] - found[1] > 5.0  # deg/s
 
 
-def test_the_default_set_is_judged_as_the_report_does(drives: dict[str, Column]) -> None:
-    """The same runs and the same figures; the rate with the load is one more."""
-    judged = judge_table2(Rig(ParameterSubject(load_parameters())).table2)
-    assert list(drives["default"].judged[:-1]) == judged
-    assert _measured(drives["default"])["aided_rate"] > _measured(drives["default"])["loaded_rate"]
+def test_the_default_set_is_judged_as_everywhere(drives: dict[str, Column]) -> None:
+    """The same rows and the same figures."""
+    parameters = load_parameters()
+    assert list(drives["default"].judged) == judge(ParameterSubject(parameters), load_requirements(None, parameters))
 
 
 def test_what_differs_between_the_sets(drives: dict[str, Column]) -> None:
@@ -55,7 +54,7 @@ def test_what_differs_between_the_sets(drives: dict[str, Column]) -> None:
         "drive.kp": (5.0, 5.0, 1.04, 5.0), "drive.ki": (0.1, 0.1, 0.0018, 2083.0)}
 
 
-def test_the_robust_set_meets_table_2_as_its_file_says() -> None:
+def test_the_robust_set_meets_the_requirements_as_its_file_says() -> None:
     column, = compare(load_sets(["robust"], "nonlinear")).columns
     assert [j.name for j in column.judged if not j.passed] == []
     assert f"{_measured(column)['loaded_rate']:.1f} deg/s" in named_sets()["robust"].read_text(encoding="utf-8")
@@ -92,4 +91,18 @@ def test_the_command_shows_verdicts_and_does_not_judge(tmp_path: Path) -> None:
     assert "<svg" in page
     sources = [e.source for e in load_parameters().entries]
     assert f"{sources.count('estimate')} of the {len(sources)} parameters are <strong>engineering estimates" in page
-    assert [row["title"] for row in found["sets"][0]["requirements"]][-1] == "Fin rate with 100 N.m (added)"
+    assert [row["name"] for row in found["sets"][0]["requirements"]] == [
+        r.name for r in load_requirements(None, load_parameters()).requirements]
+
+
+def test_requirements_of_a_file_replace_the_shipped_ones(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text('[[requirements]]\nname = "current"\ntest = { kind = "step", amplitude = "5 deg" }\n'
+                    'figure = "peak_current"\nmaximum = "1 A"\noptional = true\n', encoding="utf-8")
+    done = _emcas("default", "second-order", "--requirements", mine, "--json", tmp_path / "c.json")
+    assert done.exit_code == 0, done.output + done.stderr
+    assert "default: misses current" in done.stdout
+    assert "second-order: misses everything: nothing was judged" in done.stdout  # never met by what it has not
+    found = json.loads((tmp_path / "c.json").read_text())
+    assert [(s["passed"], [(r["name"], r["skipped"]) for r in s["requirements"]]) for s in found["sets"]] == [
+        (False, [("current", False)]), (False, [("current", True)])]

@@ -9,7 +9,6 @@ import shutil
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,9 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES, NONLINEAR, get
 from emcas_fmu.bench.excitation import Excitation
+from emcas_fmu.bench.measure import BANDWIDTHS
+from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject, Run, open_subject
-from emcas_fmu.bench.verdict import REQUIREMENTS
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.package import build
@@ -62,15 +62,18 @@ def test_shipped_fmu_follows_every_reference(whole: Validation) -> None:
     assert not missed
 
 
-def test_shipped_fmu_meets_table_2(whole: Validation) -> None:
-    judged = {c.name: c for c in whole.table2}
-    assert set(judged) == {"range", "accuracy", "unloaded_rate", "loaded_rate", "bandwidth_1deg", "bandwidth_3p5deg"}
-    assert all(c.passed and not c.skipped for c in judged.values())
+def test_shipped_fmu_meets_every_requirement(whole: Validation) -> None:
+    judged = {c.name: c for c in whole.requirements}
+    assert {name for name, c in judged.items() if "Table 2" in c.source} == {
+        "range", "accuracy_20deg", "accuracy_1deg", "unloaded_rate", "loaded_rate", "bandwidth_1deg",
+        "bandwidth_3p5deg"}
+    assert [name for name, c in judged.items() if not c.passed or c.skipped] == []
+    assert list(judged) == [r.name for r in load_requirements(None, load_parameters()).requirements]
     # Figures no limit would catch: twice the measured rate, a tenfold bandwidth would mean a broken measurement.
     assert 220.0 < judged["unloaded_rate"].measured < 300.0  # type: ignore[operator]
     assert judged["loaded_rate"].measured < judged["unloaded_rate"].measured  # type: ignore[operator]
     # Without friction, counts and limits it is 14.93 Hz. Friction and counts take 4 % of it at 1 deg; at 3.5 deg they
-    # take less, and limits act from 14 Hz on only: +1 %, by the sweep.
+    # take less, and limits act from 14 Hz on only.
     small, large = (judged[f"bandwidth_{size}deg"].measured for size in ("1", "3p5"))
     assert 0.95 * 14.93 < small < 14.93  # type: ignore[operator]
     assert small < large < 1.02 * 14.93  # type: ignore[operator]
@@ -88,12 +91,14 @@ def test_linear_model_is_compared_not_assumed(whole: Validation) -> None:
 def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:
     write_json(whole, tmp_path / "result.json")
     document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    assert document["schema"] == "emcas-validation/1"
+    assert document["schema"] == "emcas-validation/2"
     assert document["passed"] == whole.passed
-    assert len(document["criteria"]) == len(CASES) + len(REQUIREMENTS)
+    assert [c["name"] for c in document["criteria"]] == [j.name for j in whole.criteria]
+    assert {c["group"] for c in document["criteria"]} == {"trajectory", "requirements"}
+    assert not any("figures" in case for case in document["cases"])
     assert document["cases"][0]["errors"]["fin_angle"]["unit"] == "deg"
     assert document["fmu"]["differences"] == []
-    unfinished = replace(whole, trajectory=(), table2=(replace(whole.criteria[0], measured=float("nan")),))
+    unfinished = replace(whole, trajectory=(), requirements=(replace(whole.criteria[0], measured=float("nan")),))
     write_json(unfinished, tmp_path / "nan.json")
     document = json.loads((tmp_path / "nan.json").read_text(encoding="utf-8"))
     assert (document["criteria"][0]["measured"], document["passed"]) == (None, False)
@@ -102,7 +107,7 @@ def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:
 def test_junit_has_a_test_case_for_each_criterion(whole: Validation, tmp_path: Path) -> None:
     changed = (replace(whole.criteria[0], measured=1.0), replace(whole.criteria[1], measured=0.0),
                replace(whole.criteria[-1], measured=None, skipped=True))
-    write_junit(replace(whole, trajectory=changed[:2], table2=changed[2:]), tmp_path / "junit.xml")
+    write_junit(replace(whole, trajectory=changed[:2], requirements=changed[2:]), tmp_path / "junit.xml")
     suites = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
     assert (suites.tests, suites.failures, suites.skipped) == (3, 1, 1)
     failed = [test for suite in suites for test in suite if test.result and not test.is_skipped]
@@ -134,7 +139,8 @@ def test_command_writes_all_files_and_says_what_failed(fmu: Path, tmp_path: Path
     done = emcas(fmu, "--case", "step_plus1", *options)
     assert done.exit_code == 0, done.output
     assert "step_plus1" in done.stdout
-    assert "not run" in done.stdout  # the requirements one case does not suffice for
+    assert "the one criterion is met" in done.stdout  # with a case named no requirement is judged
+    assert "bandwidth" not in done.stdout
     assert "missing input" not in done.output
     assert all(path.stat().st_size for path in files.values())
 
@@ -274,11 +280,12 @@ def judged(document: Mapping[str, Any], group: str = "trajectory") -> list[str]:
 
 
 def test_other_parameters_are_judged_by_the_references_inside(custom: Path, tmp_path: Path) -> None:
-    """The outputs say so; what others excite is run for performance."""
+    """The outputs say so; what the stored ones excite has no reference then."""
     done, document = validated(tmp_path, custom, "--case", "step_and_load", "--case", "load_opposing",
                                "--junit", tmp_path / "out.xml", "--report", tmp_path / "out.html")
     assert done.exit_code == 0, done.output
-    assert (judged(document), judged(document, "table2")) == (["step_and_load"], ["loaded_rate"])
+    assert (judged(document), judged(document, "requirements")) == (["step_and_load"], [])
+    assert [case["name"] for case in document["cases"] if not case["errors"]] == ["load_opposing"]
     assert (document["reference"], document["reference_inside"], document["reference_independent"]) == (
         custom.name, True, True)
     assert document["notes"][0] == (
@@ -315,7 +322,8 @@ def test_fins_are_judged_each_by_its_own(tmp_path: Path) -> None:
 def test_a_record_is_not_called_independent(tmp_path: Path) -> None:
     unit = build(load_parameters(model="second-order"), tmp_path / "EMCAS_second_order.fmu").path
     _, document = validated(tmp_path, unit, "--report", tmp_path / "out.html")
-    assert (judged(document), len(judged(document, "table2"))) == (["step_and_load"], len(REQUIREMENTS))
+    assert judged(document) == ["step_and_load"]
+    assert {"rest", "loaded_rate", "repeatable"} <= set(judged(document, "requirements"))
     assert document["reference_independent"] is False
     assert "recorded of the package's own stepping" in document["notes"][0]
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
@@ -437,14 +445,15 @@ def test_damaged_archive_is_refused(fmu: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("model", [
     pytest.param(name, marks=() if name == "second-order" else pytest.mark.slow)
     for name in (*NAMES, "nonlinear+lugre+heat") if name != NONLINEAR])
-def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp_path: Path) -> None:
+def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tmp_path: Path) -> None:
     files = {name: tmp_path / f"out.{kind}" for name, kind in KINDS.items()}
     done = emcas("--model", model, *(part for name, path in files.items() for part in (f"--{name}", path)))
     assert done.exit_code in (0, 1), done.output
     document = json.loads(files["json"].read_text(encoding="utf-8"))
     assert document["fmu"]["model"] == model
-    assert {c["group"] for c in document["criteria"]} == {"table2"}
-    assert all(c["measured"] is not None for c in document["criteria"])
+    assert {c["group"] for c in document["criteria"]} == {"requirements"}
+    assert all(c["note"] for c in document["criteria"] if c["measured"] is None)
+    assert all(c["measured"] is not None for c in document["criteria"] if "Table 2" in c["source"])
     assert document["notes"][0].startswith(f"There is no independent reference of {model}")
     # The linear model is one of the thesis's actuator, with whatever options, and of no other.
     assert bool(document["comparisons"]) == model.startswith("nonlinear")
@@ -459,7 +468,8 @@ def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp
 
 @pytest.mark.parametrize(("model", "cases", "code", "passed", "says"), [
     ("second-order", ["step"], 0, None, "nothing was judged: what was run has no reference of second-order"),
-    ("second-order", ["chirp_1deg"], 0, True, "the one criterion is met"),
+    ("second-order", ["chirp_1deg"], 0, None, "nothing was judged"),
+    ("nonlinear", ["step"], 0, True, "the one criterion is met"),
     ("nonlinear", ["step", "step_plus1"], 0, True, "all 2 criteria are met"),
     (DIRECT_DRIVE, ["cold"], 1, False, "nothing was judged")])
 def test_what_was_judged_is_counted(model: str, cases: list[str], code: int, passed: bool | None, says: str,
@@ -492,7 +502,7 @@ def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     found = validate(subject, ["sag", "step_plus5"])
     assert [case.name for case in found.cases] == ["step_plus5"]
     assert "sag is left out: this actuator has no supply_voltage" in found.notes
-    assert found.cases[0].figures["rise_time_s"] > 0.0
+    assert found.cases[0].stopped is None
 
 
 def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
@@ -506,26 +516,70 @@ def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     found = validate(Play(half=1e-6, there=FIN_PORT))
     assert list(found.cases[0].errors) == ["fin_angle", "fin_rate"]
     # A play follows at once: it is as accurate as can be, and no trajectory of the nonlinear actuator.
-    assert {j.name for j in found.judged if j.passed} >= {"range", "accuracy", "unloaded_rate", "loaded_rate"}
+    assert {j.name for j in found.judged if j.passed} >= {"range", "accuracy_20deg", "unloaded_rate", "loaded_rate"}
     assert not any(j.passed for j in found.trajectory)
+    left = [j.name for j in found.requirements if j.skipped]
+    assert {"rest_current", "rated_current"} <= set(left)
+    assert found.verdict.endswith(f"; {len(left)} more were not judged")
     write_report(found, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 9
     assert "current [A]" not in page
-    # Its bandwidth is beyond the sweep: a lower bound, and never a nan.
-    assert [(j.measured, j.beyond, j.passed) for j in found.table2[-2:]] == [(24.0, True, True)] * 2
-    assert "&gt; 24 Hz" in page
-    assert "1 deg: -3 dB above 24 Hz, -90 deg above 24 Hz" in page
+    # Its bandwidth is beyond those looked for: a lower bound, and never a nan.
+    highest = BANDWIDTHS[1]
+    of = {j.name: j for j in found.requirements}
+    assert [(of[name].measured, of[name].beyond, of[name].passed) for name in ("bandwidth_1deg", "bandwidth_3p5deg")
+            ] == [(highest, True, True)] * 2
+    assert "&gt; 60 Hz" in page
     said = summary_text(found)
-    assert re.search(r"bandwidth_1deg +│ +> 24 │ +>= 10 │ +> 14 │", said)
-    assert re.search(r"chirp_1deg +[\d. ]*>24 +>24", said)
+    assert re.search(r"bandwidth_1deg +│ +> 60 │ +>= 10 │ +> 50 │", said)
     assert "nan" not in said
-    bandwidth = next(case for case in as_dict(found)["cases"] if case["name"] == "chirp_1deg")["figures"]
-    assert isnan(bandwidth["bandwidth_hz"])  # null in the file
-    assert bandwidth["swept_to_hz"] == 24.0
+    row = next(c for c in as_dict(found)["criteria"] if c["name"] == "bandwidth_1deg")
+    assert (row["measured"], row["beyond"], row["passed"]) == (highest, True, True)
 
 
 def test_parameter_file_and_fmu_are_judged_alike(whole: Validation) -> None:
     here = validate(ParameterSubject(load_parameters()))
     assert [j.measured for j in here.criteria] == [j.measured for j in whole.criteria]
     assert here.cases[0].errors == whole.cases[0].errors
+
+
+MINE = """
+[[requirements]]
+name = "quick"
+test = { kind = "step", amplitude = "5 deg" }
+figure = "rise_time"
+maximum = "%s ms"
+[[requirements]]
+name = "hot"
+test = { kind = "step", amplitude = "5 deg" }
+figure = "peak_current"
+maximum = "1 A"
+optional = true
+"""
+
+
+@pytest.mark.parametrize(("limit", "passed"), [("90", True), ("1", False)])
+def test_requirements_of_a_file_replace_the_shipped_ones(limit: str, passed: bool, tmp_path: Path) -> None:
+    """Terminal, JSON, JUnit and page have the same verdict; what is not judged counts neither way."""
+    (tmp_path / "mine.toml").write_text(MINE % limit, encoding="utf-8")
+    done, document = validated(tmp_path, "--model", "second-order", "--requirements", tmp_path / "mine.toml",
+                               "--junit", tmp_path / "out.xml", "--report", tmp_path / "out.html")
+    rows = {c["name"]: (c["passed"], c["skipped"]) for c in document["criteria"] if c["group"] == "requirements"}
+    assert rows == {"quick": (passed, False), "hot": (False, True)}
+    assert (done.exit_code, document["passed"]) == (0 if passed else 1, passed)
+    assert ("the one criterion is met" if passed else "1 of 1 criteria is not met") + "; 1 more was not judged" in (
+        " ".join(done.stdout.split()))
+    assert "loaded_rate" not in done.stdout
+    suites = junitparser.JUnitXml.fromfile(str(tmp_path / "out.xml"))
+    assert (suites.tests, suites.failures, suites.skipped) == (2, 0 if passed else 1, 1)
+    page = (tmp_path / "out.html").read_text(encoding="utf-8")
+    assert ("FAIL" in page) is not passed
+    assert "not judged" in page
+
+
+def test_a_case_and_requirements_are_not_given_together(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(MINE % 90, encoding="utf-8")
+    done = emcas("--case", "step", "--requirements", tmp_path / "mine.toml")
+    assert done.exit_code == 2
+    assert "with --case no requirement is judged; leave one of them out" in " ".join(done.stderr.split())

@@ -14,11 +14,11 @@ from rich.table import Table
 
 from ... import __version__
 from ...bench import writers
-from ...bench.verdict import summary_table
+from ...bench.verdict import in_words, summary_table
 from .pictures import pictures
 from .study import Result
 
-SCHEMA = "emcas-acceptance/1"
+SCHEMA = "emcas-acceptance/2"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 
 
@@ -43,10 +43,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
             yield f"[yellow]note:[/] {outcome.title}: {', '.join(labels)} not applicable: {why}"
         if outcome.stopped:
             yield f"[bold red]{outcome.title} was not finished:[/] {escape(outcome.stopped)}"
-    if result.passed:
-        yield f"[green]all {len(result.judged)} requirements are met[/]"
-    elif result.failed:
-        yield f"[bold red]{len(result.failed)} of {len(result.judged)} requirements are not met[/]"
+    yield f"[{'green' if result.passed else 'bold red'}]{in_words(result.judged)}[/]"
 
 
 def as_dict(result: Result, date: str = "") -> dict[str, Any]:

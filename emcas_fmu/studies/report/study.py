@@ -13,7 +13,7 @@ from ...actuators import NONLINEAR
 from ...bench import verdict
 from ...bench.excitation import STEP, Excitation
 from ...bench.provenance import conditions
-from ...bench.requirements import Specification, load_requirements
+from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.subject import Identification, StoppedError, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
@@ -95,7 +95,8 @@ def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | Non
     # A fin that does not move has no gain and no coherence: such figures are nan, and no requirement passes on one.
     with np.errstate(divide="ignore", invalid="ignore"):
         progress("requirements", 0, total)
-        judged = verdict.judge(subject, specification or load_requirements(None, subject.parameters))
+        chosen = specification or load_requirements(None, subject.parameters)
+        judged = verdict.judge(subject, chosen)
         for done, (name, (title, measure)) in enumerate(TESTS.items(), start=1):
             progress(title, done, total)
             try:
@@ -105,7 +106,8 @@ def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | Non
                 outcome, lacking = Outcome("Not finished.", stopped=str(error)), {}
             outcomes[name] = replace(outcome, name=name, title=title, not_applicable=lacking)
     progress("done", total, total)
-    judged = [_of_report(each, outcomes) if each.figure.count(".") == 2 else each for each in judged]
+    judged = [each if r.test else _of_report(each, r, outcomes, chosen.file)
+              for r, each in zip(chosen.requirements, judged, strict=True)]
     return Result(subject.identification, load, outcomes, tuple(judged), subject.values, subject.model)
 
 
@@ -117,15 +119,17 @@ def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
                 yield f"{test}.{group}.{key}", value
 
 
-def _of_report(judged: Judged, outcomes: Mapping[str, Outcome]) -> Judged:
+def _of_report(judged: Judged, r: Requirement, outcomes: Mapping[str, Outcome], file: str) -> Judged:
     """Return a requirement on a figure of the tests with what was measured. Raises EmcasError where there is none."""
-    figures, (test, group, key) = dict(flat(outcomes)), judged.figure.split(".")
-    outcome, value = outcomes.get(test), figures.get(judged.figure)
+    figures, (test, group, key) = dict(flat(outcomes)), r.figure.split(".")
+    outcome, value = outcomes.get(test), figures.get(r.figure)
     if outcome and (outcome.stopped or key in outcome.not_applicable):
-        return replace(judged, note=outcome.stopped or outcome.not_applicable[key], skipped=not outcome.stopped)
+        return replace(judged, note=outcome.stopped or f"not applicable: {outcome.not_applicable[key]}",
+                       skipped=r.optional and not outcome.stopped)
     if outcome is None or value is None or isinstance(value, bool):
         numbers = [name for name, each in figures.items() if not isinstance(each, bool)]
-        raise EmcasError(f"requirement {judged.name}: there is no figure {judged.figure} that is a number"
-                         f"{hint(judged.figure, numbers)} (`emcas report --json FILE` writes all)")
+        raise EmcasError(f"{file}: requirements.{r.name}.figure = {r.figure}: there is no such figure that is a number"
+                         f"{hint(r.figure, numbers)} (`emcas report --json FILE` writes all)")
     how = f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}"
-    return replace(judged, measured=value if isfinite(value) else None, note=how, skipped=False)
+    return replace(judged, measured=value if isfinite(value) else None, note=how if isfinite(value) else
+                   f"no value: {how}", skipped=False, beyond=f"{group}.{key}" in outcome.beyond)

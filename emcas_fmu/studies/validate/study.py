@@ -136,14 +136,11 @@ class Result:
     @property
     def verdict(self) -> str:
         """What came of it, in words."""
-        count, failed = len(self.judged), len(self.failed)
-        if not count:
+        if not self.judged:
             short = [case.name for case in self.cases if case.stopped is not None]
             ended = f" and {', '.join(short)} did not run to the end" if short else ""
             return f"nothing was judged{ended}: what was run has no reference of {self.about.model}"
-        met = (f"{failed} of {count} criteria {'is' if failed == 1 else 'are'} not met" if failed else
-               f"all {count} criteria are met" if count > 1 else "the one criterion is met")
-        return met + verdict.left_out(self.criteria)
+        return verdict.in_words(self.criteria, "criterion", "criteria")
 
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
