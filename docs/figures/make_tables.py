@@ -19,6 +19,9 @@ import numpy as np
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
 from emcas_fmu.actuators.line import BUS
 from emcas_fmu.bench.excitation import Excitation, reference_case
+from emcas_fmu.bench.measure import KINDS as TESTS
+from emcas_fmu.bench.metrics import FIGURES
+from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.writers import with_unit
 from emcas_fmu.extensions import fault_list, monitors
@@ -252,12 +255,38 @@ def presets() -> str:
     found = comparison.compare(comparison.load_sets(comparison.DRIVES[1:], NONLINEAR))
     rows = [[name.replace("drive.", "`drive.") + "`", "", *(f"{value:g}" for value in values)]
             for name, values in found.differing.items()]
-    for row in found.rows:
+    for row in (row for row in found.rows if "Table 2" in row[0].source):
         first, figures = row[0], [with_unit(j.measured, j.unit) for j in row]
         rows.append([first.title.replace("N.m", "N·m"),
                      f"{'≥' if first.sense == '>=' else '≤'} {with_unit(first.limit, first.unit)}",
                      *(figure if j.passed else f"**{figure}**" for j, figure in zip(row, figures, strict=True))])
     return markdown(("", "required", *(f"`{column.name}`" for column in found.columns)), rows)
+
+
+def requirements() -> str:
+    """The shipped requirements: what is measured, the limit, and why it is that."""
+    rows = []
+    for r in load_requirements(None, load_parameters()).requirements:
+        unit, factor = r.shown
+        limit = f"{'≥' if r.sense == 'minimum' else '≤'} {with_unit(round(r.limit * factor, 9), unit)}"
+        rows.append([f"`{r.name}`" + (" *" if r.optional else ""), r.title, limit, r.how, r.reason or r.source])
+    return markdown(("name", "requirement", "limit", "how it is measured", "from, or why"),
+                    [[cell.replace("N.m", "N·m").replace("|", "\\|") for cell in row] for row in rows])
+
+
+def figures_of_tests() -> str:
+    """The kinds of test, and the figures of each."""
+    return markdown(("kind", "figures"), [(f"`{kind}`", ", ".join(f"`{name}`" for name in names))
+                                          for kind, names in TESTS.items()])
+
+
+def figures() -> str:
+    """The figures that requirements may have, with what they are."""
+    names = dict.fromkeys(name for each in TESTS.values() for name in each)
+    return markdown(("figure", "unit", "what it is"), [
+        (f"`{name}`", {"": "", "1": "1 or %"}.get(FIGURES[name].unit, FIGURES[name].unit),
+         FIGURES[name].title + (f" (needs `{FIGURES[name].needs[0]}`)" if FIGURES[name].needs[:1] not in (
+             (), ("fin_angle",), ("fin_rate",)) else "")) for name in names])
 
 
 def slopes() -> str:
@@ -299,6 +328,7 @@ TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "tools/ci.md": {"drift": drift},
     "model/models.md": {"provided": provided, "extensions": extensions, "models": models, "linear": linear,
                         "fitted": fitted}, "model/elastic.md": {"structures": structures},
+    "use/requirements.md": {"requirements": requirements, "kinds": figures_of_tests, "figures": figures},
     "model/drive.md": {"slopes": slopes, "presets": presets}}
 
 

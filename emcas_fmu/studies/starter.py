@@ -122,7 +122,7 @@ def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
     width = max(len(command) for command, _ in listed)
     about = {PARAMETERS: "your values go here", TUNING: "what the gains must meet: `emcas tune`",
              CAMPAIGN: "scatter, cold and load: `emcas campaign`",
-             REQUIREMENTS: "what the acceptance test judges beside Table 2: `emcas report`"}
+             REQUIREMENTS: "what it must meet: `emcas validate`, `report`, `compare`"}
     return "\n".join([
         f"# An actuator of the model {base.actuator.name}", "",
         *(f"- `{name}`: {what}" for name, what in about.items() if name in files), "",

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.requirements import load_requirements
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.verdict import judge
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError

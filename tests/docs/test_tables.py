@@ -32,7 +32,7 @@ def tables() -> ModuleType:
 
 
 @pytest.mark.parametrize(("maker", "document"), [
-    ("make_tables", "use/hosts.md"), ("make_tables", "use/fins.md"),
+    ("make_tables", "use/hosts.md"), ("make_tables", "use/fins.md"), ("make_tables", "use/requirements.md"),
     ("make_tables", "use/your_actuator.md"), ("make_tables", "tools/ci.md"),
     ("make_tables", "model/models.md"), ("make_tables", "model/elastic.md"), ("make_tables", "model/drive.md"),
     ("make_faults", "model/faults.md"), ("make_supply", "model/supply.md"), ("make_numerics", "model/numerics.md"),

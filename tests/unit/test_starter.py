@@ -16,7 +16,7 @@ from typer.main import get_command
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.bench.verdict import load_requirements
+from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterSet, load_parameters
@@ -85,7 +85,7 @@ def names(text: str) -> list[str]:
 def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) -> None:
     base = shipped(model)
     assert init(tmp_path, "--model", model).exit_code == 0
-    assert load_requirements(tmp_path / "requirements.toml")
+    assert load_requirements(tmp_path / "requirements.toml", base) == load_requirements(None, base)
     assert campaign.load_study(tmp_path / "campaign.toml").plan.factors
     tuned = tmp_path / "tuning.toml"
     if tuned.exists():

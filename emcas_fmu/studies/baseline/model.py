@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import isfinite, nan, radians
+from math import copysign, isfinite, nan, radians
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, cast
 
@@ -14,7 +14,10 @@ from pydantic import Field, PlainValidator, ValidationInfo, field_validator
 
 from ...actuators import get
 from ...bench import metrics
-from ...bench.excitation import Excitation, csv_file, reference_case, slew_to, step_to, sweep
+from ...bench.excitation import Excitation, csv_file, reference_case, step_to, sweep
+from ...bench.measure import KINDS as KINDS_OF_TEST
+from ...bench.measure import Test, measure
+from ...bench.measure import excitation as measured
 from ...bench.metrics import FIGURES, shown
 from ...bench.subject import Run, Subject
 from ...errors import EmcasError
@@ -31,7 +34,8 @@ NEVER = "never"
 LONGEST = 60.0  # s: fmpy's time for a run grows with the square of its length
 
 Array = NDArray[np.floating[Any]]
-_MOTION = ("rise_time", "settling_time", "time_to_accuracy", "overshoot", "steady_error", "sustained_rate", "peak_rate")
+_MOTION = ("rise_time", "settling_time", "time_to_accuracy", "overshoot", "steady_error", "held_error", "ripple",
+           "sustained_rate", "peak_rate")
 _SWEPT = ("bandwidth_3db", "bandwidth_90deg", "peak_gain")
 _PEAKS = ("peak_rate", "peak_angle")
 _ELECTRICAL = ("peak_current", "rms_current", "peak_power", "energy_drawn", "energy_returned")
@@ -174,13 +178,13 @@ class Case(Table):
         changes = "".join(f", {name} {value:g}" for name, value in self.start.items())
         return replace(made, title=made.title + changes, begin=0.0)
 
-    def measure(self, run: Run) -> dict[str, float]:
-        """Return the figures of a finished run, SI, as far as the actuator has the outputs they need."""
+    def measure(self, run: Run, subject: Subject) -> dict[str, float]:
+        """Return the figures of a subject's finished run, SI, as far as the actuator has the outputs they need."""
         return metrics.usage(run)
 
 
 class Sweep(Case):
-    """A sine sweep of amplitude `command` [deg]."""
+    """A sine sweep of amplitude `command` [deg]; the bandwidths are those under steady sines of it."""
 
     measured: ClassVar[tuple[str, ...]] = (*_SWEPT, *_ELECTRICAL)
 
@@ -197,8 +201,12 @@ class Sweep(Case):
     def made(self, folder: Path, subject: Subject) -> Excitation:
         return sweep(radians(self.command), self.duration)
 
-    def measure(self, run: Run) -> dict[str, float]:
-        return {**metrics.usage(run), **metrics.swept(metrics.sweep_response(run))}
+    def measure(self, run: Run, subject: Subject) -> dict[str, float]:
+        names = KINDS_OF_TEST["sine"]
+        (found,) = measure(Test("sine", abs(radians(self.command))), subject, [self.start], names,
+                           ["minimum"] * len(names))
+        return {**metrics.usage(run), **metrics.swept(metrics.sweep_response(run)),
+                **dict(zip(names, found.tolist(), strict=True))}
 
 
 class Step(Sweep):
@@ -211,7 +219,7 @@ class Step(Sweep):
     def made(self, folder: Path, subject: Subject) -> Excitation:
         return step_to(radians(self.command), self.duration, self.torque)
 
-    def measure(self, run: Run) -> dict[str, float]:
+    def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         return {**metrics.usage(run), **metrics.motion(run, -1)}
 
 
@@ -219,7 +227,9 @@ class Slew(Step):
     """From -`command` to `command` [deg] while `torque` [N.m] comes on."""
 
     def made(self, folder: Path, subject: Subject) -> Excitation:
-        return slew_to(radians(self.command), self.duration, self.torque)
+        sign = copysign(1.0, self.command)
+        slew = Test("slew", abs(radians(self.command)), self.duration, sign * self.torque)
+        return measured(slew, sign, subject)
 
 
 class Reference(Case):

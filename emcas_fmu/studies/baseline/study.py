@@ -179,7 +179,7 @@ def _responses(plan: Baseline, subject: Subject, folder: Path, progress: Progres
             yield name, run, {}, {}
             continue
         with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain
-            measured = case.measure(run)
+            measured = case.measure(run, subject)
         figures = {key: rounded(measured[key] * shown(FIGURES[key].unit)[1]) for key in ALL
                    if key in case.measured and key in measured}
         every = round(plan.limits.sample_time / excitation.step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite, radians
+from math import isfinite, isnan, radians
 
 import numpy as np
 
@@ -64,6 +64,8 @@ def frequency(rig: Rig) -> Outcome:
         ((at, lag),) = measure(Test("sine", radians(amplitude)), rig.subject, [{}], _BANDWIDTHS, ("minimum",) * 2)
         if at <= lowest:
             notes.append(f"At {label} the gain is below -3 dB from {lowest:g} Hz on.")
+        elif isnan(at):
+            notes.append(f"At {label} there is no bandwidth: what comes out is no sine of the command's frequency.")
         figures[group] = displayed({**swept(response), "bandwidth_3db": at, "bandwidth_90deg": lag}, _FREQUENCY)
         beyond |= {f"{group}.{name}_hz": highest for name, each in zip(_BANDWIDTHS, (at, lag), strict=True)
                    if isfinite(each) and each >= highest}

@@ -1,0 +1,209 @@
+"""One unit, one number: the same quantity is the same wherever it shows."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from html import unescape
+from html.parser import HTMLParser
+from math import radians
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.bench.measure import BANDWIDTHS
+from emcas_fmu.bench.writers import number
+from emcas_fmu.cli import app
+from emcas_fmu.studies.analysis.sweep import _RESOLVED
+from emcas_fmu.studies.baseline.model import DIGITS
+from emcas_fmu.studies.tuning import optimise
+
+pytestmark = [pytest.mark.acceptance]
+
+# Name: test, figure, limit. The limits are far from what is measured, so that no page needs more digits.
+QUANTITIES: Mapping[str, tuple[str, str, str]] = {
+    "bandwidth_1deg": ('kind = "sine", amplitude = "1 deg"', "bandwidth_3db", 'minimum = "5 Hz"'),
+    "bandwidth_3p5deg": ('kind = "sine", amplitude = "3.5 deg"', "bandwidth_3db", 'minimum = "5 Hz"'),
+    "lag_1deg": ('kind = "sine", amplitude = "1 deg"', "bandwidth_90deg", 'minimum = "5 Hz"'),
+    "settling_1deg": ('kind = "step", amplitude = "1 deg", duration = "3 s"', "settling_time", 'maximum = "2 s"'),
+    "settling_5deg": ('kind = "step", amplitude = "5 deg", duration = "3 s"', "settling_time", 'maximum = "2 s"'),
+    "overshoot_5deg": ('kind = "step", amplitude = "5 deg", duration = "3 s"', "overshoot", 'maximum = "50 %"'),
+    "held_20deg": ('kind = "step", amplitude = "20 deg", duration = "3 s"', "held_error", 'maximum = "2 deg"'),
+    "unloaded_rate": ('kind = "slew", amplitude = "20 deg", duration = "1 s"', "sustained_rate",
+                      'minimum = "50 deg/s"'),
+    "loaded_rate": ('kind = "slew", amplitude = "20 deg", duration = "1 s", torque = "-100 N*m"', "sustained_rate",
+                    'minimum = "50 deg/s"'),
+    "gain_margin": ('kind = "linear"', "gain_margin", 'minimum = "3 dB"'),
+    "phase_margin": ('kind = "linear"', "phase_margin", 'minimum = "10 deg"')}
+SPECIFICATION = "[cases.nominal]\n" + "".join(f"""[[requirements]]
+name = "{name}"
+title = "quantity {name}"
+test = {{ {test} }}
+figure = "{figure}"
+{limit}
+""" for name, (test, figure, limit) in QUANTITIES.items())
+TUNABLE = '[tunables]\n"controller.position.kp" = { lower = "40 1/s", upper = "60 1/s" }\n'
+
+
+class _Rows(HTMLParser):
+    """The rows of a page's tables, each a list of the texts of its cells."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.inside = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Begin a row or a cell."""
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th") and self.rows:
+            self.rows[-1].append("")
+        self.inside = tag in ("td", "th") or (self.inside and tag not in ("script", "style"))
+
+    def handle_data(self, data: str) -> None:
+        """Add to the cell."""
+        if self.inside and self.rows and self.rows[-1]:
+            self.rows[-1][-1] += data
+
+
+class Unit(NamedTuple):
+    """All that the commands wrote of a unit, by command: JSON, page, terminal."""
+
+    documents: Mapping[str, Any]
+    pages: Mapping[str, Mapping[str, list[str]]]
+    terminal: Mapping[str, str]
+    changed: Path
+
+
+def _run(*arguments: object) -> str:
+    done = CliRunner().invoke(app, [str(each) for each in arguments])
+    assert done.exit_code in (0, 1), done.output
+    return done.output
+
+
+@pytest.fixture(scope="module", params=["default", "robust"])
+def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Unit:
+    """Every command on one set."""
+    folder, name = tmp_path_factory.mktemp(request.param), request.param
+    (folder / "mine.toml").write_text(SPECIFICATION, encoding="utf-8")
+    (folder / "study.toml").write_text(TUNABLE + SPECIFICATION, encoding="utf-8")
+    (folder / "set.toml").write_text("", encoding="utf-8")
+    article = [] if name == "default" else [name]
+    chosen = [] if name == "default" else ["-p", name]
+    mine = ["--requirements", folder / "mine.toml"]
+    out = {command: (folder / f"{command}.json", folder / f"{command}.html")
+           for command in ("validate", "report", "compare", "tune", "analyse", "check")}
+
+    def files(command: str, page: str = "--report") -> list[object]:
+        return ["--json", out[command][0], page, out[command][1]]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(optimise, "_POPULATION", 4)
+        patch.setattr(optimise, "_LOCAL", 1)
+        said = {"validate": _run("validate", *article, *mine, *files("validate")),
+                "report": _run("report", *article, *mine, *files("report", "-o")),
+                "compare": _run("compare", name, *mine, *files("compare")),
+                "tune": _run("tune", folder / "study.toml", *chosen, "--generations", 1, "--workers", 1,
+                             *files("tune")),
+                "analyse": _run("analyse", *chosen, *files("analyse"))}
+    _run("baseline", "record", *article, "--output", folder / "baseline")
+    said["check"] = _run("baseline", "check", *article, "--baseline", folder / "baseline", *files("check"))
+    pages: dict[str, dict[str, list[str]]] = {}
+    for command, (_, page) in out.items():
+        rows = _Rows()
+        rows.feed(page.read_text(encoding="utf-8"))
+        pages[command] = {row[0].strip(): row for row in rows.rows if row}
+    return Unit({command: json.loads(path.read_text(encoding="utf-8")) for command, (path, _) in out.items()}, pages,
+                said, folder)
+
+
+def _judged(unit: Unit) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return the rows of the requirements of each command, by name."""
+    rows = {"validate": [c for c in unit.documents["validate"]["criteria"] if c["group"] == "requirements"],
+            "report": unit.documents["report"]["requirements"],
+            "compare": unit.documents["compare"]["sets"][0]["requirements"]}
+    return {command: {row["name"]: row for row in each} for command, each in rows.items()}
+
+
+def _measured(unit: Unit) -> dict[str, float]:
+    return {name: row["measured"] for name, row in _judged(unit)["validate"].items()}
+
+
+def test_what_is_judged_is_the_same_number_everywhere(unit: Unit) -> None:
+    """To the last digit: it is one engine."""
+    judged = _judged(unit)
+    assert set(judged["validate"]) == set(QUANTITIES)
+    for other in ("report", "compare"):
+        for name, row in judged["validate"].items():
+            assert {key: judged[other][name][key] for key in ("measured", "unit", "passed", "margin", "case")} == {
+                key: row[key] for key in ("measured", "unit", "passed", "margin", "case")}, (other, name)
+    before = {row["name"]: row for row in unit.documents["tune"]["requirements_before"]}
+    for name, row in judged["validate"].items():
+        assert before[name]["measured"] == row["measured"], name
+
+
+def test_pages_and_terminals_show_the_same_digits(unit: Unit) -> None:
+    for name, measured in _measured(unit).items():
+        shown = number(measured).replace("-", "−")
+        for command, column in (("validate", 1), ("report", 1), ("compare", 2)):
+            cell = unit.pages[command][f"quantity {name}"][column]
+            assert re.match(rf"{re.escape(shown)}(?![\d.])", unescape(cell).strip()), (command, name, cell)
+        for command in ("validate", "report"):
+            assert re.search(rf"{name} +│ +{re.escape(number(measured))} │", unit.terminal[command]), (command, name)
+        assert number(measured) in unit.terminal["compare"]
+
+
+def test_the_reports_own_figures_are_those_of_the_requirements(unit: Unit) -> None:
+    """One direction each: the worse of both is what is judged."""
+    figures, measured = unit.documents["report"]["figures"], _measured(unit)
+    steps, slews, sines = figures["step_response"], figures["slew_rate"], figures["frequency_response"]
+    for size in (1, 5):
+        both = [steps[f"{sign}_{size}deg"]["settling_time_s"] for sign in ("plus", "minus")]
+        assert max(both) * 1e3 == pytest.approx(measured[f"settling_{size}deg"], rel=1e-12)
+    assert max(steps[f"{sign}_5deg"]["overshoot_percent"] for sign in ("plus", "minus")) == pytest.approx(
+        measured["overshoot_5deg"], rel=1e-12)
+    for load, name in (("unloaded", "unloaded_rate"), ("opposing", "loaded_rate")):
+        both = [slews[f"{load}_{way}"]["sustained_rate_deg_per_s"] for way in ("positive", "negative")]
+        assert min(both) == pytest.approx(measured[name], rel=1e-12)
+    for size in ("1deg", "3p5deg"):
+        assert sines[size]["bandwidth_3db_hz"] == measured[f"bandwidth_{size}"]
+    assert sines["1deg"]["bandwidth_90deg_hz"] == measured["lag_1deg"]
+
+
+def test_a_baseline_records_the_same_figures(unit: Unit) -> None:
+    """In its digits; each case in its one direction."""
+    rows = {(row["case"], row["figure"]): row["approved"] for row in unit.documents["check"]["comparisons"]}
+    figures, measured = unit.documents["report"]["figures"], _measured(unit)
+    steps, slews = figures["step_response"], figures["slew_rate"]
+    expected = {
+        ("small_step", "settling_time"): 1e3 * steps["plus_1deg"]["settling_time_s"],
+        ("step", "settling_time"): 1e3 * steps["minus_5deg"]["settling_time_s"],
+        ("step", "overshoot"): steps["minus_5deg"]["overshoot_percent"],
+        ("opposing_load", "sustained_rate"): slews["opposing_positive"]["sustained_rate_deg_per_s"],
+        ("sweep_small", "bandwidth_3db"): measured["bandwidth_1deg"],
+        ("sweep_small", "bandwidth_90deg"): measured["lag_1deg"],
+        ("sweep", "bandwidth_3db"): measured["bandwidth_3p5deg"]}
+    for key, value in expected.items():
+        assert rows[key] == float(f"{value:.{DIGITS}g}"), key
+    assert rows["large_step", "held_error"] <= measured["held_20deg"] * (1.0 + 1e-5)  # one way of the two
+
+
+def test_an_analysis_has_the_same_margins_and_bandwidths(unit: Unit) -> None:
+    document, measured = unit.documents["analyse"], _measured(unit)
+    linear = document["linear"]["loops"]["reference"]
+    # Fewer frequencies to look between: a cubic spline over 7 % steps.
+    assert linear["gain_margin_db"] == pytest.approx(measured["gain_margin"], rel=1e-4)
+    assert linear["phase_margin_deg"] == pytest.approx(measured["phase_margin"], rel=1e-4)
+    # Both are between frequencies that enclose the crossing: by _RESOLVED there, by 2 parts in 1000 by bisection.
+    for sweep in document["sweep"]:
+        for size, name in ((1.0, "bandwidth_1deg"), (3.5, "bandwidth_3p5deg")):
+            if abs(sweep["amplitude_deg"] - size) < 1e-6:
+                assert sweep["bandwidth_3db_hz"] == pytest.approx(measured[name], rel=_RESOLVED + 2e-3)
+        if abs(sweep["amplitude_deg"] - 1.0) < 1e-6:
+            assert sweep["bandwidth_90deg_hz"] == pytest.approx(measured["lag_1deg"], rel=_RESOLVED + 2e-3)
+    assert BANDWIDTHS[0] < measured["bandwidth_1deg"] < BANDWIDTHS[1]
+    assert radians(measured["phase_margin"]) > 0.0
