@@ -66,6 +66,12 @@ class Test:
     settle: float = SETTLE
     supply: float = 1.0
 
+    @property
+    def simulated(self) -> float:
+        """About how long it is simulated in all [s]."""
+        each = {"linear": 0.0, "sine": 20.0, "repeat": USE + REST + 3.0 * self.duration}
+        return 2.0 * each.get(self.kind, self.settle + self.duration)
+
     def __str__(self) -> str:
         """What is done, in words."""
         size = f"{degrees(self.amplitude):.4g} deg"
@@ -133,18 +139,26 @@ def response(test: Test, subject: Subject, changes: Mapping[str, Any], sign: flo
     return _run(test, sign, subject, [changes], None)[0]
 
 
-def excitation(test: Test, sign: float, subject: Subject) -> Excitation:
-    """Return what a test of a motion or a load does with a subject, in a direction."""
+def excitation(test: Test, sign: float, subject: Subject, changes: Mapping[str, Any] | None = None) -> Excitation:
+    """Return what a test of a motion or a load does with a subject, in a direction.
+
+    `changes` are parameters that differ, of many units an array each.
+    """
     made = _motion(test, sign)
     if test.supply != 1.0 and subject.supply:
-        start = float(subject.inputs[subject.supply].initial(subject.values))
-        made = made.holding({subject.supply: test.supply * start})
+        made = made.holding({subject.supply: test.supply * _start(subject, subject.supply, changes or {})})
     return made
+
+
+def _start(subject: Subject, name: str, changes: Mapping[str, Any]) -> Array:
+    """Return the start of an input with parameters that differ [1], or [units, 1] where it does."""
+    return np.asarray(subject.inputs[name].initial({**subject.values, **changes}), dtype=float)[..., np.newaxis]
 
 
 def _run(test: Test, sign: float, subject: Subject, changes: Sequence[Mapping[str, Any]],
          outputs: Sequence[str] | None) -> Runs:
-    return subject.run_all(excitation(test, sign, subject), columns(subject, changes), outputs)
+    differing = columns(subject, changes)
+    return subject.run_all(excitation(test, sign, subject, differing), differing, outputs)
 
 
 @lru_cache(maxsize=64)
@@ -199,24 +213,26 @@ def _use(test: Test, subject: Subject) -> Iterator[dict[str, Array]]:
 
 def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]) -> Array:
     """Return the largest difference [rad] of slews after a history of use and rest from those of a fresh unit."""
-    starts = {name: float(v.initial(subject.values)) for name, v in subject.inputs.items()}
-    angles = []
-    for made in histories(test, subject, starts):
-        runs = subject.run_all(made, columns(subject, changes), ("fin_angle",))
+    differing, angles = columns(subject, changes), []
+    for made in histories(test, subject, {name: _start(subject, name, differing) for name in subject.inputs}):
+        runs = subject.run_all(made, differing, ("fin_angle",))
         places, finished = runs.finished()
         angles.append(_among(runs, places, finished.columns["fin_angle"][..., made.judged(made.time)]))
     difference: Array = np.max(np.abs(angles[0] - angles[1]), axis=-1)
     return difference
 
 
-def histories(test: Test, subject: Subject, starts: Mapping[str, float]) -> tuple[Excitation, Excitation]:
-    """Return what a used unit is given and what a fresh one, of inputs with these start values [SI]; judged are the
-    slews."""
+def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[Excitation, Excitation]:
+    """Return the inputs of a used unit and of a fresh one, of which the slews are judged.
+
+    `starts` are start values of inputs, SI; of many units an array [units, 1] where they differ.
+    """
     history = list(_use(test, subject))
     used = len(history) * round(1.0 / STEP)
     rows = used + round((REST + 3.0 * test.duration) / STEP) + 1
     scale = {COMMAND: test.amplitude, LOAD: test.torque}
-    fresh = {name: np.full(rows, start) for name, start in starts.items() if any(name in phase for phase in history)}
+    fresh = {name: np.tile(np.atleast_1d(start), rows) for name, start in starts.items()
+             if any(name in phase for phase in history)}
     probe = round(test.duration / STEP)
     fresh[COMMAND][-3 * probe - 1:] = test.amplitude * np.repeat([1.0, -1.0, 0.0], [probe, probe, probe + 1])
     worn = {name: column.copy() for name, column in fresh.items()}
@@ -224,7 +240,7 @@ def histories(test: Test, subject: Subject, starts: Mapping[str, float]) -> tupl
         for name, share in phase.items():
             if name in worn:
                 at = slice(k * round(1.0 / STEP), (k + 1) * round(1.0 / STEP))
-                worn[name][at] = share * scale.get(name, starts[name])
+                worn[name][..., at] = share * scale.get(name, starts[name])
     begin = (rows - 3 * probe) * STEP
     return Excitation(str(test), worn, begin), Excitation(str(test), fresh, begin)
 

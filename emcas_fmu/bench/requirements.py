@@ -11,6 +11,7 @@ from math import degrees
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
 
 from ..errors import EmcasError
@@ -139,6 +140,11 @@ class Requirement(Table):
         return "minimum" if self.maximum is None else "maximum"
 
     @property
+    def sign(self) -> float:
+        """The side on which a figure is bad: 1 above, -1 below."""
+        return -1.0 if self.maximum is None else 1.0
+
+    @property
     def limit(self) -> float:
         """The limit, in `unit`."""
         return float(getattr(self, self.sense))
@@ -152,6 +158,19 @@ class Requirement(Table):
     def shown(self) -> tuple[str, float]:
         """The unit in which people read it, and the factor to that."""
         return shown(self.unit) if self.test else (self.unit, 1.0)
+
+    def kept(self, measured: Any) -> Any:
+        """Return whether figures, an array of them or one, keep the limit; one that is not finite does not.
+
+        Compared in the unit and with the digits that people read, so that what is shown as the limit is no miss.
+        """
+        _, factor = self.shown
+        return np.isfinite(measured) & (self.sign * (self.shown_limit - np.multiply(measured, factor)) >= 0.0)
+
+    @property
+    def shown_limit(self) -> float:
+        """The limit, in the unit in which people read it."""
+        return round(self.limit * self.shown[1], 9)
 
     @property
     def how(self) -> str:

@@ -5,7 +5,7 @@ Every page and command takes its verdict from `judge`; `evaluate` is the same fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby, zip_longest
 from math import degrees, isfinite, isnan
@@ -103,8 +103,9 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
              progress: Progress = silent) -> list[list[Figure]]:
     """Measure every requirement that the subject has the means for, in its cases, for each of several units.
 
-    `changes` are the parameters that differ from the subject's, of each unit; none depends on what it is measured
-    beside. In the order of the cases, then of the requirements. `progress` is called with the test.
+    `changes` are the parameters that differ from the subject's, of each unit, those of a case over them; no unit
+    depends on what it is measured beside. In the order of the cases, then of the requirements. `progress` is called
+    with the test.
     """
     cases = {case.name: case for case in specification.cases}
     able = [(r.test, r) for r in specification.requirements if r.test and not r.obstacle(subject)]
@@ -117,7 +118,7 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
         units = [(k, name) for k in range(len(changes)) for name in cases
                  if any(name in r.cases for r in requirements)]
         with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
-            measured = measure(test, subject, [{**start, **cases[name].values, **changes[k]} for k, name in units],
+            measured = measure(test, subject, [{**start, **changes[k], **cases[name].values} for k, name in units],
                                tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
         for (k, name), figures in zip(units, measured.tolist(), strict=True):
             found[k, name] += [Figure(r, cases[name], figure)
@@ -140,16 +141,20 @@ def judge(subject: Subject, specification: Specification, progress: Progress = s
     return [judged(r, by_name.get(r.name, []), subject) for r in specification.requirements]
 
 
+def worst_of(figures: Iterable[Figure]) -> Figure:
+    """Return the worst of what was measured for a requirement; no value is worse than any."""
+    return max(figures, key=lambda f: np.inf if isnan(f.measured) else f.requirement.sign * f.measured)
+
+
 def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judged:
     """Return a requirement with the worst of what was measured for it; skipped where nothing was."""
     unit, factor = r.shown
     fixed: dict[str, Any] = {
         "source": r.source, "name": r.name, "title": r.title or r.name, "sense": SENSES[r.sense],
-        "limit": round(r.limit * factor, 9), "unit": unit, "figure": r.figure, "reason": r.reason}
+        "limit": r.shown_limit, "unit": unit, "figure": r.figure, "reason": r.reason}
     if not figures:
         return Judged(**fixed, measured=None, note=r.obstacle(subject), skipped=True)
-    sign = 1.0 if r.sense == "maximum" else -1.0
-    worst = max(figures, key=lambda f: np.inf if isnan(f.measured) else sign * f.measured)
+    worst = worst_of(figures)
     case = worst.case.name if len(r.cases) > 1 else ""
     how = r.how + (f"; worst in the case {case}" if case else "")
     if r.test and r.test.amplitude > subject.command_limit * (1.0 + 1e-9):

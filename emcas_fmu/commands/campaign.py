@@ -28,9 +28,11 @@ from .common import (
     warn,
 )
 
+_SHOWN = 5, 50, 95  # percentiles on the terminal
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
           "\n\n  emcas campaign mine.toml --model my_actuator.py"
+          "\n\n  emcas campaign mine.toml --requirements my_requirements.toml"
           "\n\n  emcas campaign mine.toml --fmu EMCAS.fmu --workers 8"
           "\n\n  emcas campaign mine.toml --fmu EMCAS4.fmu --fin 2"
           "\n\n  emcas campaign mine.toml --scheduler tcp://head:8786"
@@ -52,6 +54,9 @@ def campaign(
                                             metavar="N")] = None,
     model: Annotated[str | None, model_option("Which actuator, instead of the file's", " Of an FMU it is the FMU's; "
                                               "name it for one of a file of yours.")] = None,
+    requirements: Annotated[str | None, typer.Option(
+        help="Judge every sample's parameters by these requirements (TOML), or by the shipped ones, and give the "
+             "probability that each is met; docs/use/requirements.md.", metavar="FILE.toml|shipped")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0, metavar="N")] = None,
     scheduler: Annotated[str | None, typer.Option(help="Address of a running Dask cluster, instead of processes "
@@ -73,21 +78,22 @@ def campaign(
 
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
+        inputs = (file, fmu, requirements and Path(requirements))
         if only is not None:
             if report is not None:
                 raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
-            check_outputs(as_json, inputs=(file, fmu))
+            check_outputs(as_json, inputs=inputs)
             ends_in(".csv")(output)
-            study = load_study(file, fmu, fin, model)
+            study = load_study(file, fmu, fin, model, requirements)
             warn(study.warnings)
-            _one(study, only, as_json, output, plot, (file, fmu))
+            _one(study, only, as_json, output, plot, inputs)
             return
         if plot is not None:
             raise EmcasError(f"--plot {plot}: draws one sample; name it with --only")
         folder = output or Path(f"{file.stem}_results")
         page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
-        check_outputs(page, figures, folders=(folder,), inputs=(file, fmu))
-        study = load_study(file, fmu, fin, model)
+        check_outputs(page, figures, folders=(folder,), inputs=inputs)
+        study = load_study(file, fmu, fin, model, requirements)
         warn(study.warnings)
         extras.require("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
         from ..studies.campaign.store import Store
@@ -105,10 +111,13 @@ def campaign(
 
             summary = summarise(study, store.table())
             command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else []),
-                                  *(["--fin", str(fin)] if fin else []), *(["--model", model] if model else [])])
+                                  *(["--fin", str(fin)] if fin else []), *(["--model", model] if model else []),
+                                  *(["--requirements", requirements] if requirements else [])])
             write_json(as_dict(summary, command), figures)
             write_report(summary, page, command)
     out.print(_table(summary))
+    if summary.chances:
+        out.print(_chances(summary))
     if summary.findings:
         out.print(_faults(summary))
     failed = f", {summary.failed} failed" if summary.failed else ""
@@ -199,19 +208,43 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
 def _table(summary: Any) -> Table:
     """Return percentiles of every figure."""
     from ..bench.metrics import shown
+    from ..studies.campaign.experiments import REQUIREMENT
     from ..studies.campaign.summary import text
 
-    chosen = (5, 50, 95)
-    table = Table("figure", "unit", *(f"{p} %" for p in chosen), "depends most on", title_justify="left",
+    table = Table("figure", "unit", *(f"{p} %" for p in _SHOWN), "depends most on", title_justify="left",
                   title="Percentiles over the samples")
     table.columns[0].no_wrap = True
     for column in table.columns[2:5]:
         column.justify = "right"
     for s in summary.spreads:
+        if s.name.startswith(f"{REQUIREMENT}."):
+            continue
         first = s.effects[0] if s.effects else None
-        figures = [text(s.figure, s.percentiles[p]) for p in chosen]
+        figures = [text(s.figure, s.percentiles[p]) for p in _SHOWN]
         table.add_row(s.name, shown(s.figure.unit)[0], *figures,
                       f"{_short(first.factor)} ({first.rank_correlation:+.2f})" if first and first.sure else "")
+    return table
+
+
+def _chances(summary: Any) -> Table:
+    """Return how many samples meet each requirement, and its figure's median and the percentile on its bad side."""
+    from ..studies.campaign.experiments import REQUIREMENT
+    from ..studies.campaign.summary import text
+
+    low, median, high = _SHOWN
+    table = Table("requirement", "required", f"{median} %", f"worst {low} %", "met by (95 %)", title_justify="left",
+                  title="Samples that meet the requirements")
+    table.columns[0].no_wrap = True
+    for column in table.columns[1:]:
+        column.justify = "right"
+    *each, together = summary.chances
+    for chance in each:
+        r, s = chance.requirement, summary.by_name.get(f"{REQUIREMENT}.{chance.requirement.name}")
+        figures = [text(s.figure, s.percentiles[p]) for p in (median, high if r.sign > 0.0 else low)] if s else ["", ""]
+        table.add_row(escape(r.name), f"{'>=' if r.sense == 'minimum' else '<='} {r.shown_limit:g} {r.shown[0]}",
+                      *figures, str(chance))
+    table.add_section()
+    table.add_row("all of them", "", "", "", str(together))
     return table
 
 

@@ -15,6 +15,7 @@ from ...bench.excitation import COMMAND, STEP, Excitation, sine_from_rest, stair
 from ...reference.cases import LEAD_IN
 from ...simulation import Array
 
+REQUIREMENT = "requirement"  # no experiment's name: columns begin so
 SAME = ""  # in the tables below: the unit of the input itself
 # The command of each kind of experiment: fields with units. All but those with a default must be given.
 EXPERIMENTS: Mapping[str, Mapping[str, str]] = {

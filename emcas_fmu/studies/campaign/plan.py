@@ -12,8 +12,11 @@ import numpy as np
 
 from ...actuators import NONLINEAR, get
 from ...actuators.declaration import Actuator
+from ...bench.requirements import Specification
 from .distributions import Distribution, Value
 from .experiments import Experiment
+
+UNJUDGED = Specification(())
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ class Plan:
     `followers` are parameters that keep their ratio to one that varies. `fmu` is the path of an FMU,
     with its SHA-256, or empty for the kernel; `fin`, from 1, which of a unit of several. `model` is one of
     :mod:`emcas_fmu.actuators`, whose parameters `base` has, by its full name; `model_sha256` is of the user's file
-    that declares it, or empty.
+    that declares it, or empty. `specification` is what every sample is judged by, without what cannot be measured of
+    the model; its tests have inputs of their own, so that of the numbers drawn parameters alone reach it.
     """
 
     base: Mapping[str, Value]
@@ -52,11 +56,18 @@ class Plan:
     fin: int = 1
     model: str = NONLINEAR
     model_sha256: str = ""
+    specification: Specification = UNJUDGED
 
     @property
     def actuator(self) -> Actuator:
         """What the samples are run with."""
         return get(self.model)
+
+    @property
+    def duration(self) -> float:
+        """About how long a sample is simulated [s]."""
+        tests = {(r.test, case) for r in self.specification.requirements if r.test for case in r.cases}
+        return sum(e.duration for e in self.experiments) + sum(test.simulated for test, _ in tests)
 
     def packed(self) -> bytes:
         """Return the plan as it is sent to a worker."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from pathlib import Path
 
+from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import shown
 from ...bench.provenance import Source
 from ...bench.writers import write_page
@@ -46,4 +47,4 @@ def write_report(summary: Summary, path: Path, command: str) -> None:
     write_page(path, "studies/campaign/page.html.j2", [_source(summary)], s=summary, study=summary.study, plan=plan,
                command=command, pictures=pictures(drawings(summary)), percentiles=PERCENTILES, text=text,
                described=described, seconds=seconds, unit=lambda figure: shown(figure.unit)[0],
-               left_out=lacking(plan.model))
+               left_out=lacking(plan.model), bandwidths=BANDWIDTHS)

@@ -56,15 +56,13 @@ def chunked(missing: Indices, size: int) -> deque[Indices]:
 
 def chunk_size(plan: Plan, count: int, threads: int) -> int:
     """Return the samples in a task: at least eight tasks for a thread, so that all end at about the same time."""
-    duration = sum(experiment.duration for experiment in plan.experiments)
-    most = int((BY_FMU if plan.fmu else SIMULATED) / duration)
+    most = int((BY_FMU if plan.fmu else SIMULATED) / plan.duration)
     return max(1, min(most, count // (8 * threads)))
 
 
 def _compile(plan: Plan, samples: int) -> None:
     if not plan.fmu:
-        duration = sum(experiment.duration for experiment in plan.experiments)
-        library.compile_for(plan.model, samples * duration / STEP * POWER_ROWS)
+        library.compile_for(plan.model, samples * plan.duration / STEP * POWER_ROWS)
 
 
 def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = None) -> None:

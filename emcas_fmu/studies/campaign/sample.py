@@ -20,13 +20,14 @@ from ...actuators import extension_outputs
 from ...bench.excitation import STEP
 from ...bench.metrics import Figure
 from ...bench.subject import Subject, open_subject
+from ...bench.verdict import evaluate, worst_of
 from ...errors import EmcasError
 from ...reference.cases import LEAD_IN
 from ...simulation import Array
 from ...variables import Variable
 from . import measure
 from .distributions import CampaignError
-from .experiments import Experiment, excitation
+from .experiments import REQUIREMENT, Experiment, excitation
 from .extension_outputs import reduced, reductions
 from .plan import Plan, source_sha256
 
@@ -41,8 +42,10 @@ BYTES, FEWEST = 4e6, 8
 def columns(plan: Plan) -> dict[str, Figure]:
     """Return a row's figures by column name."""
     added = {name: r.figure for name, r in reductions(plan.model).items() if r.figure}
-    return {f"{experiment.name}.{name}": figure for experiment in plan.experiments
-            for name, figure in {**measure.figures(experiment.kind, plan.model), **added}.items()}
+    return {**{f"{experiment.name}.{name}": figure for experiment in plan.experiments
+               for name, figure in {**measure.figures(experiment.kind, plan.model), **added}.items()},
+            **{f"{REQUIREMENT}.{r.name}": Figure(r.unit, r.title or r.how, (), r.sign)
+               for r in plan.specification.requirements}}
 
 
 def observed(plan: Plan) -> dict[str, Variable]:
@@ -129,6 +132,13 @@ def _entries(plan: Plan, drawn: Array, subject: Subject) -> tuple[dict[str, Any]
                                 **reduced(experiment, plan.model, run)}.items():
             entries[name] = np.full(len(drawn), np.nan if values_of.dtype.kind == "f" else 0, values_of.dtype)
             entries[name][places] = values_of
+    good = [place for place in range(len(drawn)) if place not in errors]
+    units = [{name: values_of[place].item() if np.ndim(values_of) else values_of
+              for name, values_of in changes.items()} for place in good]
+    found = evaluate(subject, plan.specification, units) if good else []
+    for r in plan.specification.requirements:
+        column = entries[f"{REQUIREMENT}.{r.name}"] = np.full(len(drawn), np.nan)
+        column[good] = [worst_of(f for f in of_unit if f.requirement is r).measured for of_unit in found]
     return entries, errors
 
 
@@ -176,6 +186,9 @@ def rows(packed: bytes, indices: Sequence[int], drawn: Array) -> Rows:
     """
     plan = _unpacked(packed)
     subject, size = subject_of(plan), _together(plan)
+    for r in plan.specification.requirements:
+        if why := r.obstacle(subject):
+            raise CampaignError(f"requirement {r.name}: {why}")
     return joined([together(plan, indices[k:k + size], drawn[k:k + size], subject)
                    for k in range(0, len(indices), size)])
 

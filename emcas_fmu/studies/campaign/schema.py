@@ -17,7 +17,7 @@ from ...parameters import ParameterSet
 from ...schema import In, Table, each, kind_of
 from ...variables import Variable
 from .distributions import MOST_OUTSIDE, Value, distribution
-from .experiments import EXPERIMENTS, OPTIONAL, PROFILES, SAME, Experiment, Profile
+from .experiments import EXPERIMENTS, OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile
 from .plan import Factor
 
 LONGEST = 300.0  # s, of an experiment: half a gigabyte of rows
@@ -140,8 +140,8 @@ class Reader:
         return next(f for f in self.factors if f.name == name).distribution.limits(outside)
 
     def _experiment(self, name: str, entry: Any) -> Experiment:
-        if "." in name:
-            raise ValueError("a name without dots is needed")
+        if "." in name or name == REQUIREMENT:
+            raise ValueError(f"a name without dots is needed, and another than {REQUIREMENT}")
         kind, prefix = kind_of(entry, EXPERIMENTS), f"experiments.{name}"
         table = self._fields(prefix, entry, EXPERIMENTS[kind], COMMAND,
                              duration=(Annotated[float, PlainValidator(_duration)], 1.0),

@@ -11,6 +11,7 @@ import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from ... import __version__
 from ...actuators import NONLINEAR
+from ...bench.requirements import Specification
 from ...writing import PARTIAL, write
 from .distributions import CampaignError
 from .sample import Rows, columns, observed
@@ -30,6 +32,7 @@ from .study import Study
 SCHEMA = "emcas-campaign/1"
 MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
 _TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "Enumeration": pa.string()}
+_WORDS = {"title", "source", "reason"}  # of a requirement; they decide nothing
 _MOST_NAMED = 6  # changes named in a refusal
 
 
@@ -40,7 +43,19 @@ def identity(study: Study) -> dict[str, Any]:
     if plan.model_sha256:
         model["model_sha256"] = plan.model_sha256
     return {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": plan.fmu_sha256, **model,
-            "fin": plan.fin, "campaign": json.loads(json.dumps(study.document)), "parameters": dict(plan.base)}
+            "fin": plan.fin, **_judged(plan.specification), "campaign": json.loads(json.dumps(study.document)),
+            "parameters": dict(plan.base)}
+
+
+def _judged(specification: Specification) -> dict[str, Any]:
+    """Return what samples are judged by, as JSON."""
+    if not specification.requirements:
+        return {}
+    requirements = {r.name: {**r.model_dump(exclude={"test", *_WORDS}), "test": r.test and asdict(r.test)}
+                    for r in specification.requirements}
+    made = {"requirements": requirements, "cases": {case.name: dict(case.values) for case in specification.cases}}
+    document: dict[str, Any] = json.loads(json.dumps(made))
+    return document
 
 
 class Store:
@@ -155,7 +170,8 @@ def _schema(study: Study) -> pa.Schema:
     metadata = {"emcas.schema": SCHEMA, "emcas.version": __version__, "emcas.guid": study.guid,
                 "emcas.fmu_sha256": plan.fmu_sha256, "emcas.campaign": study.text,
                 "emcas.campaign_sha256": hashlib.sha256(study.text.encode()).hexdigest(),
-                "emcas.parameters": json.dumps(plan.base)}
+                "emcas.parameters": json.dumps(plan.base), **{
+                    f"emcas.{name}": json.dumps(entry) for name, entry in _judged(plan.specification).items()}}
     return pa.schema(fields, metadata=metadata)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +13,9 @@ from pydantic import Field, PlainValidator
 
 from ... import schema
 from ...actuators import NONLINEAR, full_name, get
-from ...bench.subject import open_subject
+from ...bench.requirements import load_requirements
+from ...bench.subject import ParameterSubject, open_subject
+from ...bench.verdict import Judged, judged
 from ...errors import EmcasError
 from ...fmi.interface import MOST_FINS, FmuInterface, start_values
 from ...fmi.package import interface_guid
@@ -28,10 +30,11 @@ from ...parameters import (
 from ...rules import Rule
 from ...schema import Table
 from .distributions import MOST_OUTSIDE, CampaignError
-from .plan import Factor, Plan, source_sha256
+from .plan import UNJUDGED, Factor, Plan, source_sha256
 from .schema import Entries, Reader
 
 MOST_SAMPLES = 100_000_000
+SHIPPED = "shipped"  # in place of a file of requirements: models/requirements.toml
 
 
 class _Campaign(Table):
@@ -66,7 +69,8 @@ class _File(Table):
 class Study:
     """A campaign file understood. `guid` is the FMU's that runs, or that these parameters would be built into.
 
-    `warnings` are of the parameters, with all that varies at its median and at either end, each rule's once.
+    `warnings` are of the parameters, with all that varies at its median and at either end, each rule's once. `left_out`
+    are requirements that cannot be measured of the actuator, with the reason.
     """
 
     path: Path
@@ -77,13 +81,15 @@ class Study:
     guid: str
     plan: Plan
     warnings: tuple[str, ...] = ()
+    left_out: tuple[Judged, ...] = ()
 
 
-def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, model: str | None = None) -> Study:
+def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, model: str | None = None,
+               requirements: Path | str | None = None) -> Study:
     """Return the campaign of a TOML file (see models/campaign.toml). Raises CampaignError.
 
     `fmu`, and `fin` of a unit of several, counted from 1, replace the file's own, and so does `model`, one of
-    :mod:`emcas_fmu.actuators`.
+    :mod:`emcas_fmu.actuators`. `requirements` is a file, or SHIPPED, that every sample is judged by.
     """
     text, document = schema.document(path, CampaignError)
     file = schema.read(_File, document, path, CampaignError)
@@ -95,15 +101,25 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
         raise CampaignError(f"{path}: nothing varies; give at least one [vary.\"NAME\"] with a distribution")
     if not reader.experiments:
         raise CampaignError(f"{path}: nothing is done; give at least one [experiments.NAME] with a kind")
+    specification = UNJUDGED
+    if requirements is not None:
+        specification = load_requirements(None if str(requirements) == SHIPPED else Path(requirements), base)
+    subject = ParameterSubject(base)
+    able = tuple(r for r in specification.requirements if not r.obstacle(subject))
+    if specification.requirements and not able:
+        raise CampaignError(f"{requirements}: none of its requirements can be measured of {base.model}; leave "
+                            "--requirements out")
     plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers, tuple(reader.experiments),
-                file.campaign.seed, unit, digest, chosen, base.model, source_sha256(base.model))
+                file.campaign.seed, unit, digest, chosen, base.model, source_sha256(base.model),
+                replace(specification, requirements=able))
     samples = _samples(path, file.campaign, plan.factors)
     # With everything at its median the parameters must go together: what does not there seldom does anywhere.
     values, _ = plan.varied(float(f.distribution.at(0.5)) for f in plan.factors)
     if problems := check_parameters({v.name: values[v.name] for v in plan.actuator.parameters}, plan.model):
         raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")
     warnings = tuple(_warnings(base, plan))
-    return Study(path, text, document, file.campaign.method, samples, guid, plan, warnings)
+    left_out = tuple(judged(r, (), subject) for r in specification.requirements if r not in able)
+    return Study(path, text, document, file.campaign.method, samples, guid, plan, warnings, left_out)
 
 
 def _warnings(base: ParameterSet, plan: Plan) -> Iterator[str]:

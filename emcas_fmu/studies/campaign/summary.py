@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from math import atanh, inf, isfinite, nan, sqrt, tanh
+from math import atanh, ceil, floor, inf, isfinite, log10, nan, sqrt, tanh
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,13 @@ from scipy import stats
 from ... import __version__
 from ...actuators import NONLINEAR
 from ...bench.metrics import Figure, shown
+from ...bench.requirements import Requirement
 from ...bench.writers import rounded
 from ...simulation import Array
 from . import fault_detection
+from .experiments import REQUIREMENT
 from .measure import lacking
+from .plan import Plan
 from .sample import OK, columns
 from .study import Study
 
@@ -72,6 +75,40 @@ class Spread:
 
 
 @dataclass(frozen=True)
+class Chance:
+    """How many of the `samples` meet a requirement, None for all of them together; one that failed does not."""
+
+    requirement: Requirement | None
+    met: int
+    samples: int
+
+    @property
+    def share(self) -> float:
+        """Share of the samples."""
+        return self.met / self.samples
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Interval of the probability, two-sided, of Clopper and Pearson (1934)."""
+        low, high = stats.binomtest(self.met, self.samples).proportion_ci(_CONFIDENCE, method="exact")
+        return float(low), float(high)
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        if self.met == self.samples:
+            return f"≥ {_percent(low, floor)} (95 %)"
+        if not self.met:
+            return f"≤ {_percent(high, ceil)} (95 %)"
+        return f"{_percent(self.share, round)} ({_percent(low, floor)} … {_percent(high, ceil)})"
+
+
+def _percent(share: float, to: Callable[[float], int]) -> str:
+    """Return a share with two digits of what it is short of all, or of none, at least one behind the point."""
+    digits = max(1, 2 - ceil(log10(100.0 * min(share, 1.0 - share) or 1.0)))
+    return f"{to(share * 100.0 * 10.0**digits) / 10.0**digits:.{digits}f} %"
+
+
+@dataclass(frozen=True)
 class Summary:
     """The results of a campaign of which `done` samples were run, with figures or not."""
 
@@ -82,6 +119,13 @@ class Summary:
     """Message, how many samples, and the first of them."""
     tallies: Mapping[str, Mapping[str, int]]
     findings: tuple[fault_detection.Finding, ...]
+    chances: tuple[Chance, ...] = ()
+    """Of each requirement, and last of all together."""
+
+    @property
+    def by_name(self) -> Mapping[str, Spread]:
+        """The figures by the names of their columns."""
+        return {s.name: s for s in self.spreads}
 
     @property
     def failed(self) -> int:
@@ -95,10 +139,21 @@ def summarise(study: Study, table: pa.Table) -> Summary:
     factors = {f.name: np.asarray(good[f.name].to_numpy(zero_copy_only=False), dtype=float)
                for f in study.plan.factors}
     index = good["index"].to_numpy()
-    spreads = tuple(_spread(name, figure, good[name].to_numpy(), index, factors)
+    parameters = {name: x for name, x in factors.items() if name in study.plan.base}
+    spreads = tuple(_spread(name, figure, good[name].to_numpy(), index,
+                            parameters if name.startswith(f"{REQUIREMENT}.") else factors)
                     for name, figure in columns(study.plan).items()) if good.num_rows else ()
     return Summary(study, table.num_rows, spreads, _failures(table), fault_detection.tallies(study.plan, good),
-                   fault_detection.findings(study.plan, good))
+                   fault_detection.findings(study.plan, good), _chances(study.plan, table))
+
+
+def _chances(plan: Plan, table: pa.Table) -> tuple[Chance, ...]:
+    requirements = plan.specification.requirements
+    if not requirements or not table.num_rows:
+        return ()
+    kept = [r.kept(table[f"{REQUIREMENT}.{r.name}"].to_numpy()) for r in requirements]
+    return tuple(Chance(r, int(np.sum(met)), table.num_rows)
+                 for r, met in zip((*requirements, None), (*kept, np.all(kept, axis=0)), strict=True))
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
@@ -180,6 +235,21 @@ def text(figure: Figure, value: float) -> str:
     return "–" if value != value else "beyond the sweep" if value > 0.0 else "no response"
 
 
+def _judged(summary: Summary) -> dict[str, Any]:
+    """Return what samples were judged by and how many meet it; nothing where they were not."""
+    if not summary.chances:
+        return {}
+    *each, together = ({"met": c.met, "samples": c.samples, "share": c.share, "low": c.interval[0],
+                        "high": c.interval[1]} for c in summary.chances)
+    specification = summary.study.plan.specification
+    return {"requirements": {
+        "file": specification.file, "confidence": _CONFIDENCE, "all": together,
+        "each": [{"name": r.name, "title": r.title, "source": r.source, "how": r.how, "sense": r.sense,
+                  "limit": r.limit, "unit": r.unit, "cases": r.cases, **counts}
+                 for r, counts in zip(specification.requirements, each, strict=True)],
+        "not_judged": {j.name: j.note for j in summary.study.left_out}}}
+
+
 def as_dict(summary: Summary, command: str) -> dict[str, Any]:
     """Return the document for JSON; SI units."""
     study, plan = summary.study, summary.study.plan
@@ -197,6 +267,7 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
                                                   if f.distribution.levels else {})} for f in plan.factors],
         "follow": dict(plan.followers),
         "failures": [{"error": e, "samples": n, "first": first} for e, n, first in summary.failures],
+        **_judged(summary),
         "figures": [{
             "name": s.name, "unit": s.figure.unit, "title": s.figure.title, "samples": len(s.values) + s.without,
             "without": s.without, "mean": s.mean, "sd": s.sd, "smallest": s.smallest, "largest": s.largest,
