@@ -1,4 +1,4 @@
-"""The table of docs/tools/campaigns.md: how far a campaign's figures of power are from those of fine rows.
+"""Tables of docs/tools/campaigns.md: how far figures of power are from those of fine rows, and the example's verdict.
 
     python docs/figures/make_campaigns.py           # writes it
     python docs/figures/make_campaigns.py --check   # exit code 1 where it is stale
@@ -6,20 +6,28 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping
 from math import radians
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from make_tables import main, markdown
+from make_tables import DOCS, main, markdown
 
 from emcas_fmu.bench.excitation import STEP
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.bench.writers import with_unit
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign import measure
-from emcas_fmu.studies.campaign.experiments import Experiment, excitation
+from emcas_fmu.studies.campaign.experiments import REQUIREMENT, Experiment, excitation
+from emcas_fmu.studies.campaign.run import in_process
+from emcas_fmu.studies.campaign.store import Store
+from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.studies.campaign.summary import summarise, text
 
 FINE = 50  # rows of 20 us
 ON_A_ROW = 3e-3  # s, a transport delay that puts the leaps of power on the rows
@@ -73,7 +81,30 @@ def power() -> str:
     return markdown(("", *names, *(f"{name}, {ON_A_ROW * 1e3:g} ms" for name in names[:2])), rows)
 
 
-TABLES = {"tools/campaigns.md": {"power": power}}
+def judged() -> str:
+    """How many samples of the page's campaign meet each of its requirements, and percentiles of their figures."""
+    page = (DOCS / "tools/campaigns.md").read_text(encoding="utf-8")
+    with TemporaryDirectory() as folder:
+        files = {name: Path(folder) / name for name in ("tolerances.toml", "specification.toml")}
+        for name, file in files.items():
+            file.write_text(re.findall(rf"```toml\n(# {name}\n.*?)```", page, re.DOTALL)[0], encoding="utf-8")
+        study = load_study(files["tolerances.toml"], requirements=files["specification.toml"])
+        with Store(Path(folder) / "judged", study) as store:
+            in_process(study, store.missing(), store.write)
+            found = summarise(study, store.table())
+    rows = []
+    *each, together = found.chances
+    for chance in each:
+        r: Any = chance.requirement
+        spread = found.by_name[f"{REQUIREMENT}.{r.name}"]
+        limit = f"{'≥' if r.sense == 'minimum' else '≤'} {with_unit(r.shown_limit, r.shown[0])}"
+        rows.append([f"`{r.name}`", limit, *(text(spread.figure, spread.percentiles[p]) for p in (5, 50, 95)),
+                     f"{chance.met} of {chance.samples}", str(chance)])
+    rows.append(["all", "", "", "", "", f"{together.met} of {together.samples}", str(together)])
+    return markdown(("", "required", "5 %", "50 %", "95 %", "met by", "probability"), rows)
+
+
+TABLES = {"tools/campaigns.md": {"power": power, "judged": judged}}
 
 if __name__ == "__main__":
     sys.exit(main("--check" in sys.argv[1:], TABLES, "make_campaigns.py"))

@@ -4,16 +4,16 @@
     python docs/figures/make_verdict.py --check   # exit code 1 where one is stale
 
 Each wrong actuator is a change of parameters, a deviation of the unit as built, a fault, or a wrong line of a
-controller, with the rows of models/requirements.toml that name its cause: it is found where one of them fails. The sound
-ones are drawn within tolerances.
+controller, with the rows of models/requirements.toml that name its cause: it is found where one of them fails. The
+sound ones are drawn within tolerances.
 """
 
 from __future__ import annotations
 
 import sys
 from atexit import register
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache, partial
 from math import radians
 from pathlib import Path
 from shutil import copy, rmtree
@@ -35,7 +35,7 @@ _DEFAULT = load_parameters().values
 
 
 class Defect(NamedTuple):
-    """A wrong actuator: what is wrong, what differs (of a `model`, with parameter `files`), and the rows that name it."""
+    """A wrong actuator: what is wrong, what differs (of a `model` with parameter `files`), and the rows that name it."""
 
     what: str
     changes: Mapping[str, Any]
@@ -118,7 +118,8 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         Defect("position gain × 2.5", {"controller.position.kp": 2.5}, ("phase_margin", "gain_margin"), "clutch"),
     ),
     "electrohydrostatic": (
-        Defect("oil that air makes five times as soft", {"fault.air.active": True}, ("load_step",), "electrohydrostatic+faults"),
+        Defect("oil that air makes five times as soft", {"fault.air.active": True}, ("load_step",),
+               "electrohydrostatic+faults"),
         Defect("pump that leaks ten times as much", {"fault.leakage.active": True}, ("load_step", "torque_reserve"),
                "electrohydrostatic+faults"),
         Defect("relief valve at a fifth", {"fault.relief_open.active": True}, ("torque_reserve",),
@@ -221,8 +222,8 @@ def defects_of(kind: str) -> str:
     return markdown(("what is wrong", "found by", "and"), rows)
 
 
-TABLES = {"tools/verdict.md": {"confusion": confusion, **{
-    f"defects {kind}": (lambda kind=kind: defects_of(kind)) for kind in DEFECTS}}}
+TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {"tools/verdict.md": {
+    "confusion": confusion, **{f"defects {kind}": partial(defects_of, kind) for kind in DEFECTS}}}
 
 if __name__ == "__main__":
     if "--print" in sys.argv:

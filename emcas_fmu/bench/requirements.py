@@ -28,7 +28,8 @@ _SHORTEST = 0.3  # s, of what is judged
 
 
 def _amplitude(entry: Any, info: ValidationInfo) -> float:
-    limit = ParameterSubject(info.context).command_limit
+    base: Any = info.context
+    limit = ParameterSubject(base).command_limit
     amplitude = float(In("rad", base=limit).number(entry))
     if amplitude <= 0.0:
         raise ValueError("must be an amplitude above 0")

@@ -71,7 +71,7 @@ class Judged:
 
     @property
     def passed(self) -> bool:
-        """Whether the limit is kept; never true of a figure that is missing, no number, or a bound on the wrong side."""
+        """Whether the limit is kept; never true of a figure that is missing, no number or a bound on the wrong side."""
         return self.margin is not None and bool(self.margin >= 0.0) and self.more_margin != "< "
 
     @property

@@ -78,7 +78,7 @@ def campaign(
 
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
-        inputs = (file, fmu, requirements and Path(requirements))
+        inputs = (file, fmu, Path(requirements) if requirements else None)
         if only is not None:
             if report is not None:
                 raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
