@@ -35,7 +35,7 @@ _DEFAULT = load_parameters().values
 
 
 class Defect(NamedTuple):
-    """A wrong actuator: what is wrong, what differs (of a `model` with parameter `files`), and the rows that name it."""
+    """A wrong actuator: what is wrong, what differs (of a `model` with parameter `files`), and rows that name it."""
 
     what: str
     changes: Mapping[str, Any]
