@@ -172,7 +172,7 @@ TESTS = {"step": ('{ kind = "step", amplitude = "5 deg", torque = "-60 N*m" }',)
 def every_figure(tmp_path: Path) -> Path:
     """Requirements of every figure of every test but the linear ones, in two cases, and of the acceptance report."""
     entries = [f"[[requirements]]\nname = '{kind}_{k}_{figure}'\ntest = {test}\nfigure = '{figure}'\n{sense} = "
-               f"'1 {metrics.FIGURES[figure].unit}'\n".replace("1 1", "1")
+               f"'1 {metrics.FIGURES[figure].unit}'\n".replace("1 1", "1").replace("1 Hz", "10 Hz")
                for kind, tests in TESTS.items() for k, test in enumerate(tests) for figure in measure.KINDS[kind]
                for sense in (["maximum"] if metrics.FIGURES[figure].bad > 0.0 else ["minimum"])]
     path = tmp_path / "mine.toml"
