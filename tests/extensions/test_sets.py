@@ -64,7 +64,7 @@ def test_a_hinge_of_15_kilonewton_metres_per_radian() -> None:
     stiffness = 1.0 / (2.0 / 60e3 + 1.0 / 30.7e3)
     assert parameters.values["drive_line.hinge_damping"] == pytest.approx(0.04 * sqrt(stiffness * 0.06), rel=0.01)
     held = {"friction.coulomb.positive[0]": 9.0, "friction.coulomb.negative[0]": 9.0, "drive_line.backlash": 0.0,
-            "friction.fin_viscous": 50.0}
+            "friction.fin_viscous": 50.0, "friction.fin_coulomb": 0.0}
     stiff, soft = (simulate(p.with_values(held).values, 0.4, model="elastic", enable=False, aero_torque=50.0)
                    for p in (load_parameters(model="elastic"), parameters))
     more = soft["fin_angle"][-1] - stiff["fin_angle"][-1]
