@@ -228,6 +228,7 @@ def _table(summary: Any) -> Table:
 
 def _chances(summary: Any) -> Table:
     """Return how many samples meet each requirement, and its figure's median and the percentile on its bad side."""
+    from ..bench.verdict import SENSES
     from ..studies.campaign.experiments import REQUIREMENT
     from ..studies.campaign.summary import text
 
@@ -241,7 +242,7 @@ def _chances(summary: Any) -> Table:
     for chance in each:
         r, s = chance.requirement, summary.by_name.get(f"{REQUIREMENT}.{chance.requirement.name}")
         figures = [text(s.figure, s.percentiles[p]) for p in (median, high if r.sign > 0.0 else low)] if s else ["", ""]
-        table.add_row(escape(r.name), f"{'>=' if r.sense == 'minimum' else '<='} {r.shown_limit:g} {r.shown[0]}",
+        table.add_row(escape(r.name), f"{SENSES[r.sense]} {r.shown_limit:g} {r.shown[0]}",
                       *figures, str(chance))
     table.add_section()
     table.add_row("all of them", "", "", "", str(together))
