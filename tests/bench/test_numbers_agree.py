@@ -141,7 +141,7 @@ def test_what_is_judged_is_the_same_number_everywhere(unit: Unit) -> None:
         for name, row in judged["validate"].items():
             assert {key: judged[other][name][key] for key in ("measured", "unit", "passed", "margin", "case")} == {
                 key: row[key] for key in ("measured", "unit", "passed", "margin", "case")}, (other, name)
-    before = {row["name"]: row for row in unit.documents["tune"]["requirements_before"]}
+    before = {row["requirement"]: row for row in unit.documents["tune"]["requirements_before"]}
     for name, row in judged["validate"].items():
         assert before[name]["measured"] == row["measured"], name
 
@@ -176,7 +176,7 @@ def test_the_reports_own_figures_are_those_of_the_requirements(unit: Unit) -> No
 
 def test_a_baseline_records_the_same_figures(unit: Unit) -> None:
     """In its digits; each case in its one direction."""
-    rows = {(row["case"], row["figure"]): row["approved"] for row in unit.documents["check"]["comparisons"]}
+    rows = {(row["case"], row["name"]): row["approved"] for row in unit.documents["check"]["comparisons"]}
     figures, measured = unit.documents["report"]["figures"], _measured(unit)
     steps, slews = figures["step_response"], figures["slew_rate"]
     expected = {
