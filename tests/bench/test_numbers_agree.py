@@ -169,8 +169,8 @@ def test_the_reports_own_figures_are_those_of_the_requirements(unit: Unit) -> No
     for load, name in (("unloaded", "unloaded_rate"), ("opposing", "loaded_rate")):
         both = [slews[f"{load}_{way}"]["sustained_rate_deg_per_s"] for way in ("positive", "negative")]
         assert min(both) == pytest.approx(measured[name], rel=1e-12)
-    for size in ("1deg", "3p5deg"):
-        assert sines[size]["bandwidth_3db_hz"] == measured[f"bandwidth_{size}"]
+    for amplitude in ("1deg", "3p5deg"):
+        assert sines[amplitude]["bandwidth_3db_hz"] == measured[f"bandwidth_{amplitude}"]
     assert sines["1deg"]["bandwidth_90deg_hz"] == measured["lag_1deg"]
 
 

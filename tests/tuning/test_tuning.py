@@ -172,7 +172,7 @@ def test_shipped_study_covers_what_is_asked_of_the_shipped_gains() -> None:
     assert {"steady_error", "sustained_rate", "bandwidth_3db", "overshoot", "rise_time", "settling_time", "rms_current",
             "gain_margin",
             "phase_margin"} <= {r.figure for r in study.requirements}
-    assert {r.test.torque for r in study.requirements} >= {-100.0, 0.0, 100.0}
+    assert {r.test.torque for r in study.requirements if r.test} >= {-100.0, 0.0, 100.0}
     limits = {r.name: r for r in load_requirements(None, study.base).requirements if "Table 2" in r.source}
     assert limits.keys() & {r.name for r in study.requirements} >= {"loaded_rate", "bandwidth_1deg", "bandwidth_3p5deg"}
     for r in study.requirements:

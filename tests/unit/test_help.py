@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from emcas_fmu.bench.verdict import Judged, summary_table
 from emcas_fmu.bench.writers import number, rounded
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
@@ -24,7 +25,6 @@ from emcas_fmu.compiler import PLATFORMS
 from emcas_fmu.errors import in_words, unreadable
 from emcas_fmu.progress import LOG
 from emcas_fmu.runtime import library
-from emcas_fmu.studies.validate.output import _figure
 
 HEAVY = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "jinja2", "fmpy", "emcas_fmu.actuators.declaration")
 NAMES = [name for names in PANELS.values() for name in names]
@@ -173,11 +173,9 @@ def test_compiling_a_kernel_is_announced(tmp_path: Path, monkeypatch: pytest.Mon
     assert target.read_bytes() == b"library"
 
 
-@pytest.mark.parametrize(("figures", "key", "shown"), [
-    ({"settling_time_s": inf, "judged_for_s": 0.45}, "settling_time_s", ">450"),
-    ({"settling_time_s": 0.0664, "judged_for_s": 0.45}, "settling_time_s", "66.4"),
-    ({"bandwidth_hz": nan, "swept_to_hz": 24.0}, "bandwidth_hz", ">24"),
-    ({"rise_time_s": nan}, "rise_time_s", "–"), ({"end_error_deg": -0.0}, "end_error_deg", "0.00")])
-def test_the_table_of_emcas_validate_has_a_bound_for_what_is_not_reached(figures: dict[str, float], key: str,
-                                                                         shown: str) -> None:
-    assert _figure(figures, key, 1e3 if key.endswith("time_s") else 1.0) == shown
+@pytest.mark.parametrize(("measured", "beyond", "shown"), [
+    (60.0, True, "> 60"), (2.0, True, "< 2"), (14.325, False, "14.32"), (None, False, "–"), (-0.0, False, "0")])
+def test_the_table_of_verdicts_has_a_bound_for_what_is_not_reached(measured: float | None, beyond: bool, shown: str
+                                                                   ) -> None:
+    table = summary_table("criterion", [Judged("", "x", "X", measured, ">=", 10.0, "Hz", beyond=beyond)])
+    assert list(table.columns[1].cells) == [shown]
