@@ -1,0 +1,156 @@
+"""Whether the quick check finds a wrong sign, operator or constant: random mutants, each in a copy of the tree.
+
+    python -m tests.mutants --count 45 --seed 1 [--under emcas_fmu/physics ...] [-n 2]
+
+Prints killed or ALIVE for each, with its place and change; exit code 1 where less than 95 % were killed. A mutant that
+has no effect counts as alive: say so where it is reported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+UNDER = tuple(f"emcas_fmu/{name}" for name in (
+    "physics", "steppers", "control", "actuators", "extensions", "runtime", "bench"))
+ENOUGH = 0.95
+SHARP = "tests/trajectories"  # run first: it finds most, in seconds
+_SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
+_FLIPPED = {ast.Lt: ">=", ast.GtE: "<", ast.Gt: "<=", ast.LtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
+_OTHER = {"minimum": "maximum", "maximum": "minimum", "min": "max", "max": "min"}
+_TEXTS = (ast.Raise, ast.JoinedStr, ast.Assert)  # errors' texts and formats: what is in them is not computed with
+
+
+class Mutant(NamedTuple):
+    """A change of one place: a file below the root, a line, the text from and to an offset [bytes] in it, the new one."""
+
+    file: str
+    line: int
+    begin: int
+    end: int
+    new: str
+
+
+def _sites(node: ast.AST) -> Iterator[ast.AST]:
+    """Give a tree's nodes but for annotations, texts of errors and __repr__."""
+    for name, value in ast.iter_fields(node):
+        if name in ("annotation", "returns"):
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST) and not isinstance(child, _TEXTS) and not (
+                    isinstance(child, ast.FunctionDef) and child.name == "__repr__"):
+                yield child
+                yield from _sites(child)
+
+
+def _changed(node: ast.AST, text: bytes, begins: Sequence[int]) -> tuple[int, int, str] | None:
+    """Return from where to where a node's text changes [bytes], and the new text; None of a node that stays."""
+    def place(part: ast.expr, end: bool = False) -> int:
+        line, column = (part.end_lineno, part.end_col_offset) if end else (part.lineno, part.col_offset)
+        return begins[(line or 1) - 1] + (column or 0)
+
+    def between(left: ast.expr, right: ast.expr, old: bytes, new: str) -> tuple[int, int, str] | None:
+        """Return the operator's place; a bracket or a line's end may stand about it, a comment may not."""
+        low, high = place(left, True), place(right)
+        at = text.find(old, low, high)
+        return None if at < 0 or b"#" in text[low:high] else (at, at + len(old), new)
+
+    old = {ast.Add: b"+", ast.Sub: b"-", ast.Mult: b"*", ast.Div: b"/", ast.Lt: b"<", ast.GtE: b">=", ast.Gt: b">",
+           ast.LtE: b"<=", ast.Eq: b"==", ast.NotEq: b"!=", ast.And: b"and", ast.Or: b"or"}
+    if isinstance(node, ast.BinOp) and type(node.op) in _SWAPPED:
+        return between(node.left, node.right, old[type(node.op)], _SWAPPED[type(node.op)])
+    if isinstance(node, ast.Compare) and type(node.ops[0]) in _FLIPPED:
+        return between(node.left, node.comparators[0], old[type(node.ops[0])], _FLIPPED[type(node.ops[0])])
+    if isinstance(node, ast.BoolOp):
+        return between(*node.values[:2], old[type(node.op)], "or" if isinstance(node.op, ast.And) else "and")
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        return place(node), place(node.operand), ""
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        new = node.value * 1.1 if node.value else 0.1
+        return place(node), place(node, True), repr(type(node.value)(new) + (node.value == type(node.value)(new)))
+    name = node.func if isinstance(node, ast.Call) else None
+    word = name.attr if isinstance(name, ast.Attribute) else name.id if isinstance(name, ast.Name) else ""
+    if name is not None and word in _OTHER:
+        return place(name, True) - len(word), place(name, True), _OTHER[word]
+    return None
+
+
+def mutants(under: Sequence[str] = UNDER, root: Path = ROOT) -> list[Mutant]:
+    """Return every mutant of the Python files below these folders, or of these files."""
+    found = []
+    for start in (root / each for each in under):
+        for path in sorted(start.rglob("*.py")) if start.is_dir() else [start]:
+            text = path.read_bytes()
+            begins = [0]
+            for line in text.splitlines(keepends=True):
+                begins.append(begins[-1] + len(line))
+            for node in _sites(ast.parse(text)):
+                if (change := _changed(node, text, begins)) is not None:
+                    line = text.count(b"\n", 0, change[0]) + 1
+                    found.append(Mutant(path.relative_to(root).as_posix(), line, *change))
+    return found
+
+
+@contextmanager
+def applied(mutant: Mutant, tree: Path) -> Iterator[str]:
+    """Change one place of a tree; put it back in the end. Yields the line before and after, in words."""
+    path = tree / mutant.file
+    before = path.read_bytes()
+    after = before[:mutant.begin] + mutant.new.encode() + before[mutant.end:]
+    lines = [text.splitlines()[mutant.line - 1].decode().strip() for text in (before, after)]
+    path.write_bytes(after)
+    try:
+        yield " -> ".join(lines)
+    finally:
+        path.write_bytes(before)
+
+
+def killed(tree: Path, processes: str) -> bool:
+    """Return whether the quick check fails in a tree: its sharpest tests first."""
+    environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+    for tests in (SHARP, "@tests/quick.txt"):
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-n", processes, tests]
+        if subprocess.run(command, cwd=tree, env=environment, capture_output=True, check=False).returncode:
+            return True
+    return False
+
+
+def main() -> int:
+    """Try the mutants that the arguments ask for. Returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=45)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--under", nargs="+", default=UNDER)
+    parser.add_argument("-n", "--processes", default="2")
+    given = parser.parse_args()
+    places = mutants(given.under)
+    chosen = random.Random(given.seed).sample(places, min(given.count, len(places)))
+    dead = 0
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "tree"
+        shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", ".*_cache"))
+        if killed(tree, given.processes):
+            print("the quick check fails as it is")
+            return 2
+        for mutant in chosen:
+            with applied(mutant, tree) as change:
+                died = killed(tree, given.processes)
+            dead += died
+            print(f"{'killed' if died else 'ALIVE '} {mutant.file}:{mutant.line}  {change}", flush=True)
+    print(f"{dead} of {len(chosen)} killed")
+    return 0 if dead >= ENOUGH * len(chosen) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,5 @@
+"""Write the table of trajectories anew."""
+
+from .table import write
+
+write()

@@ -1,0 +1,99 @@
+"""What the equations, rules and declarations give, as numbers that are kept: a table in JSON.
+
+    python -m tests.trajectories        # writes it anew
+
+A test compares. The table is renewed where equations change on purpose, after their own tests pass: these numbers show
+that something moved, not that it is right. The difference in the table shows which actuators moved; the others may not.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Iterable, Mapping
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any
+
+from emcas_fmu.actuators import get
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import load_parameters
+
+from .runs import mark, models, through
+
+FILE = Path(__file__).with_name("table.json")
+Table = dict[str, dict[str, Any]]
+_NEVER = {inf: "inf", -inf: "-inf"}  # JSON has neither
+
+
+def trajectories(model: str) -> dict[str, list[float]]:
+    """Return the marks of a model's runs by what they are of, each in the order of the model's outputs."""
+    return {name: [_short(value) for value in marks.values()] for name, marks in through(model)}
+
+
+def declared(model: str) -> dict[str, list[Any]]:
+    """Return minimum, maximum, nominal and start value of each variable of a model, by name."""
+    actuator = get(model)
+    return {v.name: [_NEVER.get(x, x) for x in (v.minimum, v.maximum, v.nominal, v.start)]
+            for v in (*actuator.inputs, *actuator.limited_outputs, *actuator.parameters,
+                      *(() if actuator.supply is None else actuator.supply.line.parameters))}
+
+
+def rules(model: str) -> list[float]:
+    """Return a mark of each rule of a model over random parameters: how far it is broken, and the numbers it names.
+
+    The last are those of rules that warn with the supply.
+    """
+    p, draw = load_parameters(model=model), random.Random(7)
+    varied = [v for v in p.actuator.file_entries if v.kind == "Real"]
+    columns: dict[int, list[float]] = {}
+    for _ in range(30):
+        values = {**p.values, **{v.name: _moved(draw, v.minimum, v.maximum, p.values[v.name])
+                                 for v in draw.sample(varied, len(varied) // 3)}}
+        given = p.actuator.namespace(values)
+        for place, rule in enumerate((*p.actuator.all_rules, *p.actuator.supply_rules)):
+            for share in (-0.8, 0.0, 0.6):
+                try:
+                    found = rule.check(FLOATS, given, share)
+                except (ArithmeticError, ValueError):
+                    found = (-7.0,)
+                columns.setdefault(place, []).extend(x if isfinite(x) else -9.0 for x in map(float, found))
+    return [_short(mark(column)) for column in columns.values()]
+
+
+def _moved(draw: random.Random, least: float, most: float, value: float) -> float:
+    """Return a value within its limits, most often near the one it has."""
+    return min(max(value * draw.choice((0.2, 0.7, 0.9, 1.1, 1.5, 5.0, -1.0)) + draw.choice((0.0, 0.0, 1e-3)), least),
+               most)
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.12g}")
+
+
+
+def write() -> None:
+    """Write the table, a line for each run, model and variable."""
+    table: Table = {"declared": {}, "rules": {}, "trajectories": {}}
+    for model in models():
+        table["trajectories"][model] = trajectories(model)
+        table["rules"][model] = rules(model)
+        for name, limits in declared(model).items():
+            table["declared"].setdefault(name, limits)
+            if limits != table["declared"][name]:
+                table["declared"][f"{model} {name}"] = limits
+    sections = [f"{json.dumps(section)}: " + _block(
+        f" {json.dumps(name)}: " + (_block(f"  {json.dumps(run)}: {json.dumps(marks)}" for run, marks in row.items())
+                                    if isinstance(row, dict) else json.dumps(row)) for name, row in rows.items())
+                for section, rows in table.items()]
+    FILE.write_text("{" + ",\n".join(sections) + "}\n", encoding="utf-8", newline="\n")
+
+
+def _block(lines: Iterable[str]) -> str:
+    return "{\n" + ",\n".join(lines) + "}"
+
+
+def kept() -> Mapping[str, Any]:
+    """Return the table as it was written."""
+    table: Mapping[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
+    return table
