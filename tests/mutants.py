@@ -33,7 +33,7 @@ _TEXTS = (ast.Raise, ast.JoinedStr, ast.Assert)  # errors' texts and formats: wh
 
 
 class Mutant(NamedTuple):
-    """A change of one place: a file below the root, a line, the text from and to an offset [bytes] in it, the new one."""
+    """A change of one place: the file, its line, from where to where its text changes [bytes], and the new text."""
 
     file: str
     line: int
@@ -66,19 +66,20 @@ def _changed(node: ast.AST, text: bytes, begins: Sequence[int]) -> tuple[int, in
         at = text.find(old, low, high)
         return None if at < 0 or b"#" in text[low:high] else (at, at + len(old), new)
 
-    old = {ast.Add: b"+", ast.Sub: b"-", ast.Mult: b"*", ast.Div: b"/", ast.Lt: b"<", ast.GtE: b">=", ast.Gt: b">",
+    signs = {ast.Add: b"+", ast.Sub: b"-", ast.Mult: b"*", ast.Div: b"/", ast.Lt: b"<", ast.GtE: b">=", ast.Gt: b">",
            ast.LtE: b"<=", ast.Eq: b"==", ast.NotEq: b"!=", ast.And: b"and", ast.Or: b"or"}
     if isinstance(node, ast.BinOp) and type(node.op) in _SWAPPED:
-        return between(node.left, node.right, old[type(node.op)], _SWAPPED[type(node.op)])
+        return between(node.left, node.right, signs[type(node.op)], _SWAPPED[type(node.op)])
     if isinstance(node, ast.Compare) and type(node.ops[0]) in _FLIPPED:
-        return between(node.left, node.comparators[0], old[type(node.ops[0])], _FLIPPED[type(node.ops[0])])
+        return between(node.left, node.comparators[0], signs[type(node.ops[0])], _FLIPPED[type(node.ops[0])])
     if isinstance(node, ast.BoolOp):
-        return between(*node.values[:2], old[type(node.op)], "or" if isinstance(node.op, ast.And) else "and")
+        return between(*node.values[:2], signs[type(node.op)], "or" if isinstance(node.op, ast.And) else "and")
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return place(node), place(node.operand), ""
+        return place(node), place(node) + 1, ""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        new = node.value * 1.1 if node.value else 0.1
-        return place(node), place(node, True), repr(type(node.value)(new) + (node.value == type(node.value)(new)))
+        whole = isinstance(node.value, int)
+        new = node.value + max(1, node.value // 10) if whole else node.value * 1.1 or 0.1
+        return place(node), place(node, True), repr(new)
     name = node.func if isinstance(node, ast.Call) else None
     word = name.attr if isinstance(name, ast.Attribute) else name.id if isinstance(name, ast.Name) else ""
     if name is not None and word in _OTHER:

@@ -51,8 +51,8 @@ HOMING: Mapping[str, Any] = {
 SETTINGS: Mapping[str, tuple[Mapping[str, Any], float]] = {  # with the communication step [s]
     "shipped": ({}, 1e-3), "other": (OTHER, 0.65e-3), "swift": (SWIFT, 1.3e-3)}
 # Actuators of which no two have the same drive line and states.
-KINDS = ("nonlinear", "linear", "second-order", "elastic", "worm-gear", "clutch", "series-clutch", "electrohydrostatic",
-         "electrohydraulic")
+KINDS = ("nonlinear", "linear", "second-order", "ristanovic", "elastic", "worm-gear", "clutch", "series-clutch",
+         "electrohydrostatic", "electrohydraulic")
 LINE = {"bus.source_resistance": 0.08, "line.accumulator_volume": 2e-4}
 
 
@@ -145,9 +145,10 @@ def through(model: str) -> Iterator[tuple[str, Marks]]:
         lasting = p.with_values({**HOMING, "homing.required": False})
         yield "obstacle", run(lasting, 0.5, 1e-3, home=lambda t: t > 0.01, aero_torque=lambda t: -400.0 * (t > 0.06))
     if extensions == ["faults"]:
-        for fault in fault_list.possible(get(model.removesuffix("+faults"))):
-            chosen = p.with_values({f"fault.{fault.name}.begin": 0.065, f"fault.{fault.name}.end": 0.17,
-                                    **p.having({"fault.command_delay.time": 7e-3, "homing.required": False})})
+        for place, fault in enumerate(fault_list.possible(get(model.removesuffix("+faults")))):
+            scheduled = {f"fault.{fault.name}.begin": 0.065, f"fault.{fault.name}.end": 0.17}
+            chosen = p.with_values({**p.having({**OTHER, "encoder.on_fin": place % 2 == 1,
+                                                "fault.command_delay.time": 7e-3}), **scheduled})
             yield fault.name, run(chosen, 0.2, 1e-3, **history(chosen))
     if not extensions:
         yield "three fins", several(p)
