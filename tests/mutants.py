@@ -73,13 +73,13 @@ def _changed(node: ast.AST, text: bytes, begins: Sequence[int]) -> tuple[int, in
     if isinstance(node, ast.Compare) and type(node.ops[0]) in _FLIPPED:
         return between(node.left, node.comparators[0], signs[type(node.ops[0])], _FLIPPED[type(node.ops[0])])
     if isinstance(node, ast.BoolOp):
-        return between(*node.values[:2], signs[type(node.op)], "or" if isinstance(node.op, ast.And) else "and")
+        return between(node.values[0], node.values[1], signs[type(node.op)], "or" if isinstance(node.op, ast.And) else "and")
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         return place(node), place(node) + 1, ""
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        whole = isinstance(node.value, int)
-        new = node.value + max(1, node.value // 10) if whole else node.value * 1.1 or 0.1
-        return place(node), place(node, True), repr(new)
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
+        number = node.value
+        larger = number + max(1, number // 10) if isinstance(number, int) else number * 1.1 or 0.1
+        return place(node), place(node, True), repr(larger)
     name = node.func if isinstance(node, ast.Call) else None
     word = name.attr if isinstance(name, ast.Attribute) else name.id if isinstance(name, ast.Name) else ""
     if name is not None and word in _OTHER:
@@ -94,8 +94,8 @@ def mutants(under: Sequence[str] = UNDER, root: Path = ROOT) -> list[Mutant]:
         for path in sorted(start.rglob("*.py")) if start.is_dir() else [start]:
             text = path.read_bytes()
             begins = [0]
-            for line in text.splitlines(keepends=True):
-                begins.append(begins[-1] + len(line))
+            for row in text.splitlines(keepends=True):
+                begins.append(begins[-1] + len(row))
             for node in _sites(ast.parse(text)):
                 if (change := _changed(node, text, begins)) is not None:
                     line = text.count(b"\n", 0, change[0]) + 1

@@ -23,7 +23,7 @@ from .runs import mark, models, through
 
 FILE = Path(__file__).with_name("table.json")
 Table = dict[str, dict[str, Any]]
-_NEVER = {inf: "inf", -inf: "-inf"}  # JSON has neither
+_NEVER: dict[Any, str] = {inf: "inf", -inf: "-inf"}  # JSON has neither
 
 
 def trajectories(model: str) -> dict[str, list[float]]:
