@@ -73,7 +73,8 @@ def _changed(node: ast.AST, text: bytes, begins: Sequence[int]) -> tuple[int, in
     if isinstance(node, ast.Compare) and type(node.ops[0]) in _FLIPPED:
         return between(node.left, node.comparators[0], signs[type(node.ops[0])], _FLIPPED[type(node.ops[0])])
     if isinstance(node, ast.BoolOp):
-        return between(node.values[0], node.values[1], signs[type(node.op)], "or" if isinstance(node.op, ast.And) else "and")
+        other = "or" if isinstance(node.op, ast.And) else "and"
+        return between(node.values[0], node.values[1], signs[type(node.op)], other)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         return place(node), place(node) + 1, ""
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
