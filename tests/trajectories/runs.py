@@ -53,6 +53,11 @@ SETTINGS: Mapping[str, tuple[Mapping[str, Any], float]] = {  # with the communic
 # Actuators of which no two have the same drive line and states.
 KINDS = ("nonlinear", "linear", "second-order", "ristanovic", "elastic", "worm-gear", "clutch", "series-clutch",
          "electrohydrostatic", "electrohydraulic")
+# With faults: monitors that trip and clear within the history.
+WATCHED: Mapping[str, Any] = {
+    "monitor.persistence": 3e-3, "monitor.tracking_limit": radians(0.4), "monitor.response": 90.0,
+    "monitor.rate": radians(150.0), "monitor.stall_share": 0.3, "monitor.stall_rate": radians(20.0),
+    "monitor.current_limit": 2.0, "fault.command_delay.time": 7e-3}
 LINE = {"bus.source_resistance": 0.08, "line.accumulator_volume": 2e-4}
 
 
@@ -147,8 +152,7 @@ def through(model: str) -> Iterator[tuple[str, Marks]]:
     if extensions == ["faults"]:
         for place, fault in enumerate(fault_list.possible(get(model.removesuffix("+faults")))):
             scheduled = {f"fault.{fault.name}.begin": 0.065, f"fault.{fault.name}.end": 0.17}
-            chosen = p.with_values({**p.having({**OTHER, "encoder.on_fin": place % 2 == 1,
-                                                "fault.command_delay.time": 7e-3}), **scheduled})
+            chosen = p.with_values({**p.having({**OTHER, **WATCHED, "encoder.on_fin": place % 2 == 1}), **scheduled})
             yield fault.name, run(chosen, 0.2, 1e-3, **history(chosen))
     if not extensions:
         yield "three fins", several(p)

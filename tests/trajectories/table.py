@@ -36,7 +36,7 @@ def declared(model: str) -> dict[str, list[Any]]:
     actuator = get(model)
     return {v.name: [_NEVER.get(x, x) for x in (v.minimum, v.maximum, v.nominal, v.start)]
             for v in (*actuator.inputs, *actuator.limited_outputs, *actuator.parameters,
-                      *(() if actuator.supply is None else actuator.supply.line.parameters))}
+                      *(() if actuator.supply is None else actuator.supply.line.outputs + actuator.supply.line.parameters))}
 
 
 def rules(model: str) -> list[float]:
