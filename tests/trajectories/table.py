@@ -34,9 +34,9 @@ def trajectories(model: str) -> dict[str, list[float]]:
 def declared(model: str) -> dict[str, list[Any]]:
     """Return minimum, maximum, nominal and start value of each variable of a model, by name."""
     actuator = get(model)
+    line = () if actuator.supply is None else actuator.supply.line.outputs + actuator.supply.line.parameters
     return {v.name: [_NEVER.get(x, x) for x in (v.minimum, v.maximum, v.nominal, v.start)]
-            for v in (*actuator.inputs, *actuator.limited_outputs, *actuator.parameters,
-                      *(() if actuator.supply is None else actuator.supply.line.outputs + actuator.supply.line.parameters))}
+            for v in (*actuator.inputs, *actuator.limited_outputs, *actuator.parameters, *line)}
 
 
 def rules(model: str) -> list[float]:
