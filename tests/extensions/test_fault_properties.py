@@ -46,6 +46,9 @@ def test_never_a_jump(model: str, windows: Mapping[str, tuple[float, float]], si
     parameters = load_parameters(model=f"{model}+faults")
     values = parameters.with_values(parameters.having(changes)).values  # of the faults that it can have
     step, acceleration = (1e-5, ELASTIC) if model in ("elastic", "ozkan") else (5e-5, RIGID)
+    if model == "second-order":  # of its equation, from stop to stop: w_n^2 2 delta + 2 zeta w_n r
+        w, zeta, r = (values[f"second_order.{name}"] for name in ("natural_frequency", "damping", "rate_limit"))
+        acceleration = w**2 * 2.0 * values["fin.stop_angle"] + 2.0 * zeta * w * r
     run = simulate(values, 0.25, step, model=f"{model}+faults", fin_command=lambda t: command * sin(40.0 * t),
                    aero_torque=lambda t: load if t < 0.12 else -load, enable=lambda t: enabled or t > 0.1)
     assert all(np.isfinite(column).all() for column in run.values())

@@ -227,7 +227,7 @@ def test_simulate_refuses(arguments: tuple[str, ...], said: str) -> None:
 
 
 @pytest.mark.parametrize("arguments", [
-    ["report", "--requirements", "r.json", "--json", "r.json"], ["fit", "-p", "p.toml", "-o", "p.toml"],
+    ["tune", "s.toml", "--requirements", "p.toml", "-o", "p.toml"], ["fit", "-p", "p.toml", "-o", "p.toml"],
     ["simulate", "--input", "r.csv", "--output", "r.csv"], ["tune", "s.toml", "-o", "s.toml"],
     ["baseline", "check", "p.toml", "-b", "base", "--markdown", "p.toml"],
     ["baseline", "check", "p.toml", "-b", "base", "--json", "base/drift.json"],
