@@ -251,17 +251,14 @@ def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[
 def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> Array:
     """Return the frequencies where gain and lag pass their levels, by bisection of the describing function.
 
-    Every unit follows its own bisection; what they all need next is simulated together. nan where a response is not a
-    sine, as that of a unit that hunts.
+    Every unit follows its own bisection; what they all need next is simulated together. nan where a response on the way
+    to a figure is not a sine, as that of a unit that hunts.
     """
     crossings, searches = np.full((len(changes), len(figures)), nan), [_search(figures) for _ in changes]
     due = {unit: next(search) for unit, search in enumerate(searches)}
     while due:
         responses = describing_function(subject, [changes[unit] for unit in due], test.amplitude, list(due.values()))
         for unit, response in zip(list(due), responses.tolist(), strict=True):
-            if isnan(abs(response)):
-                del due[unit]
-                continue
             try:
                 due[unit] = searches[unit].send(response)
             except StopIteration as end:
@@ -293,11 +290,17 @@ def _search(figures: Sequence[str]) -> _Search[list[float]]:
 
 
 def _crossing(level: Callable[[complex], float], at: Callable[[float], _Search[complex]]) -> _Search[float]:
-    """Return where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere."""
+    """Return where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere.
+
+    nan where the level is nan on the way.
+    """
     lowest, highest = BANDWIDTHS
     low = lowest
     for high in GRID:
-        if level((yield from at(high))) <= 0.0:
+        there = level((yield from at(high)))
+        if isnan(there):
+            return nan
+        if there <= 0.0:
             break
         low = high
     else:
@@ -306,7 +309,10 @@ def _crossing(level: Callable[[complex], float], at: Callable[[float], _Search[c
         return lowest
     for _ in range(BISECTIONS):
         middle = (low * high) ** 0.5
-        low, high = (middle, high) if level((yield from at(middle))) > 0.0 else (low, middle)
+        there = level((yield from at(middle)))
+        if isnan(there):
+            return nan
+        low, high = (middle, high) if there > 0.0 else (low, middle)
     return float((low * high) ** 0.5)
 
 

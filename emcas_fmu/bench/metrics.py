@@ -188,6 +188,12 @@ def settling(time: Array, distance: Array, band: float) -> Any:
     return np.where(_at(outside, k), np.where(k == last, inf, within), 0.0)[()]
 
 
+def settled(time: Array, distance: Array, band: float) -> Any:
+    """Return `settling`, inf where it is later than where the last third begins: too little is left to call it so."""
+    after = settling(time, distance, band)
+    return np.where(after > (1.0 - HELD) * (time[-1] - time[0]), inf, after)[()]
+
+
 def since(start: float, time: Array, *columns: Array) -> tuple[Array, ...]:
     """Return time and columns from `start` [s] on."""
     # Communication times carry rounding: a nanosecond early is on time.
@@ -232,7 +238,7 @@ def step_metrics(time: Array, response: Array, start: float, command: Any) -> St
     tenth, most = (crossing(time, share, reached) for reached in (0.1, 0.9))
     return StepMetrics(
         rise_time=most - tenth,
-        settling_time=settling(time, np.abs(share - 1.0), 0.02),
+        settling_time=settled(time, np.abs(share - 1.0), 0.02),
         time_to_90_percent=most - start,
         overshoot=np.maximum(np.max(share, axis=-1) - 1.0, 0.0),
         **hold_figures(time, response, command),
@@ -243,7 +249,7 @@ def hold_figures(time: Array, response: Array, command: Any) -> dict[str, Any]:
     """Return the figures of a response [rad] to a command [rad] that is constant over these times [s]."""
     error = response - np.asarray(command)[..., np.newaxis]
     last = _last(time)
-    return {"time_to_accuracy": settling(time, np.abs(error), ACCURACY),
+    return {"time_to_accuracy": settled(time, np.abs(error), ACCURACY),
             "steady_error": np.mean(error[..., last], axis=-1), "held_error": np.max(np.abs(error[..., last]), axis=-1),
             "held_angle": np.min(np.abs(response[..., last]), axis=-1), "ripple": np.ptp(response[..., last], axis=-1)}
 

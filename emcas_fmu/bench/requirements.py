@@ -48,8 +48,15 @@ class _Timed(_Linear):
     supply: Annotated[float, In("1", 0.1, 2.0)] = 1.0
 
 
+def _torque(entry: Any) -> float:
+    torque = float(In("N.m").number(entry))
+    if not torque:
+        raise ValueError("must not be 0; give a hinge moment such as 100 N.m")
+    return torque
+
+
 class _Load(_Timed):
-    torque: Annotated[float, In("N.m")]
+    torque: Annotated[float, PlainValidator(_torque)]
 
 
 class _Release(_Load):
@@ -69,8 +76,13 @@ class _Slew(_Move):
     settle: Annotated[float, In("s", STEP, 100.0)] = SETTLE
 
 
+class _Repeat(_Sine):
+    duration: Annotated[float, In("s", _SHORTEST, 100.0)] = 0.6
+    torque: Annotated[float, PlainValidator(_torque)]
+
+
 _TESTS: Mapping[str, type[_Linear]] = {"step": _Move, "slew": _Slew, "load": _Load, "release": _Release, "sine": _Sine,
-                                       "linear": _Linear, "repeat": _Move}
+                                       "linear": _Linear, "repeat": _Repeat}
 
 
 def _unit(figure: str) -> str:

@@ -143,7 +143,7 @@ def judge(subject: Subject, specification: Specification, progress: Progress = s
 
 def worst_of(figures: Iterable[Figure]) -> Figure:
     """Return the worst of what was measured for a requirement; no value is worse than any."""
-    return max(figures, key=lambda f: np.inf if isnan(f.measured) else f.requirement.sign * f.measured)
+    return max(figures, key=lambda f: f.requirement.sign * f.measured if isfinite(f.measured) else np.inf)
 
 
 def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judged:

@@ -94,8 +94,9 @@ def test_time_to_accuracy_of_a_ramp(sign: float) -> None:
     ramp = sign * np.clip((time - start) / 0.5, 0.0, 1.0)  # 1 rad in 0.5 s, interpolated exactly
     found = metrics.step_metrics(time, ramp, start, sign)
     assert found.time_to_accuracy == pytest.approx(0.5 * (1.0 - metrics.ACCURACY), abs=1e-9)
-    late = np.where(time > 0.8, sign, ramp - 2.0 * sign * metrics.ACCURACY)  # outside until 0.8 s, then at the command
-    assert metrics.step_metrics(time, late, start, sign).time_to_accuracy == pytest.approx(0.7, abs=STEP)
+    for until, took in ((0.65, 0.55), (0.8, np.inf)):  # outside until then; the last third begins at 0.7
+        late = np.where(time > until, sign, ramp - 2.0 * sign * metrics.ACCURACY)
+        assert metrics.step_metrics(time, late, start, sign).time_to_accuracy == pytest.approx(took, abs=STEP)
 
 
 def test_time_to_accuracy_where_nothing_is_outside_and_where_the_end_is() -> None:

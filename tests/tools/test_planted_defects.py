@@ -11,6 +11,7 @@ from emcas_fmu.parameters import load_parameters
 from ..docs.recipes import ROOT
 from ..docs.test_tables import script
 
+script("make_tables")  # which the other imports
 verdict = script("make_verdict")
 PLANTED = [(kind, k) for kind, defects in verdict.DEFECTS.items() for k in range(len(defects))]
 # One of each sort: unstable, hunting, winding up, remembering, weak, inexact, late.

@@ -13,7 +13,7 @@ function embedded({begin, stop, columns}, setting) {
 
 /** The figures of a test: of each direction, where it has two. */
 async function measure(test, setting, respond) {
-    if (test.kind === "sine") return [await bandwidths(test.figures, sines(test.amplitude, 0, respond))];
+    if (test.kind === "sine") return [await bandwidths(test.figures, sines(test.amplitude, 0, respond).at)];
     const runs = [];
     for (const run of test.runs) runs.push(await respond(embedded(run, setting), test.outputs));
     if (runs.includes(null)) return [{}];
@@ -68,26 +68,29 @@ function sines(amplitude, load, respond) {
 
 const LEVELS = {bandwidth_3db: response => Math.hypot(...response) - 10 ** (-3 / 20), bandwidth_90deg: ([real]) => real};
 
-/** The frequencies [Hz] where gain or lag pass their levels, by bisection; NaN where a response is no sine. */
-async function bandwidths(figures, {known, at}) {
-    const found = {};
-    for (const name of figures) found[name] = await crossed(LEVELS[name], at);
-    const pure = [...known.values()].every(([real]) => !Number.isNaN(real));
-    return pure ? found : {};
+/** The frequencies [Hz] where gain or lag pass their levels, by bisection; none where a response on the way is no sine. */
+async function bandwidths(figures, at) {
+    const found = [];
+    for (const name of figures) found.push([name, await crossed(LEVELS[name], at)]);
+    return Object.fromEntries(found.filter(([, value]) => !Number.isNaN(value)));
 }
 
-/** Where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere. */
+/** Where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere. NaN where the
+ * level is NaN on the way. */
 async function crossed(level, at) {
     const {BANDWIDTHS: [lowest, highest], BISECTIONS, GRID} = DATA.constants;
     let low = lowest, high = lowest;
     for (high of GRID) {
-        if (!(level(await at(high)) > 0)) break;
+        const there = level(await at(high));
+        if (Number.isNaN(there)) return NaN;
+        if (there <= 0) break;
         low = high;
     }
     if (low === highest) return highest;
     for (let k = 0; k < BISECTIONS && low < high; ++k) {
-        const middle = Math.sqrt(low * high);
-        if (level(await at(middle)) > 0) low = middle;
+        const middle = Math.sqrt(low * high), there = level(await at(middle));
+        if (Number.isNaN(there)) return NaN;
+        if (there > 0) low = middle;
         else high = middle;
     }
     return Math.sqrt(low * high);
@@ -95,7 +98,7 @@ async function crossed(level, at) {
 
 /** The response to sines, where it is one: frequency [Hz], gain [dB], phase [rad, unwrapped], both bandwidths [Hz]. */
 async function frequencyResponse(amplitude, load, respond) {
-    const {known, at} = sines(amplitude, load, respond), found = await bandwidths(Object.keys(LEVELS), {known, at});
+    const {known, at} = sines(amplitude, load, respond), found = await bandwidths(Object.keys(LEVELS), at);
     for (const [k, frequency] of DATA.constants.GRID.entries()) {
         if (k) await at(Math.sqrt(frequency * DATA.constants.GRID[k - 1]));
         await at(frequency);

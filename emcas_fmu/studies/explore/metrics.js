@@ -25,6 +25,12 @@ function settling(time, distance, band) {
     return time[k] - time[0] + inside * (time[k + 1] - time[k]);
 }
 
+/** The same, Infinity where it is later than where the last third begins. */
+function settled(time, distance, band) {
+    const after = settling(time, distance, band), span = time[time.length - 1] - time[0];
+    return after > (1 - DATA.constants.HELD) * span ? Infinity : after;
+}
+
 /** The rows from `start` [s] on, up to `end` [s]; a nanosecond beside is on time. */
 function between(start, end, time, ...columns) {
     const first = time.findIndex(t => t >= start - 1e-9), last = lastIndex(time, t => t <= end + 1e-9) + 1;
@@ -42,7 +48,7 @@ function holdFigures(time, response, command) {
     const error = response.map(angle => angle - command), held = lastThird(time, error).map(Math.abs);
     const angles = lastThird(time, response);
     return {
-        time_to_accuracy: settling(time, error.map(Math.abs), DATA.constants.ACCURACY),
+        time_to_accuracy: settled(time, error.map(Math.abs), DATA.constants.ACCURACY),
         steady_error: mean(lastThird(time, error)), held_error: largest(held),
         held_angle: -largest(angles.map(angle => -Math.abs(angle))),
         ripple: largest(angles) + largest(angles.map(x => -x)),
@@ -61,7 +67,7 @@ function stepMetrics(time, response, start, command) {
     const [tenth, most] = [0.1, 0.9].map(level => crossing(time, share, level));
     return {
         rise_time: most - tenth,
-        settling_time: settling(time, share.map(x => Math.abs(x - 1)), 0.02),
+        settling_time: settled(time, share.map(x => Math.abs(x - 1)), 0.02),
         time_to_90_percent: most - start,
         overshoot: Math.max(largest(share) - 1, 0),
         ...holdFigures(time, response, command),

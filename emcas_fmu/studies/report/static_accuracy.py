@@ -26,7 +26,8 @@ STEP = 0.02  # s, of the outputs: only what is held is looked at
 LAST = 0.1  # s, the end of a hold over which the angle is averaged
 
 QUANTITIES = (
-    Quantity("largest_error_deg", "largest error", "largest |angle - command| of any approach"),
+    Quantity("largest_error_deg", "largest mean error", "largest |angle - command| of any approach, as a mean over the "
+             "end of the hold"),
     Quantity("hysteresis_deg", "hysteresis", "largest difference, at one angle, of the mean angles it is approached "
              "with from below and from above (reversal value B of ISO 230-2)"),
     Quantity("repeatability_deg", "repeatability", "largest unidirectional repeatability R: four standard deviations "

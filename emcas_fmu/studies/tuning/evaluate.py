@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isnan
+from math import isfinite
 from pathlib import Path
 
 from ...bench import verdict
@@ -72,7 +72,7 @@ class Evaluation:
 
 def share(requirement: Requirement, measured: float) -> float:
     """Return a figure as a share of its limit: measured/maximum, or minimum/measured."""
-    if isnan(measured):
+    if not isfinite(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"
              else requirement.limit / measured if measured > 0.0 else HOPELESS)

@@ -28,16 +28,15 @@ SCHEMA = "emcas-validation/2"
 
 def _cases(result: Result) -> Table:
     """Return the errors of the cases as a table."""
-    columns = [f"{name} {of}" for name in ("angle", "rate", "current", "voltage") for of in ("max", "rms")]
-    table = Table("case", *columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, title_justify="left",
-                  title=f"error to {result.compared_with}: mdeg, deg/s, A, V")
-    for column in table.columns[1:]:
-        column.justify = "right"
+    shown = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
+             "motor_voltage": "voltage [V]"}
+    table = Table("case", *map(escape, shown.values()), box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False,
+                  title_justify="left", title=f"largest error to {result.compared_with}")
+    for k, column in enumerate(table.columns):
+        column.no_wrap, column.justify = True, "right" if k else "left"
     for case in result.cases:
-        found = [(case.errors.get(name), scale) for name, scale in (
-            ("fin_angle", 1e3), ("fin_rate", 1.0), ("motor_current", 1.0), ("motor_voltage", 1.0))]
-        table.add_row(case.name, *(f"{value * scale:.3f}" if error else "–" for error, scale in found
-                                   for value in ((error.maximum, error.rms) if error else (0.0, 0.0))))
+        found = [case.errors.get(name) for name in shown]
+        table.add_row(case.name, *(writers.number(error.maximum) if error else "–" for error in found))
     return table
 
 
