@@ -340,7 +340,10 @@ def are_defaults(parameters: ParameterSet) -> bool:
 
 def _document(path: Path) -> dict[str, Any]:
     # Numbers stay text: they are converted to the table's unit in decimal arithmetic.
-    return schema.document(path, ParameterError, str)[1]
+    contents = schema.document(path, ParameterError, str)[1]
+    if other := schema.misplaced(contents):
+        raise ParameterError(f"{path}: is no parameter file: it {other}")
+    return contents
 
 
 def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, file: str) -> ParameterSet:
@@ -549,5 +552,5 @@ def file_entry(values: Sequence[float], unit: str, source: str, note: str) -> di
 def _text(fields: Mapping[str, Any]) -> str:
     """Return a value as its file has it, with its unit."""
     value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
-    text = str(value).lower() if isinstance(value, bool) else str(value)
+    text = str(value).lower() if isinstance(value, bool) else schema.shortened(value)
     return text if unit in ("", "1") else f"{text} {unit}"

@@ -21,6 +21,7 @@ MOST_PROBLEMS = 20
 """How many problems of a file are listed; of the others their number is."""
 _MOST_NESTED = 50  # tables and lists inside each other
 _LONGEST_INTEGER = 64  # bits, as TOML has it
+_LONGEST_SHOWN = 60  # characters of a value in a message
 
 T = TypeVar("T")
 M = TypeVar("M", bound="Table")
@@ -205,6 +206,17 @@ def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] =
         raise error(f"{path}: is not valid TOML: {problem}") from problem
 
 
+# What a file is, by a table that only this kind has.
+_KINDS = {"tunables": "a tuning study; run it with `emcas tune FILE`",
+          "vary": "a campaign; run it with `emcas campaign FILE`",
+          "requirements": "a file of requirements; give it as `--requirements FILE`"}
+
+
+def misplaced(contents: Mapping[str, Any], expected: str = "") -> str:
+    """Return what a file is by its contents if it is not of the kind with the `expected` table; else nothing."""
+    return next((f"is {what}" for key, what in _KINDS.items() if key in contents and key != expected), "")
+
+
 def _check_contents(contents: Mapping[str, Any]) -> None:
     """Raise ValueError for what nests too deep to be gone through, or a whole number that no line can hold."""
     nodes: list[tuple[Any, int]] = [(contents, 0)]
@@ -231,9 +243,15 @@ def load(model: type[M], path: Path, error: type[EmcasError], context: Any = Non
     return read(model, document(path, error)[1], path, error, context)
 
 
+def shortened(written: object) -> str:
+    """Return a value as it is shown in a message."""
+    text = str(written)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
+
+
 def _line(path: Path, problem: Any) -> str:
     place, written = ".".join(map(str, problem["loc"])), problem["input"]
     if isinstance(written, bool):
         written = str(written).lower()
-    value = f" = {written}" if isinstance(written, (int, float, str)) else ""
+    value = f" = {shortened(written)}" if isinstance(written, (int, float, str)) else ""
     return f"{path}: {place}{value}: {problem['msg']}" if place else f"{path}: {problem['msg']}"

@@ -90,8 +90,9 @@ def obstacle(test: Test, figure: str, subject: Subject) -> str:
     """Return why a subject has not this figure of a test, in words; empty where it has it."""
     if test.kind == "linear":
         lacks = capabilities.POSITION_LOOP not in subject.actuator.provides
-        return f"margins need {capabilities.POSITION_LOOP}, which this actuator has not" if lacks else extras.absent(
-            "analysis", "margins need", "control", "casadi")
+        if lacks:
+            return f"margins need {capabilities.POSITION_LOOP}, which this actuator does not have"
+        return extras.absent("analysis", "margins need", "control", "casadi")
     if test.supply != 1.0 and subject.supply is None:
         return "this actuator has no supply"
     return subject.lacking(FIGURES[figure].needs)

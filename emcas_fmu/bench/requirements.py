@@ -17,7 +17,7 @@ from pydantic import Field, PlainValidator, ValidationInfo, field_validator, mod
 from ..errors import EmcasError
 from ..files import models_directory
 from ..parameters import ParameterSet
-from ..schema import In, Table, each, kind_of, load, named, parameter_of, unknown
+from ..schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
 from ..variables import Variable
 from .excitation import SETTLE, STEP
 from .measure import BANDWIDTHS, KINDS, Test, obstacle
@@ -274,6 +274,10 @@ def load_requirements(path: Path | None, base: ParameterSet) -> Specification:
 
     Raises EmcasError naming the file, the entry and what to write.
     """
-    shipped = models_directory() / "requirements.toml"
-    file = load(_File, path or shipped, EmcasError, base)
-    return Specification(tuple(file.requirements.values()), tuple(file.cases.values()), (path or shipped).name)
+    path = path or models_directory() / "requirements.toml"
+    contents = document(path, EmcasError)[1]
+    if "requirements" not in contents or misplaced(contents, "requirements"):
+        what = misplaced(contents) or "has no [[requirements]]"
+        raise EmcasError(f"{path}: is no file of requirements: it {what}; models/requirements.toml is one")
+    file = read(_File, contents, path, EmcasError, base)
+    return Specification(tuple(file.requirements.values()), tuple(file.cases.values()), path.name)

@@ -39,8 +39,8 @@ class Judged:
     """A requirement and what was measured for it: `measured` [unit] at least or at most `limit` [unit].
 
     ``measured`` is None where it was not measured (skipped) or there is no such figure (failed), with the reason in
-    ``note``; of a bandwidth ``beyond`` those looked for it is the next of these. ``case`` is that of the value,
-    the worst.
+    ``note``; of a bandwidth ``beyond`` those looked for it is the next of these. ``how`` it is measured, and ``case``,
+    that of the value, the worst.
     """
 
     source: str
@@ -55,6 +55,7 @@ class Judged:
     beyond: bool = False
     case: str = ""
     figure: str = ""
+    how: str = ""
     reason: str = ""
 
     @property
@@ -96,7 +97,8 @@ class Judged:
     def __str__(self) -> str:
         measured = "no value" if self.measured is None else f"{self.more}{number(self.measured)} {self.unit}"
         text = f"{self.title}: {measured}, required {self.sense} {self.limit:g} {self.unit}"
-        return f"{text} ({self.note})" if self.note else text
+        remarks = "; ".join(filter(None, (self.how, self.note)))
+        return f"{text} ({remarks})" if remarks else text
 
 
 def evaluate(subject: Subject, specification: Specification, changes: Sequence[Mapping[str, Any]],
@@ -151,18 +153,18 @@ def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judge
     unit, factor = r.shown
     fixed: dict[str, Any] = {
         "source": r.source, "name": r.name, "title": r.title or r.name, "sense": SENSES[r.sense],
-        "limit": r.shown_limit, "unit": unit, "figure": r.figure, "reason": r.reason}
+        "limit": r.shown_limit, "unit": unit, "figure": r.figure, "how": r.how, "reason": r.reason}
     if not figures:
         return Judged(**fixed, measured=None, note=r.obstacle(subject), skipped=True)
     worst = worst_of(figures)
-    case = worst.case.name if len(r.cases) > 1 else ""
-    how = r.how + (f"; worst in the case {case}" if case else "")
-    if r.test and r.test.amplitude > subject.command_limit * (1.0 + 1e-9):
-        how += f"; commands are clipped to {degrees(subject.command_limit):.6g} deg"
+    fixed["case"] = case = worst.case.name if len(r.cases) > 1 else ""
+    fixed["how"] += f"; worst in the case {case}" if case else ""
     if not isfinite(worst.measured):
-        return Judged(**fixed, measured=None, case=case, note=f"no value, as {_why(r, worst.measured)}: {how}")
-    beyond = r.figure in KINDS["sine"] and not BANDWIDTHS[0] < worst.measured < BANDWIDTHS[1]
-    return Judged(**fixed, measured=worst.measured * factor, note=how, beyond=beyond, case=case)
+        return Judged(**fixed, measured=None, note=_why(r, worst.measured))
+    clipped = r.test and r.test.amplitude > subject.command_limit * (1.0 + 1e-9)
+    return Judged(**fixed, measured=worst.measured * factor,
+                  note=f"commands are clipped to {degrees(subject.command_limit):.6g} deg" if clipped else "",
+                  beyond=r.figure in KINDS["sine"] and not BANDWIDTHS[0] < worst.measured < BANDWIDTHS[1])
 
 
 def _why(r: Requirement, measured: float) -> str:
@@ -191,6 +193,11 @@ def in_words(judged: Sequence[Judged], one: str = "requirement", many: str = "re
            f"{failed} of {len(counted)} {many} {'is' if failed == 1 else 'are'} not met" if failed else
            f"all {len(counted)} {many} are met" if len(counted) > 1 else f"the one {one} is met")
     return met + (f"; {left} more {'was' if left == 1 else 'were'} not judged" if left else "")
+
+
+def remarks(judged: Sequence[Judged]) -> list[str]:
+    """Return a line for each requirement that is missed, was not judged, or has a note."""
+    return [f"{j.name}: {j.note}" if j.skipped else f"{j.name}: {j}" for j in judged if j.note or not j.passed]
 
 
 def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:

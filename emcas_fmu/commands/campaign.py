@@ -233,8 +233,8 @@ def _chances(summary: Any) -> Table:
     from ..studies.campaign.summary import text
 
     low, median, high = _SHOWN
-    table = Table("requirement", "required", f"{median} %", f"worst {low} %", "met by (95 %)", title_justify="left",
-                  title="Samples that meet the requirements")
+    table = Table("requirement", "required", f"{median} %", f"worst {low} %", "met by", "probability (95 %)",
+                  title_justify="left", title="Samples that meet the requirements")
     table.columns[0].no_wrap = True
     for column in table.columns[1:]:
         column.justify = "right"
@@ -243,9 +243,12 @@ def _chances(summary: Any) -> Table:
         r, s = chance.requirement, summary.by_name.get(f"{REQUIREMENT}.{chance.requirement.name}")
         figures = [text(s.figure, s.percentiles[p]) for p in (median, high if r.sign > 0.0 else low)] if s else ["", ""]
         table.add_row(escape(r.name), f"{SENSES[r.sense]} {r.shown_limit:g} {r.shown[0]}",
-                      *figures, str(chance))
+                      *figures, f"{chance.met} of {chance.samples}", str(chance))
+    for j in summary.study.left_out:
+        table.add_row(escape(j.name), f"{j.sense} {j.limit:g} {j.unit}", "", "", "[dim]not judged[/]", "")
     table.add_section()
-    table.add_row("all of them", "", "", "", str(together))
+    every = "all of them" if not summary.study.left_out else "all that were judged"
+    table.add_row(every, "", "", "", f"{together.met} of {together.samples}", str(together))
     return table
 
 

@@ -210,10 +210,17 @@ def test_half_of_the_samples_miss(write: Write, tmp_path: Path) -> None:
     text = (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
     for shown in (done.output, text):
         assert "50.0 % (18.7 % … 81.3 %)" in shown
-        assert "≥ 69.1 % (95 %)" in shown
+        assert "≥ 69.1 %" in shown
     assert "Requirements and the samples that meet them: the specification" in text
     assert "Range of the fin" in text
     assert f"--requirements {tmp_path / 'half.toml'}" in text
+
+
+def test_a_case_of_what_varies_is_refused(write: Write, tmp_path: Path) -> None:
+    """Its value would hide the sample's, and a percentage be one of the nominal value."""
+    (tmp_path / "hot.toml").write_text('[cases.hot]\n"motor.resistance" = "130 %"\n' + HALF, encoding="utf-8")
+    with pytest.raises(CampaignError, match=r"hot\.toml: cases\.hot sets motor\.resistance, which varies in"):
+        load_study(write(LIMITED), requirements=tmp_path / "hot.toml")
 
 
 def test_a_sample_that_failed_meets_nothing(write: Write, tmp_path: Path) -> None:
@@ -254,7 +261,7 @@ def test_where_none_failed(n: int) -> None:
 
 
 @pytest.mark.parametrize(("met", "n", "said"), [
-    (24, 24, "≥ 85.7 % (95 %)"), (1000, 1000, "≥ 99.63 % (95 %)"), (0, 24, "≤ 14.3 % (95 %)"),
+    (24, 24, "≥ 85.7 %"), (1000, 1000, "≥ 99.63 %"), (0, 24, "≤ 14.3 %"),
     (999, 1000, "99.90 % (99.44 % … 99.9975 %)")])
 def test_in_words(met: int, n: int, said: str) -> None:
     assert str(Chance(None, met, n)) == said

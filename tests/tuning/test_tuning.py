@@ -601,7 +601,7 @@ def test_other_actuators_are_tuned(tmp_path: Path, model: str, changes: tuple[tu
 
 @pytest.mark.parametrize(("model", "study", "said"), [
     ("second-order", ORDER.replace(', amplitude = "2 deg"', "") % ("linear", "phase_margin", "30 deg"),
-     "requirements.rise: phase_margin: margins need a sampled position loop, which this actuator has not "
+     "requirements.rise: phase_margin: margins need a sampled position loop, which this actuator does not have "
      "(second-order); with optional = true it is then not judged"),
     ("second-order", ORDER % ("step", "peak_current", "3 A"), "requirements.rise: peak_current: this actuator has no "
      "motor_current (second-order); with optional = true"),

@@ -115,7 +115,7 @@ def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
     reasons = {}
     for section, (title, needs) in SECTIONS.items():
         if missing := [need for need in needs if need not in actuator.provides]:
-            reasons[section] = f"{title} left out: needs {missing[0]}, which {actuator.name} has not"
+            reasons[section] = f"{title} left out: needs {missing[0]}, which {actuator.name} does not have"
     for extension, why in (("heat", "of a motor at one temperature; emcas envelope has it with heat"),
                            ("efficiency", "of a screw without losses")):
         if extension in parts(model)[1]:

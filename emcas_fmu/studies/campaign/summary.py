@@ -96,9 +96,9 @@ class Chance:
     def __str__(self) -> str:
         low, high = self.interval
         if self.met == self.samples:
-            return f"≥ {_percent(low, floor)} (95 %)"
+            return f"≥ {_percent(low, floor)}"
         if not self.met:
-            return f"≤ {_percent(high, ceil)} (95 %)"
+            return f"≤ {_percent(high, ceil)}"
         return f"{_percent(self.share, round)} ({_percent(low, floor)} … {_percent(high, ceil)})"
 
 

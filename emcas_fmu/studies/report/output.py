@@ -14,7 +14,7 @@ from rich.table import Table
 
 from ... import __version__
 from ...bench import writers
-from ...bench.verdict import in_words, summary_table
+from ...bench.verdict import in_words, remarks, summary_table
 from .pictures import pictures
 from .study import Result
 
@@ -36,6 +36,8 @@ def summary(result: Result) -> Iterator[RenderableType]:
             figures.add_row(first, escape(label), sign + writers.number(value), "" if q.unit == "1" else q.unit)
             first = ""
     yield figures
+    for remark in remarks(result.judged):
+        yield f"[yellow]note:[/] {escape(remark)}"
     for outcome in result.outcomes.values():
         for note in outcome.notes:
             yield f"[yellow]note:[/] {escape(note)}"
@@ -49,14 +51,10 @@ def summary(result: Result) -> Iterator[RenderableType]:
 def as_dict(result: Result, date: str = "") -> dict[str, Any]:
     """Return figures, curves, methods and requirements; not the time series."""
     outcomes = result.outcomes
-    requirements = []
-    for j in result.judged:
-        entry = j.as_dict()
-        entry["how"] = entry.pop("note")
-        requirements.append(entry)
     return {
         "schema": SCHEMA, "passed": result.passed, "tool": f"emcas {__version__}", "date": date or None,
-        "identification": asdict(result.about), "rated_load_n_m": result.load, "requirements": requirements,
+        "identification": asdict(result.about), "rated_load_n_m": result.load,
+        "requirements": [j.as_dict() for j in result.judged],
         "figures": {name: o.figures for name, o in outcomes.items()},
         "curves": {name: o.curves for name, o in outcomes.items() if o.curves},
         "methods": {name: {"method": o.method, "estimate": o.estimate or None, "stopped": o.stopped or None,

@@ -14,18 +14,18 @@ from .outcome import Outcome, displayed, quantity
 from .rig import Rig
 
 SIZES = (1.0, 5.0, 10.0)  # deg of a step, and the end of the range
-SLEW = 1.0  # s from the command to the other end
+DURATION = 1.0  # s from the command to the other end
 
-_STEP = (
+STEP = (
     quantity("rise_time", "rise time"), quantity("settling_time", "settling time"),
     quantity("overshoot", "overshoot"), quantity("steady_error", "steady error"),
 )
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
-_FREQUENCY = (
+FREQUENCY = (
     quantity("bandwidth_3db", "-3 dB"), quantity("bandwidth_90deg", "-90 deg"),
     quantity("peak_gain", "largest gain"), quantity("lowest_coherence", "least coherence"),
 )
-_SLEW = (
+SLEW = (
     quantity("sustained_rate", "sustained rate"), quantity("peak_rate", "peak rate"),
     quantity("time_to_90_percent", "time to 90 %"),
 )
@@ -38,13 +38,13 @@ def steps(rig: Rig) -> Outcome:
     for size in (sign * size for size in sizes for sign in (1.0, -1.0)):
         run, group = rig.run(step_to(radians(size), HOLD)), _step_group(size)
         labels[group] = f"{size:+g} deg"
-        figures[group] = displayed(motion(run), _STEP)
+        figures[group] = displayed(motion(run), STEP)
         series[group] = {"time_s": run.columns["time"] - run.excitation.begin,
                          "angle_deg": np.degrees(run.columns["fin_angle"]), "command_deg": np.array([size])}
     first, largest = _step_group(1.0), _step_group(sizes[-1])
     return Outcome(
         f"From rest at 0 deg the command jumps to each size and stays there for {HOLD:g} s; no load. Outputs are "
-        "read every 1 ms.", _STEP, figures,
+        "read every 1 ms.", STEP, figures,
         (f"{first}.rise_time_s", f"{first}.settling_time_s", f"{largest}.rise_time_s", f"{largest}.settling_time_s",
          f"{largest}.overshoot_percent"), labels, series=series)
 
@@ -66,7 +66,7 @@ def frequency(rig: Rig) -> Outcome:
             notes.append(f"At {label} the gain is below -3 dB from {lowest:g} Hz on.")
         elif isnan(at):
             notes.append(f"At {label} there is no bandwidth: what comes out is no sine of the command's frequency.")
-        figures[group] = displayed({**swept(response), "bandwidth_3db": at, "bandwidth_90deg": lag}, _FREQUENCY)
+        figures[group] = displayed({**swept(response), "bandwidth_3db": at, "bandwidth_90deg": lag}, FREQUENCY)
         beyond |= {f"{group}.{name}_hz": highest for name, each in zip(_BANDWIDTHS, (at, lag), strict=True)
                    if isfinite(each) and each >= highest}
         curves[group] = {"frequency_hz": response.frequency, "gain_db": response.gain_db,
@@ -77,7 +77,7 @@ def frequency(rig: Rig) -> Outcome:
         f"command about 0 deg, no load, the frequency bisected between {lowest:g} and {highest:g} Hz. Curves, largest "
         f"gain and coherence by a logarithmic sine sweep from {SWEEP[0]:g} to {SWEEP[1]:g} Hz in 12 s; H1 estimate by "
         f"Welch's method, Hann segments of 1 s, evaluated from {low:g} to {high:g} Hz. Coherence is below 1 where the "
-        "response is not linear, or changes within a segment.", _FREQUENCY, figures,
+        "response is not linear, or changes within a segment.", FREQUENCY, figures,
         tuple(f"{group}.{key}" for group in labels for key in ("bandwidth_3db_hz", "bandwidth_90deg_hz")),
         labels, curves, notes=tuple(notes), beyond=beyond)
 
@@ -88,10 +88,10 @@ def slews(rig: Rig) -> Outcome:
     for load, factor, label in (("unloaded", 0.0, "unloaded"), ("opposing", -1.0, f"against {rig.load:g} N.m"),
                                 ("aiding", 1.0, f"with {rig.load:g} N.m")):
         for direction, sign in (("positive", 1.0), ("negative", -1.0)):
-            slew = excitation(Test("slew", radians(rig.limit), SLEW, factor * rig.load), sign, rig.subject)
+            slew = excitation(Test("slew", radians(rig.limit), DURATION, factor * rig.load), sign, rig.subject)
             run, group = rig.run(slew), f"{load}_{direction}"
             labels[group] = f"{label}, {direction}"
-            figures[group] = displayed(motion(run, -1), _SLEW)
+            figures[group] = displayed(motion(run, -1), SLEW)
             names = [name for name in ("fin_angle", "fin_rate", "motor_current") if name in run.columns]
             time, *columns = since(slew.begin, run.columns["time"], *(run.columns[name] for name in names))
             series[group] = {"time_s": time - slew.begin, **{
@@ -100,6 +100,6 @@ def slews(rig: Rig) -> Outcome:
     return Outcome(
         f"From -{rig.limit:g} to +{rig.limit:g} deg and back the other way, after {SETTLE:g} s at the starting end "
         f"without load. The load comes on within {LOAD_RISE * 1e3:g} ms of the command and stays: against the motion "
-        "(opposing) or with it (aiding).", _SLEW, figures,
+        "(opposing) or with it (aiding).", SLEW, figures,
         tuple(f"{group}.sustained_rate_deg_per_s" for group in figures if not group.startswith("aiding")), labels,
         series=series)

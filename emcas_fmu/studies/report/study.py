@@ -20,20 +20,21 @@ from ...errors import EmcasError, hint
 from ...parameters import load_parameters
 from ...progress import Progress, silent
 from ...reference.cases import LOAD
+from ...schema import unknown
 from ...variables import Variable
 from . import mission, responses, static_accuracy, stepping, stiffness, threshold
-from .outcome import Outcome, Value
+from .outcome import Outcome, Quantity, Value
 from .rig import Rig
 
-TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome]]] = {
-    "step_response": ("Step response", responses.steps),
-    "frequency_response": ("Frequency response", responses.frequency),
-    "slew_rate": ("Slew rate", responses.slews),
-    "static_accuracy": ("Static accuracy", static_accuracy.measure),
-    "threshold": ("Threshold and resolution", threshold.measure),
-    "dynamic_stiffness": ("Dynamic stiffness", stiffness.measure),
-    "mission": ("Mission profile", mission.measure),
-    "stepping": ("Accuracy of the stepping", stepping.measure),
+TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] = {
+    "step_response": ("Step response", responses.steps, responses.STEP),
+    "frequency_response": ("Frequency response", responses.frequency, responses.FREQUENCY),
+    "slew_rate": ("Slew rate", responses.slews, responses.SLEW),
+    "static_accuracy": ("Static accuracy", static_accuracy.measure, static_accuracy.QUANTITIES),
+    "threshold": ("Threshold and resolution", threshold.measure, threshold.QUANTITIES),
+    "dynamic_stiffness": ("Dynamic stiffness", stiffness.measure, stiffness.QUANTITIES),
+    "mission": ("Mission profile", mission.measure, mission.QUANTITIES),
+    "stepping": ("Accuracy of the stepping", stepping.measure, stepping.QUANTITIES),
 }
 # Figures of requirements, by the test whose picture has their limits.
 _LIMITED = {"step_response": ("settling_time", "overshoot"), "static_accuracy": ("held_error",),
@@ -96,8 +97,10 @@ def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | Non
     with np.errstate(divide="ignore", invalid="ignore"):
         progress("requirements", 0, total)
         chosen = specification or load_requirements(None, subject.parameters)
+        for r in chosen.requirements:
+            _check_figure(r, chosen.file)
         judged = verdict.judge(subject, chosen)
-        for done, (name, (title, measure)) in enumerate(TESTS.items(), start=1):
+        for done, (name, (title, measure, _)) in enumerate(TESTS.items(), start=1):
             progress(title, done, total)
             try:
                 outcome = measure(rig)
@@ -119,6 +122,18 @@ def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
                 yield f"{test}.{group}.{key}", value
 
 
+def _check_figure(r: Requirement, file: str) -> None:
+    """Raise EmcasError for a figure of a test that the report does not have, before anything is run."""
+    if r.test is not None:
+        return
+    test, _, key = r.figure.split(".")
+    keys = [q.key for q in TESTS[test][2]] if test in TESTS else []
+    if key not in keys:
+        what = f"the test {test} has no figure {key}" if keys else f"there is no test {test}"
+        raise EmcasError(f"{file}: requirements.{r.name}.figure = {r.figure}: {what}; "
+                         f"{unknown(key, keys) if keys else unknown(test, TESTS)}")
+
+
 def _of_report(judged: Judged, r: Requirement, outcomes: Mapping[str, Outcome], file: str) -> Judged:
     """Return a requirement on a figure of the tests with what was measured. Raises EmcasError where there is none."""
     figures, (test, group, key) = dict(flat(outcomes)), r.figure.split(".")
@@ -130,6 +145,7 @@ def _of_report(judged: Judged, r: Requirement, outcomes: Mapping[str, Outcome], 
         numbers = [name for name, each in figures.items() if not isinstance(each, bool)]
         raise EmcasError(f"{file}: requirements.{r.name}.figure = {r.figure}: there is no such figure that is a number"
                          f"{hint(r.figure, numbers)} (`emcas report --json FILE` writes all)")
-    how = f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}"
-    return replace(judged, measured=value if isfinite(value) else None, note=how if isfinite(value) else
-                   f"no value: {how}", skipped=False, beyond=f"{group}.{key}" in outcome.beyond)
+    has = isfinite(value)
+    return replace(judged, measured=value if has else None, note="" if has else "it is not reached", skipped=False,
+                   how=f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}",
+                   beyond=f"{group}.{key}" in outcome.beyond)

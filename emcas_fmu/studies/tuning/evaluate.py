@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite, nextafter
 from pathlib import Path
 
 from ...bench import verdict
@@ -19,8 +19,6 @@ HOPELESS = 10.0
 # The objective is the p-norm of the requirements' worst shares: close to the largest, but what cannot be
 # improved by gains (a rate the motor limits) does not hide the rest.
 _NORM = 8
-# Of a limit: a figure this little beyond it meets it, as that of the same figure in another unit may round.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -34,13 +32,13 @@ class Judgement:
 
     @property
     def margin(self) -> float:
-        """What is left to the limit, as a share of it; 0 where rounding alone parts the two."""
-        return 0.0 if abs(1.0 - self.share) <= _ROUNDING else 1.0 - self.share
+        """What is left to the limit, as a share of it."""
+        return 1.0 - self.share
 
     @property
     def met(self) -> bool:
         """Whether the limit is kept."""
-        return self.margin >= 0.0
+        return self.share <= 1.0
 
 
 @dataclass(frozen=True)
@@ -71,12 +69,12 @@ class Evaluation:
 
 
 def share(requirement: Requirement, measured: float) -> float:
-    """Return a figure as a share of its limit: measured/maximum, or minimum/measured."""
+    """Return a figure as a share of its limit, measured/maximum or minimum/measured: 1 at most where it is kept."""
     if not isfinite(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"
              else requirement.limit / measured if measured > 0.0 else HOPELESS)
-    return min(ratio, HOPELESS)
+    return min(ratio, 1.0) if requirement.kept(measured) else min(max(ratio, nextafter(1.0, inf)), HOPELESS)
 
 
 def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:

@@ -17,7 +17,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ...bench import writers
-from ...bench.verdict import summary_table
+from ...bench.verdict import remarks, summary_table
 from ...plots import pictures
 from .pictures import drawings
 from .study import TRAJECTORY_LIMIT, Result
@@ -50,8 +50,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
     for finding in result.findings:
         held = {True: " Confirmed.", False: " Not confirmed.", None: ""}[finding.holds]
         yield escape(f"{finding.text}.{held}")
-    unmeasured = [f"{j.name}: {j.note}" for j in result.criteria if j.measured is None]
-    for note in (*unmeasured, *result.notes):
+    for note in (*remarks(result.criteria), *result.notes):
         yield f"[yellow]note:[/] {escape(note)}"
     color = "green" if result.passed else "yellow" if result.unjudged else "bold red"
     yield f"[{color}]{escape(result.verdict)}[/]"

@@ -147,8 +147,9 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
              progress: Progress = silent, inside: bool = False, specification: Specification | None = None) -> Result:
     """Judge a subject by the reference cases in `directory` (default: the stored ones) and by requirements.
 
-    Trajectories are judged where the references are of the subject's actuator, the requirements of a `specification`
-    (the shipped ones unless given) always. With `inside`, or where the stored ones are of another actuator or other
+    Trajectories are judged by the stored references where these are of the subject's actuator and parameters, by those
+    of a `directory` where they are of its actuator; the requirements of a `specification` (the shipped ones unless
+    given) always. With `inside`, or where the stored ones are of another actuator or other
     parameters, trajectories are judged by the references that an FMU carries. With `names`, only these cases are run
     and no requirement is judged. `progress` is called with the name of the run, how many are done and how many there
     are. Raises EmcasError where the validation cannot be carried out; a failing subject is a result.
@@ -169,13 +170,14 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     extra = {} if names else _linear_steps(subject)
     if not names and parts(subject.model)[0] == NONLINEAR and (why := obstacle(subject.values)):
         notes.append(f"The comparison with the linear model is left out: {why}")
+    given = from_inside or directory is not None  # compared with whatever parameters they were made with
     total, series = len(cases) + len(extra), dict[str, Series]()
     outputs = [name for name in RECORDED if name in subject.outputs]
     for case in cases:
         progress(case.name, len(series), total)
         # The encoder's chatter hides small errors, so references do without; performance does not.
         exact, shipped = excitations[case.name], with_encoder(excitations[case.name])
-        judged = case.reference and case.model == subject.actuator.name
+        judged = case.reference and (_made_of(subject, case) or (given and case.model == subject.actuator.name))
         compared = subject.run(exact, outputs=outputs) if judged else None
         same = compared if exact.start_values == shipped.start_values else None
         run = same or subject.run(shipped, outputs=outputs)
@@ -229,7 +231,7 @@ def _result(subject: Subject, where: str, inside: bool, cases: Sequence[stored.S
     trajectory = tuple(_trajectory(result, series[result.name]) for result in results if result.errors)
     compared = [case for case in cases if series[case.name].exact]
     independent = all(case.independent for case in compared)
-    notes[:0] = _origin(subject, where, inside, compared)
+    notes[:0] = _origin(subject, where, inside, cases, compared)
     findings = tuple(claims.claims(comparisons))
     notes += _notes(subject, compared, series)
     return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
@@ -238,8 +240,13 @@ def _result(subject: Subject, where: str, inside: bool, cases: Sequence[stored.S
                   subject.actuator.origin)
 
 
-def _origin(subject: Subject, where: str, inside: bool, compared: Sequence[stored.Stored]) -> list[str]:
-    """Return what is to be said of where the references come from: nothing where they are those of a folder."""
+def _origin(subject: Subject, where: str, inside: bool, cases: Sequence[stored.Stored],
+            compared: Sequence[stored.Stored]) -> list[str]:
+    """Return a note on where the references come from: nothing where they are those of a folder."""
+    if not compared and any(case.model == subject.actuator.name for case in cases if case.reference):
+        return [f"Trajectories are not compared: the references in {where} are of other parameters than the subject's; "
+                "make its own with `emcas reference --parameters FILE --directory DIR` and validate with "
+                "`--directory DIR`"]
     if not compared:
         none = (f"None of these cases has a reference inside {where}" if inside else
                 f"There is no independent reference of {subject.actuator.name} in {where}")
