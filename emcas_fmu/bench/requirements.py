@@ -6,7 +6,7 @@ The shipped ones are `models/requirements.toml`; a user's file replaces them whe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import degrees
 from pathlib import Path
 from typing import Annotated, Any
@@ -199,10 +199,15 @@ class Requirement(Table):
 
 @dataclass(frozen=True)
 class Case:
-    """Circumstances: values of parameters that differ from the set that is judged, SI."""
+    """Circumstances: values of parameters that differ from the set that is judged, SI, some by a share of its own."""
 
     name: str
     values: Mapping[str, Any]
+    shares: Mapping[str, float] = field(default_factory=dict)
+
+    def of(self, unit: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of a unit that itself differs from the set in the values of `unit`."""
+        return {**unit, **self.values, **{name: x * unit[name] for name, x in self.shares.items() if name in unit}}
 
 
 NOMINAL = Case("nominal", {})
@@ -229,6 +234,10 @@ def variable_of(name: str, base: ParameterSet) -> Variable:
     return parameter_of(name, variables, f"; made to be tuned are {tunable}" if tunable else "")
 
 
+def _is_share(entry: Any) -> bool:
+    return isinstance(entry, str) and entry.strip().endswith("%")
+
+
 def _cases(entries: Any, info: ValidationInfo) -> dict[str, Case]:
     base: Any = info.context
 
@@ -236,13 +245,13 @@ def _cases(entries: Any, info: ValidationInfo) -> dict[str, Case]:
         variable = variable_of(name, base)
         if name in info.data.get("tunables", {}):
             raise ValueError("is to be tuned and cannot be set by a case")
-        share = isinstance(entry, str) and entry.strip().endswith("%")
-        return In(variable.unit, base=float(base.values[name])).number(entry) if share else entry
+        return In(variable.unit, base=float(base.values[name])).number(entry) if _is_share(entry) else entry
 
     def read(name: str, entry: Any) -> Case:
         changes = each(entry, change)
         values = base.with_values(changes).values
-        return Case(name, {key: values[key] for key in changes})
+        return Case(name, {key: values[key] for key in changes},
+                    {key: In("1", base=1.0).number(entry[key]) for key in changes if _is_share(entry[key])})
 
     return each(entries, read)
 

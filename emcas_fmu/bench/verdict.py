@@ -120,7 +120,7 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
         units = [(k, name) for k in range(len(changes)) for name in cases
                  if any(name in r.cases for r in requirements)]
         with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
-            measured = measure(test, subject, [{**start, **changes[k], **cases[name].values} for k, name in units],
+            measured = measure(test, subject, [cases[name].of({**start, **changes[k]}) for k, name in units],
                                tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
         for (k, name), figures in zip(units, measured.tolist(), strict=True):
             found[k, name] += [Figure(r, cases[name], figure)

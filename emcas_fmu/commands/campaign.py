@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -234,7 +235,8 @@ def _chances(summary: Any) -> Table:
 
     low, median, high = _SHOWN
     table = Table("requirement", "required", f"{median} %", f"worst {low} %", "met by", "probability (95 %)",
-                  title_justify="left", title="Samples that meet the requirements")
+                  title_justify="left", title="Samples that meet the requirements", box=SIMPLE_HEAD,
+                  padding=(0, 1, 0, 0), pad_edge=False)
     table.columns[0].no_wrap = True
     for column in table.columns[1:]:
         column.justify = "right"

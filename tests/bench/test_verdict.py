@@ -222,7 +222,7 @@ def test_all_cases_count_and_the_worst_is_shown_by_name(tmp_path: Path) -> None:
     tables = RISE, RISE.replace('"rise"', '"sound"') + "cases = ['nominal', 'narrow']\n"
     found = by_name(subject, load_requirements(specified(tmp_path, *tables, start=CASES), parameters))
     assert (found["rise"].passed, found["rise"].case) == (False, "slow")
-    assert "worst in the case slow" in found["rise"].note
+    assert "worst in the case slow" in found["rise"].how
     assert found["sound"].passed
     # One case after the other gives the same.
     slow = by_name(ParameterSubject(parameters.with_values(

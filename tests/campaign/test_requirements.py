@@ -216,11 +216,15 @@ def test_half_of_the_samples_miss(write: Write, tmp_path: Path) -> None:
     assert f"--requirements {tmp_path / 'half.toml'}" in text
 
 
-def test_a_case_of_what_varies_is_refused(write: Write, tmp_path: Path) -> None:
-    """Its value would hide the sample's, and a percentage be one of the nominal value."""
-    (tmp_path / "hot.toml").write_text('[cases.hot]\n"motor.resistance" = "130 %"\n' + HALF, encoding="utf-8")
-    with pytest.raises(CampaignError, match=r"hot\.toml: cases\.hot sets motor\.resistance, which varies in"):
-        load_study(write(LIMITED), requirements=tmp_path / "hot.toml")
+def test_a_percentage_of_a_case_is_of_the_sample(write: Write, tmp_path: Path) -> None:
+    """Of a resistance that varies, 130 % is of each sample's, as it is of a unit that is built that way."""
+    hot = '[cases.hot]\n"motor.resistance" = "130 %"\n"inertia.fin" = "0.05 kg*m^2"\n'
+    (tmp_path / "hot.toml").write_text(hot + HALF, encoding="utf-8")
+    specification = load_study(write(LIMITED), requirements=tmp_path / "hot.toml").plan.specification
+    values = {"motor.resistance": pytest.approx(1.3 * 0.2), "inertia.fin": 0.05, "command.limit": 0.3}
+    assert specification.cases[0].of({"motor.resistance": 0.2, "inertia.fin": 0.02, "command.limit": 0.3}) == values
+    nominal = load_parameters().values["motor.resistance"]
+    assert specification.cases[0].of({})["motor.resistance"] == pytest.approx(1.3 * nominal)
 
 
 def test_a_sample_that_failed_meets_nothing(write: Write, tmp_path: Path) -> None:

@@ -56,7 +56,8 @@ def test_provenance(tmp_path: Path) -> None:
 def test_many_unknown_keys(command: str, tmp_path: Path) -> None:
     """The first are listed, each with its hint, and the others counted."""
     path = tmp_path / "many.toml"
-    path.write_text("".join(f"key{i} = 1\n" for i in range(30_000)), encoding="utf-8")
+    of_its_kind = "requirements = []\n" if command == "report" else ""
+    path.write_text(of_its_kind + "".join(f"key{i} = 1\n" for i in range(30_000)), encoding="utf-8")
     begun = perf_counter()
     lines = _run(command, path).splitlines()
     assert perf_counter() - begun < 20.0  # s; 1 here, and 30 where each was compared with every name there is

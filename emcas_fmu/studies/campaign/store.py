@@ -53,7 +53,8 @@ def _judged(specification: Specification) -> dict[str, Any]:
         return {}
     requirements = {r.name: {**r.model_dump(exclude={"test", *_WORDS}), "test": r.test and asdict(r.test)}
                     for r in specification.requirements}
-    made = {"requirements": requirements, "cases": {case.name: dict(case.values) for case in specification.cases}}
+    cases = {case.name: [dict(case.values), dict(case.shares)] for case in specification.cases}
+    made = {"requirements": requirements, "cases": cases}
     document: dict[str, Any] = json.loads(json.dumps(made))
     return document
 

@@ -109,11 +109,6 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
     if specification.requirements and not able:
         raise CampaignError(f"{requirements}: none of its requirements can be measured of {base.model}; leave "
                             "--requirements out")
-    varied = {*(factor.name for factor in reader.factors), *reader.followers}
-    for case in specification.cases:  # its value would hide the sample's
-        if both := ", ".join(name for name in case.values if name in varied):
-            raise CampaignError(f"{requirements}: cases.{case.name} sets {both}, which varies in {path}; leave it out "
-                                "of one of them")
     plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers, tuple(reader.experiments),
                 file.campaign.seed, unit, digest, chosen, base.model, source_sha256(base.model),
                 replace(specification, requirements=able))
