@@ -14,6 +14,7 @@ from .simulate import Array
 from .simulate import simulate as in_time
 from .worm_gear import WormPlant
 
+_LEFT = 1e-9  # N.m; less is rounding where flanks are left
 _REFUSED = ("motor.pole_pairs", "encoder.on_fin")
 
 
@@ -93,6 +94,13 @@ class MeshPlant(WormPlant):
             return -1.0
         return side * self._fin_moment((*state[:5], 0.0), mode, around, side)
 
+    def _met(self, state: Vector, side: int) -> float:
+        """Return what is above 0 where flanks touch, or where a damped flank that has been left presses again.
+
+        It begins below 0 where flanks are left, so that a return within the first step is seen.
+        """
+        return min(self.stiffness * self._entered(state, side), self._pressure(state, side)) - _LEFT
+
     def _settled(self, state: Vector, mode: Mode, around: Surroundings) -> Mode:
         """Return the mode with whoever rests and is not held let go."""
         if not self.half_gap and not mode.flank:
@@ -141,9 +149,8 @@ class MeshPlant(WormPlant):
             if not mode.fin:
                 guards.append(Guard(lambda y, side=side: self._fin_excess(y, mode, around, side), 1,  # type: ignore[misc]
                                     then(fin=side)))
-            if not mode.flank:  # met where they touch, or where a damped flank that has been left presses again
-                guards.append(Guard(lambda y, side=side: min(self.stiffness * self._entered(y, side),  # type: ignore[misc]
-                                                             self._pressure(y, side)), 1, then(flank=side)))
+            if not mode.flank:
+                guards.append(Guard(lambda y, side=side: self._met(y, side), 1, then(flank=side)))  # type: ignore[misc]
         if mode.flank:
             guards.append(Guard(lambda y: self._pressure(y, mode.flank), -1,
                                 then(flank=0 if self.half_gap else -mode.flank)))
