@@ -25,8 +25,9 @@ def validate(
     as_json: common.JsonOption = None,
     junit: common.JunitOption = None,
     report: common.ReportOption = None,
-    directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
-                                                      "unless given.", metavar="DIR")] = None,
+    directory: Annotated[Path | None, typer.Option(
+        help="Folder of the reference files, compared whatever their parameters are. Without it: models/reference, "
+             "compared where they are of the subject's parameters.", metavar="DIR")] = None,
     requirements: common.RequirementsOption = None,
     inside: Annotated[bool, typer.Option("--inside", help="Compare trajectories with the references inside the FMU; of "
                                          "another actuator, or other parameters than the defaults, that is so "
