@@ -175,10 +175,11 @@ class Requirement(Table):
     def kept(self, measured: Any) -> Any:
         """Return whether figures, an array of them or one, keep the limit; one that is not finite does not.
 
-        Compared in the unit and with the digits that people read, so that what is shown as the limit is no miss.
+        Both are compared in the unit people read, with nine decimals: a conversion's rounding is no miss.
         """
         _, factor = self.shown
-        return np.isfinite(measured) & (self.sign * (self.shown_limit - np.multiply(measured, factor)) >= 0.0)
+        shown = np.round(np.multiply(measured, factor), 9)
+        return np.isfinite(measured) & (self.sign * (self.shown_limit - shown) >= 0.0)
 
     @property
     def shown_limit(self) -> float:
@@ -285,8 +286,7 @@ def load_requirements(path: Path | None, base: ParameterSet) -> Specification:
     """
     path = path or models_directory() / "requirements.toml"
     contents = document(path, EmcasError)[1]
-    if "requirements" not in contents or misplaced(contents, "requirements"):
-        what = misplaced(contents) or "has no [[requirements]]"
-        raise EmcasError(f"{path}: is no file of requirements: it {what}; models/requirements.toml is one")
+    if other := misplaced(contents, "requirements"):
+        raise EmcasError(f"{path}: is no file of requirements: it {other}; models/requirements.toml is one")
     file = read(_File, contents, path, EmcasError, base)
     return Specification(tuple(file.requirements.values()), tuple(file.cases.values()), path.name)

@@ -18,7 +18,7 @@ from emcas_fmu.bench import writers
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.tuning import optimise
-from emcas_fmu.studies.tuning.evaluate import Evaluation, Journal, Judgement, evaluate
+from emcas_fmu.studies.tuning.evaluate import Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.optimise import Result, rounded, tune
 from emcas_fmu.studies.tuning.output import objectives, rows, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.study import Study, load_study
@@ -199,7 +199,7 @@ def shown(study: Study, measured: float, folder: Path) -> tuple[Result, str, dic
     """Return a result whose first requirement was measured so [SI], its page and its JSON."""
     requirement = study.requirements[0]
     gains = {t.name: 51.23456 for t in study.tunables}
-    judgement = Judgement(requirement.name, "nominal", measured, measured / requirement.limit)
+    judgement = Judgement(requirement.name, "nominal", measured, share(requirement, measured))
     others = tuple(Judgement(r.name, "nominal", 0.5 * r.limit, 0.5) for r in study.requirements[1:])
     best = Evaluation(gains, (judgement, *others))
     result = Result(study, 1, best, best, nan, (best,), (best.objective,), False)
