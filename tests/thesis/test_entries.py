@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -13,9 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner, Result
 
-from docs.thesis.__main__ import app
+from docs.thesis.__main__ import EPILOG, app
 from docs.thesis.entries import ENTRIES, FIGURES, TABLES, find
 from docs.thesis.entry import DRAWING, HARDWARE, REASONS, TEST_DATA, Entry, Shown
 from docs.thesis.runs import Runs
@@ -267,6 +269,16 @@ def test_friction_that_the_rig_cannot_overcome_is_said_in_a_line(name: str, tmp_
     said, = (line for line in done.output.splitlines() if line.startswith("not finished: "))
     assert said.startswith(f"not finished: Figure {name}: the friction rig's motor takes")
     assert "friction.fin_coulomb" in said
+
+
+@pytest.mark.parametrize("text", [EPILOG, *((ROOT / name).read_text(encoding="utf-8") for name in (
+    "README.md", "docs/tools/thesis.md"))], ids=["help", "README.md", "thesis.md"])
+def test_commands_that_are_written_are_ones_it_takes(text: str) -> None:
+    lines = re.findall(r"python -m docs\.thesis (-[^`\n]*)", text)
+    assert lines
+    for line in lines:
+        given = get_command(app).make_context("thesis", shlex.split(line)).params
+        find(given["only"] or ())
 
 
 def test_help_has_examples_and_no_types() -> None:
