@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from typing import Annotated
 
@@ -10,10 +9,6 @@ import typer
 
 from . import __version__
 from .commands.group import LazyGroup, check_environment, load, printing
-
-# Before NumPy comes. The matrices here are small: threads of the linear algebra gain nothing, and where the cores are
-# busy their waiting for each other takes many times the work.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = typer.Typer(cls=LazyGroup, no_args_is_help=True, add_completion=False, rich_markup_mode="rich")
 

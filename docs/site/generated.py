@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import inspect
 import json
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import FunctionType
 from typing import Any
 
@@ -97,6 +102,15 @@ def explored(name: str) -> str:
     """Return the page in which sliders move an actuator."""
     parameters = load_parameters(model=name)
     return render(parameters, {}, About(f"emcas explore --model {name}", ParameterSubject(parameters).identification))
+
+
+@cache
+def thesis() -> bytes:
+    """Return the thesis's page; it takes a minute, once for as long as `mkdocs serve` runs."""
+    with TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, "-m", "docs.thesis", "--output", "thesis.html"], cwd=folder, check=True,
+                       env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.DEVNULL)
+        return Path(folder, "thesis.html").read_bytes()
 
 
 def _variables(unit: FmuInterface, known: Sequence[Variable]) -> Iterator[str]:

@@ -25,10 +25,12 @@ MADE = {
     "emcas_fmu/cli.py": ("reference/commands.md", generated.commands),
     "examples/notebook/first_steps.ipynb": ("examples/notebook/first_steps.md", generated.notebook),
 }
+THESIS = "thesis/thesis.html"  # no page of MkDocs; a link to the program that makes it leads to it
 # Pages outside docs/, with their files; the front page is docs/README.md.
 OUTSIDE = {"overview.md": "README.md", "CONTRIBUTING.md": "CONTRIBUTING.md", "CHANGELOG.md": "CHANGELOG.md", **{
     name: name for name in (file.relative_to(ROOT).as_posix() for file in ROOT.glob("examples/*/README.md"))}}
-PAGES = {file: page for page, file in OUTSIDE.items()} | {file: page for file, (page, _) in MADE.items()}
+PAGES = {file: page for page, file in OUTSIDE.items()} | {file: page for file, (page, _) in MADE.items()} | {
+    "docs/thesis/__main__.py": THESIS}
 FILES = {page: file for file, page in PAGES.items()}
 _ROW = re.compile(r"^\| \[.*?\]\((.*?)\)", re.MULTILINE)
 _CODE_OR_LINK = re.compile(r"```.*?```|(!?)\[((?:`[^`]*`|[^\]`])*)\]\(([^)\s]+)\)|`[^`\n]*`", re.DOTALL)
@@ -39,7 +41,8 @@ _MARKS = re.compile(r":(?:class|data|func|meth|mod):(?:(<code>)[~.]*|`([^`]*)`)|
 def place(path: str) -> str | None:
     """Return where a file or folder of the repository is in the site; None for one that is not."""
     path = posixpath.normpath(path)
-    return path.removeprefix("docs/") if path.startswith("docs/") else PAGES.get(path, PAGES.get(f"{path}/README.md"))
+    inside = path.removeprefix("docs/") if path.startswith("docs/") else PAGES.get(f"{path}/README.md")
+    return PAGES.get(path, inside)
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -60,6 +63,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name in NAMES:
         if (page := f"explore/{name}.html") not in files.src_uris:  # docs/ has the default actuator's
             files.append(File.generated(config, page, content=generated.explored(name)))
+    files.append(File.generated(config, THESIS, content=generated.thesis()))
     return files
 
 

@@ -143,15 +143,17 @@ def _environment() -> Environment:
     return made
 
 
-def page(template: str, **context: Any) -> str:
-    """Return a document of a template, named from the package on (``studies/report/page.html.j2``).
+def page(template: str | Path, **context: Any) -> str:
+    """Return a document of a template, named from the package on (``studies/report/page.html.j2``), or of any file.
 
     The same context gives the same text.
     """
-    return _environment().get_template(template).render(**context)
+    made = _environment()
+    found = made.from_string(template.read_text("utf-8")) if isinstance(template, Path) else made.get_template(template)
+    return found.render(**context)
 
 
-def write_page(path: Path, template: str, of: Iterable[ParameterSet | Identification | Source], date: str = "",
+def write_page(path: Path, template: str | Path, of: Iterable[ParameterSet | Identification | Source], date: str = "",
                **context: Any) -> None:
     """Write the page of a template that extends ``bench/base.html.j2``; see `page`.
 

@@ -18,6 +18,10 @@ from ..dates import today
 from ..errors import unwritable
 from .common import failures
 
+# Before NumPy comes. The matrices here are small: threads of the linear algebra gain nothing, and where the cores are
+# busy their waiting for each other takes many times the work.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 UNREAD = 141
 """Exit code of a command whose output nobody reads to its end, as a shell has it of any program."""
 
@@ -26,7 +30,7 @@ UNREAD = 141
 PANELS: Mapping[str, tuple[str, ...]] = {
     "Use": ("init", "simulate", "build", "parameters", "ssp"),
     "Design": ("explore", "analyse", "envelope", "compare", "identify", "tune", "fit"),
-    "Check": ("validate", "report", "campaign", "baseline", "thesis", "reference"),
+    "Check": ("validate", "report", "campaign", "baseline", "reference"),
 }
 
 

@@ -14,6 +14,7 @@ from lxml import etree, html
 from typer.main import get_command
 
 import emcas_fmu
+from docs.thesis.entries import ENTRIES
 from emcas_fmu.actuators import NAMES
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.interface import FmuInterface
@@ -21,7 +22,7 @@ from tests.hosts.host import missing
 
 from .recipes import ROOT
 
-pytestmark = pytest.mark.slow  # some 10 s; tests/docs/test_links.py looks for dead links in the files themselves
+pytestmark = pytest.mark.slow  # a minute or more; tests/docs/test_links.py looks for dead links in the files
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +38,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def pages(site: Path) -> dict[str, etree._Element]:
-    """Return the pages by their place, but those of actuators to move, which are no pages of MkDocs."""
+    """Return the pages by their place, but actuators to move and the thesis's, which are no pages of MkDocs."""
     places = [path.relative_to(site) for path in site.rglob("*.html") if path.name != "404.html"]
     return {place.as_posix(): html.fromstring((site / place).read_text(encoding="utf-8"))
-            for place in places if place.parent.name != "explore"}
+            for place in places if place.parent.name not in ("explore", "thesis")}
 
 
 def test_every_page_is_in_the_navigation(site: Path, pages: dict[str, etree._Element]) -> None:
@@ -106,6 +107,14 @@ def test_every_actuator_can_be_moved(site: Path, pages: dict[str, etree._Element
         shown = html.fromstring((site / "explore" / f"{name}.html").read_text(encoding="utf-8"))
         assert name in shown.findtext(".//title")
         assert len(shown.xpath("//script[@id='unit']")) == 1
+
+
+def test_the_thesis_is_gone_through(site: Path, pages: dict[str, etree._Element]) -> None:
+    assert "../thesis/thesis.html" in pages["tools/thesis.html"].xpath("//article//a/@href")
+    shown = html.fromstring((site / "thesis/thesis.html").read_text(encoding="utf-8"))
+    assert set(shown.xpath("//nav[@class='entries']/a/@title")) == {entry.title for entry in ENTRIES}
+    assert "python -m docs.thesis --output thesis.html" in " ".join(shown.itertext())
+    assert [path.name for path in (site / "thesis").iterdir()] == ["thesis.html"]
 
 
 def test_source_files_are_no_links(pages: dict[str, etree._Element]) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
+import subprocess
+import sys
 from collections.abc import Mapping
 from html import unescape
 from pathlib import Path
@@ -11,17 +14,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.cli import app
+from docs.thesis.__main__ import EPILOG, app
+from docs.thesis.entries import ENTRIES, FIGURES, TABLES, find
+from docs.thesis.entry import DRAWING, HARDWARE, REASONS, TEST_DATA, Entry, Shown
+from docs.thesis.runs import Runs
+from docs.thesis.study import NOT_FINISHED, OWN, REPRODUCED, SIMULATED, Outcome, carry_out
+from docs.thesis.study import Result as Whole
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.thesis.entries import ENTRIES, FIGURES, TABLES, find
-from emcas_fmu.studies.thesis.entry import DRAWING, HARDWARE, REASONS, TEST_DATA, Entry, Shown
-from emcas_fmu.studies.thesis.runs import Runs
-from emcas_fmu.studies.thesis.study import NOT_FINISHED, OWN, REPRODUCED, SIMULATED, Outcome, carry_out
-from emcas_fmu.studies.thesis.study import Result as Whole
 
+ROOT = Path(__file__).resolve().parents[2]
 # Both lists of the thesis as they are numbered: figures of each chapter, and tables throughout, without a gap.
 LISTED = [*(f"Figure {chapter}.{k}" for chapter, count in {1: 12, 2: 8, 3: 40, 4: 4, 5: 30}.items()
             for k in range(1, count + 1)), *(f"Table {k}" for k in range(1, 21))]
@@ -31,7 +36,7 @@ SOME = ("1.4", "2.1", "3.6", "3.18", "3.23", "3.38", "4.2", "5.16", "5.19", "5.3
 
 
 def emcas(*arguments: str) -> Result:
-    return CliRunner().invoke(app, ["thesis", *arguments])
+    return CliRunner().invoke(app, arguments)
 
 
 @pytest.fixture(scope="module")
@@ -113,10 +118,9 @@ def test_what_the_thesis_has_not_is_said() -> None:
 
 
 def test_notes_name_what_is_there() -> None:
-    root = Path(__file__).resolve().parents[2]
     for entry in ENTRIES:
         for path in re.findall(r"[\w/]+\.(?:py|md|toml)", entry.note):
-            assert (root / path).is_file(), f"{entry.name}: {path}"
+            assert (ROOT / path).is_file(), f"{entry.name}: {path}"
         for name in re.findall(r"(?:Figure|Table) [\d.]*\d", entry.note):
             assert name in LISTED, f"{entry.name}: {name}"
 
@@ -256,11 +260,63 @@ def test_what_a_set_does_not_allow_is_told_and_the_rest_shown(tmp_path: Path) ->
     assert "sweep at least 5 deg" in (tmp_path / "t.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("name", ["3.27", "3.31"])
+def test_friction_that_the_rig_cannot_overcome_is_said_in_a_line(name: str, tmp_path: Path) -> None:
+    (tmp_path / "stuck.toml").write_text('[friction]\nfin_coulomb = "1000 N*m"\n', encoding="utf-8")
+    done = emcas("--only", name, "-p", str(tmp_path / "stuck.toml"))
+    assert done.exit_code == 1
+    assert isinstance(done.exception, SystemExit)
+    said, = (line for line in done.output.splitlines() if line.startswith("not finished: "))
+    assert said.startswith(f"not finished: Figure {name}: the friction rig's motor takes")
+    assert "friction.fin_coulomb" in said
+
+
+@pytest.mark.parametrize("text", [EPILOG, *((ROOT / name).read_text(encoding="utf-8") for name in (
+    "README.md", "docs/tools/thesis.md"))], ids=["help", "README.md", "thesis.md"])
+def test_commands_that_are_written_are_ones_it_takes(text: str) -> None:
+    lines = re.findall(r"python -m docs\.thesis (-[^`\n]*)", text)
+    assert lines
+    for line in lines:
+        given = get_command(app).make_context("thesis", shlex.split(line)).params
+        find(given["only"] or ())
+
+
+def test_help_has_examples_and_no_types() -> None:
+    shown = emcas("--help")
+    assert shown.exit_code == 0
+    assert "python -m docs.thesis --only 5.18" in shown.output
+    assert "<" not in shown.output
+
+
+@pytest.mark.parametrize("arguments", [("--output", "x.pdf"), ("--json", "x.txt"), ("--output", "none/x.html"),
+                                       ("--json", "none/x.json"), ("-p", "bad.toml"), ("--onyl", "3.2")])
+def test_a_request_that_cannot_be_carried_out_writes_nothing(arguments: tuple[str, ...], tmp_path: Path,
+                                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text("nonsense = 1\n", encoding="utf-8")
+    assert emcas(*arguments).exit_code == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
+
+
+def test_it_takes_a_set_by_name_and_its_page_says_the_command(tmp_path: Path) -> None:
+    """As a program, from the checkout; nothing on standard error, where there is no terminal."""
+    page = tmp_path / "t.html"
+    done = subprocess.run([sys.executable, "-m", "docs.thesis", "--only", "3.2", "-p", "drive-pi", "-o", page],
+                          cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"python -m docs.thesis --only 3.2 -p drive-pi -o {page}" in unescape(page.read_text(encoding="utf-8"))
+
+
+def test_the_package_needs_no_page_of_the_documentation() -> None:
+    for path in (ROOT / "emcas_fmu").rglob("*.py"):
+        assert not re.search(r"^\s*(?:from|import) docs\b", path.read_text(encoding="utf-8"), re.MULTILINE), path
+
+
 def test_what_was_not_found_names_no_temporary_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing(files: list[Path], _: object) -> None:
         raise EmcasError(f"{files[0]}: too few rows")
 
-    monkeypatch.setattr("emcas_fmu.studies.thesis.kinematics.identification.identify", nothing)
+    monkeypatch.setattr("docs.thesis.kinematics.identification.identify", nothing)
     outcome, = carry_out(Runs(), find(["3.38"])).outcomes
     assert outcome.stopped == "backlash.csv: too few rows"
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from docs.thesis import friction, friction_rig, loading, loading_rig
+from docs.thesis.rigs import rig_entries, rig_values
+from docs.thesis.runs import COLD, SLEWS, WARM, Runs
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.thesis import friction, friction_rig, loading, loading_rig
-from emcas_fmu.studies.thesis.rigs import rig_entries, rig_values
-from emcas_fmu.studies.thesis.runs import COLD, SLEWS, WARM, Runs
 
 
 def coulomb(values: Mapping[str, Any], direction: str, fin: Any) -> Any:

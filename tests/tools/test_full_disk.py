@@ -48,7 +48,6 @@ RUNS = {
     f"build --no-references {SMALL}": ("-o x.fmu",),
     f"ssp --fmu made.fmu {SMALL}": ("-o x.ssp",),
     "ssp check made.ssp": ("--json x.json",),
-    "thesis --only 3.3": ("-o x.html", "--json x.json"),
     f"campaign campaign.toml {SMALL} --only 1": ("--json x.json", "-o x.csv", "--plot x.svg"),
     f"campaign campaign.toml {SMALL} -o results --workers 0": ("--json x.json", "--report x.html"),
 }

@@ -33,7 +33,6 @@ FILES = {
     "simulate --input bad.csv -p bad.toml": ("-o .csv", "--plot .svg", "--json .json"),
     "ssp --fmu bad.fmu": ("-o .ssp",),
     "ssp check bad.ssp": ("--json .json",),
-    "thesis -p bad.toml": ("-o .html", "--json .json"),
     "tune bad.toml -p bad.toml": ("-o .toml", "--report .html", "--json .json", "--journal"),
     "validate bad.fmu": ("--json .json", "--junit .xml", "--report .html"),
 }

@@ -145,12 +145,10 @@ def test_a_set_is_written_by_its_name_into_a_command() -> None:
                                                                      "a.toml"]
 
 
-def test_the_thesis_and_a_reported_quantity_are_of_a_set_by_name(tmp_path: Path) -> None:
+def test_a_reported_quantity_is_of_a_set_by_name(tmp_path: Path) -> None:
     bench, out = Path(__file__).resolve().parents[2] / "models" / "bench", str(tmp_path / "x.toml")
-    for arguments in (["thesis", "--only", "3.2", "-o", str(tmp_path / "t.html")],
-                      ["identify", "backlash", str(bench / "backlash.csv"), "-o", out]):
-        done = CliRunner().invoke(app, [*arguments, "-p", "drive-pi"])
-        assert done.exit_code == 0, done.output
+    done = CliRunner().invoke(app, ["identify", "backlash", str(bench / "backlash.csv"), "-o", out, "-p", "drive-pi"])
+    assert done.exit_code == 0, done.output
     assert load_parameters(out).values == load_parameters("drive-pi").values
 
 

@@ -258,7 +258,6 @@ ALLOWED = {
     ("writing.py", "open"): "here it is done",
     ("files.py", "TemporaryFile"): "tries a folder of the cache",
     ("compiler.py", "write_text"): "sources in a temporary folder of the compiler's",
-    ("studies/thesis/kinematics.py", "savetxt"): "a record in a temporary folder, read again at once",
     ("plots.py", "savefig"): "to a string, and to a file that `whole` gives",
     ("response.py", "savetxt"): "to a file that `whole` gives",
     ("commands/envelope.py", "savetxt"): "to a file that `whole` gives",

@@ -8,17 +8,18 @@ from math import degrees, radians
 
 import numpy as np
 
-from ... import plots
-from ...bench.excitation import COMMAND, HOLD, Excitation, sine_from_rest, slew_to, step_to
-from ...bench.metrics import FIGURES, FrequencyResponse, displayed, motion, rest, shown, usage
-from ...extensions.status import STATUS
-from ...reference.cases import LOAD
-from ...reference.linear import LinearModel
-from ..tuning import pictures as tuning_pictures
-from ..tuning.evaluate import evaluate
-from ..tuning.optimise import tune
-from ..tuning.study import shipped_study
-from ..validate.claims import compare
+from emcas_fmu import plots
+from emcas_fmu.bench.excitation import COMMAND, HOLD, Excitation, sine_from_rest, slew_to, step_to
+from emcas_fmu.bench.metrics import FIGURES, FrequencyResponse, displayed, motion, rest, shown, usage
+from emcas_fmu.extensions.status import STATUS
+from emcas_fmu.reference.cases import LOAD
+from emcas_fmu.reference.linear import LinearModel
+from emcas_fmu.studies.tuning import pictures as tuning_pictures
+from emcas_fmu.studies.tuning.evaluate import evaluate
+from emcas_fmu.studies.tuning.optimise import tune
+from emcas_fmu.studies.tuning.study import shipped_study
+from emcas_fmu.studies.validate.claims import compare
+
 from .entry import Show, Shown, Table
 from .listings import COLUMNS, rows_of
 from .pictures import DASHED, Line, Panel, angle, current, of_run, panels, rate

@@ -1,4 +1,4 @@
-"""What the two rigs share: their numbers in models/rigs.toml.
+"""What the two rigs share: their numbers in rigs.toml.
 
 Both rigs act on the product's own actuator through its hinge moment: a torque T on the screw is the moment R T about
 the hinge, by virtual work.
@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from ...errors import EmcasError
-from ...files import models_directory
-from ...schema import document
-from ...simulation import Array
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.schema import document
+from emcas_fmu.simulation import Array
 
 Columns = Mapping[str, Array]
 
@@ -30,8 +30,8 @@ class RigEntry(NamedTuple):
 
 @cache
 def rig_entries(rig: str) -> Mapping[str, RigEntry]:
-    """Return the numbers of a rig by name, from models/rigs.toml."""
-    _, written = document(models_directory() / "rigs.toml", EmcasError)
+    """Return the numbers of a rig by name, from rigs.toml."""
+    _, written = document(Path(__file__).with_name("rigs.toml"), EmcasError)
     return {name: RigEntry(**entry) for name, entry in written[rig].items()}
 
 

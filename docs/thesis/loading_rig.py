@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ...bench.excitation import COMMAND, LOAD, Excitation
-from ...simulation import Array, SteppedUnit
+from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation
+from emcas_fmu.simulation import Array, SteppedUnit
+
 from .rigs import Columns, rig_values
 
 _SUBSTEPS = 5  # of the torque loop's sample: the coupling's oscillation is 35 Hz

@@ -29,7 +29,7 @@ def rig(name: str) -> Show:
     def show(_: Runs) -> Shown:
         rows = tuple((key, f"{entry.value:g} {entry.unit}".removesuffix(" 1"), entry.source, entry.note)
                      for key, entry in rig_entries(name).items())
-        return Shown("models/rigs.toml", table=Table(COLUMNS, rows),
+        return Shown("docs/thesis/rigs.toml", table=Table(COLUMNS, rows),
                      unknown="the thesis's numbers; these are estimates.")
 
     return show

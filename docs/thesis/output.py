@@ -11,8 +11,9 @@ from rich.markup import escape
 from rich.table import Column
 from rich.table import Table as RichTable
 
-from ... import __version__
-from ...bench import writers
+from emcas_fmu import __version__
+from emcas_fmu.bench import writers
+
 from .entry import REASONS, Table
 from .study import Outcome, Result
 
@@ -63,7 +64,7 @@ def write_page(result: Result, path: Path) -> None:
     groups = [(f"Chapter {number}: {title}", [o for o in figures if o.entry.chapter == number])
               for number, title in _CHAPTERS.items()]
     groups.append(("Tables", [o for o in result.outcomes if o.entry.kind == "Table"]))
-    writers.write_page(path, "studies/thesis/page.html.j2", [result.about], r=result, about=result.about,
+    writers.write_page(path, Path(__file__).with_name("page.html.j2"), [result.about], r=result, about=result.about,
                        numeric=numeric, cell=cell, groups=[(title, group) for title, group in groups if group])
 
 

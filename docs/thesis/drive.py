@@ -6,11 +6,12 @@ from math import pi
 
 import numpy as np
 
-from ... import plots
-from ...ops.arrays import ARRAYS
-from ...physics import drive as physics
-from ..analysis import envelope
-from ..identification.current_loop import response
+from emcas_fmu import plots
+from emcas_fmu.ops.arrays import ARRAYS
+from emcas_fmu.physics import drive as physics
+from emcas_fmu.studies.analysis import envelope
+from emcas_fmu.studies.identification.current_loop import response
+
 from .entry import Shown, Table
 from .listings import COLUMNS, LOST, rows_of
 from .pictures import DOTS, Line, Panel, panels

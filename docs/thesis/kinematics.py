@@ -8,15 +8,16 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ... import plots
-from ...bench.excitation import sine_from_rest, step_to
-from ...bench.metrics import motion
-from ...control import sensors
-from ...errors import EmcasError
-from ...ops.arrays import ARRAYS
-from ...physics import kinematics as physics
-from ..analysis.modes import load_rod, modes_at, thesis_modes
-from ..identification import backlash as identification
+from emcas_fmu import plots
+from emcas_fmu.bench.excitation import sine_from_rest, step_to
+from emcas_fmu.bench.metrics import motion
+from emcas_fmu.control import sensors
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.ops.arrays import ARRAYS
+from emcas_fmu.physics import kinematics as physics
+from emcas_fmu.studies.analysis.modes import load_rod, modes_at, thesis_modes
+from emcas_fmu.studies.identification import backlash as identification
+
 from .entry import Shown, Table
 from .pictures import Line, Panel, angle, of_run, panels
 from .rigs import Columns

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...bench.subject import Identification
-from ...errors import EmcasError
-from ...plots import Picture, picture, style
-from ...progress import Progress, silent
+from emcas_fmu.bench.subject import Identification
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.plots import Picture, picture, style
+from emcas_fmu.progress import Progress, silent
+
 from .entry import REASONS, Entry, Shown
 from .runs import Runs
 

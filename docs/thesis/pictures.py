@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ... import plots
-from ...bench.subject import Run
-from ...plots import COMMAND
+from emcas_fmu import plots
+from emcas_fmu.bench.subject import Run
+from emcas_fmu.plots import COMMAND
+
 from .rigs import Columns
 
 Look = Mapping[str, Any]

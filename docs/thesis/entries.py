@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
-from ...errors import EmcasError, hint
+from emcas_fmu.errors import EmcasError, hint
+
 from . import drive, friction, kinematics, listings, loading, loops, others, performance
 from .entry import DRAWING, HARDWARE, PHOTOGRAPH, REASONS, SCREENSHOT, TEST_DATA, UNSEEN, Entry, Show, Shown
 from .runs import COLD, WARM

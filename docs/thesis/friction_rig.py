@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators.electromechanical import nonlinear
-from ...ops.floats import FLOATS
-from ...physics import kinematics
-from ...simulation import Array, SteppedUnit
+from emcas_fmu.actuators.electromechanical import nonlinear
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.physics import kinematics
+from emcas_fmu.simulation import Array, SteppedUnit
+
 from .rigs import rig_values
 
 RPM = 2.0 * pi / 60.0

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ...actuators import NONLINEAR
-from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case, times
-from ...bench.subject import ParameterSubject, Run
-from ...parameters import ParameterSet, load_parameters
-from ...reference.cases import LEAD_IN, LOAD_RISE
-from ...reference.cases import LOAD as RATED
-from ...reference.files import supply_start
+from emcas_fmu.actuators import NONLINEAR
+from emcas_fmu.bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case, times
+from emcas_fmu.bench.subject import ParameterSubject, Run
+from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.reference.cases import LEAD_IN, LOAD_RISE
+from emcas_fmu.reference.cases import LOAD as RATED
+from emcas_fmu.reference.files import supply_start
+
 from . import friction_rig, loading_rig
 
 WARM, COLD = 24.0, -6.0  # degC, at which the thesis measured friction

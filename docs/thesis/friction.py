@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ... import plots
-from ...ops.arrays import ARRAYS
-from ...ops.floats import FLOATS
-from ...physics import friction as physics
-from ...physics.friction import POLYNOMIAL_SPAN
-from ...simulation import Array
+from emcas_fmu import plots
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.ops.arrays import ARRAYS
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.physics import friction as physics
+from emcas_fmu.physics.friction import POLYNOMIAL_SPAN
+from emcas_fmu.simulation import Array
+
 from .entry import Shown, Table
 from .friction_rig import REACH, RPM, Sweep
 from .pictures import DASHED, DOTS, Line, Panel, panels
@@ -100,8 +102,11 @@ def viscous_fit(runs: Runs, temperature: float = WARM) -> Shown:
 
 
 def _line(speed: Array, torque: Array) -> tuple[float, float]:
-    """Return slope [N.m.s/rad] and level [N.m] of friction over speed [rpm]."""
+    """Return slope [N.m.s/rad] and level [N.m] of friction over speed [rpm]. Raises EmcasError below two points."""
     measured = np.isfinite(torque)
+    if np.count_nonzero(measured) < 2:
+        raise EmcasError("the friction rig's motor takes the fin past angle 0, steadily, at less than two of the "
+                         "speeds: reduce friction (friction.coulomb, friction.fin_coulomb) or raise command.limit")
     slope, level = np.polyfit(speed[measured] * RPM, torque[measured], 1)
     return float(slope), float(level)
 

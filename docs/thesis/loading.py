@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, times
-from ...bench.metrics import crossing, rms, settling, sustained_rate
-from ...plots import GRAY
-from ...reference.cases import LEAD_IN, LOAD_RISE
-from ...reference.cases import LOAD as RATED
+from emcas_fmu.bench.excitation import COMMAND, LOAD, STEP, Excitation, times
+from emcas_fmu.bench.metrics import crossing, rms, settling, sustained_rate
+from emcas_fmu.plots import GRAY
+from emcas_fmu.reference.cases import LEAD_IN, LOAD_RISE
+from emcas_fmu.reference.cases import LOAD as RATED
+
 from . import loading_rig
 from .entry import Shown, Table
 from .pictures import Line, Panel, angle, command, current, panels, rate

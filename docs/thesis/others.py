@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import radians
 
-from ...actuators import NONLINEAR
-from ...bench.excitation import LOAD, step_to
-from ...bench.metrics import displayed, motion
-from ...reference.cases import LOAD as RATED
+from emcas_fmu.actuators import NONLINEAR
+from emcas_fmu.bench.excitation import LOAD, step_to
+from emcas_fmu.bench.metrics import displayed, motion
+from emcas_fmu.reference.cases import LOAD as RATED
+
 from .entry import Show, Shown, Table
 from .pictures import Line, Panel, angle, of_run, panels, rate
 from .runs import Runs

@@ -1,0 +1,1 @@
+"""The thesis, figure by figure: a program of the documentation, `python -m docs.thesis`."""
