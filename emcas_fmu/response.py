@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -23,7 +24,7 @@ from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
 from .bench.provenance import ESTIMATE, conditions, resting_on
 from .bench.subject import Columns, Run
-from .bench.writers import number, write_page
+from .bench.writers import code, number, stated, write_page
 from .errors import EmcasError, hint
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
@@ -241,10 +242,11 @@ class Response:
             return
         shown = picture(drawn, self.excitation.title, "Command, outputs and limits over time; shaded where a limit "
                                                       f"{_of_any(self)}is active.")
+        fins = [">value"] if self.unit.fins == 1 else [f">fin {fin + 1}" for fin in range(self.unit.fins)]
         write_page(path, "response.html.j2", list(dict.fromkeys(self.sets)), r=self, picture=shown, rows=self._rows(),
-                   given=self._given(), line=self._line(), changed=self._changed(),
+                   line=[(metrics.in_words(name), metrics.unit_of(name), value) for name, value in self.line.items()],
                    estimates=resting_on({metrics.in_words(name): rests for name, rests in self.estimates.items()}),
-                   conditions=conditions(self.unit.kind, self.sets[0].values))
+                   conditions=list(self._conditions()), fins=fins)
 
     def _rows(self) -> list[tuple[str, str, list[str]]]:
         """Return the figures in words, their units, and a value for each fin; times that are reached in ms."""
@@ -259,25 +261,23 @@ class Response:
             rows.append((self._marked(name, metrics.in_words(name)), unit, values))
         return rows
 
-    def _line(self) -> list[tuple[str, str, float]]:
-        """Return the figures of the shared line in words, their units and values."""
-        return [(metrics.in_words(name), metrics.unit_of(name), value) for name, value in self.line.items()]
-
-    def _given(self) -> list[tuple[str, str, float, float]]:
-        """Return name, unit, smallest and largest value of each input that was given."""
-        every = ((name, *metrics.shown(self.units[name]), column) for name, column in self.excitation.columns.items())
-        return [(name, unit, float(np.min(column)) * scale, float(np.max(column)) * scale)
-                for name, unit, scale, column in every]
-
-    def _changed(self) -> list[tuple[str, Any, str]]:
-        """Return name, value and unit of each parameter that was set beside the files, or differs between fins."""
-        rows = []
+    def _conditions(self) -> Iterator[tuple[str, str]]:
+        """Give names and values of times, inputs, and parameters set beside the files or that differ between fins."""
+        excitation = self.excitation
+        yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
+        for name, column in excitation.columns.items():
+            unit, scale = metrics.shown(self.units[name])
+            ends = dict.fromkeys(stated(scale * float(end), unit) for end in (np.min(column), np.max(column)))
+            yield code(name), Markup(" … ").join(ends)
+        held = conditions(self.unit.kind, self.sets[0].values)
+        yield from ((label, stated(value, unit, name)) for label, name, value, unit in held
+                    if name not in excitation.columns)
         for entries in zip(*(each.entries for each in self.sets), strict=True):
             v, same = entries[0].variable, len({e.value for e in entries}) == 1
             if not same or any(e.source == "user" and not e.file for e in entries):
-                rows += [(v.name if same else self.unit.name(v.name, fin), e.value, v.unit)
-                         for fin, e in enumerate(entries[:1] if same else entries)]
-        return rows
+                named = [(v.name if same else self.unit.name(v.name, fin), e.value) for fin, e in enumerate(entries)]
+                yield from ((code(name), stated(value, v.unit)) for name, value in (named[:1] if same else named)
+                            if name not in {name for _, name, *_ in held})
 
     def __repr__(self) -> str:
         return f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows of {len(self._every)}>"

@@ -87,8 +87,8 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison gives the same bytes."""
     writers.write_page(path, "studies/baseline/page.html.j2", [comparison.identification],
                        about=comparison.identification, comparison=comparison, verdict=verdict(comparison),
-                       remedy=remedy, header=HEADER, numeric=NUMERIC, cells=cells,
-                       pictures=plots.pictures(_drawings(comparison)))
+                       remedy=remedy, columns=[">" * (k in NUMERIC) + name for k, name in enumerate(HEADER)],
+                       numeric=NUMERIC, cells=cells, pictures=plots.pictures(_drawings(comparison)))
 
 
 def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:

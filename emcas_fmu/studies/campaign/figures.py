@@ -26,8 +26,7 @@ _MOST_WORST = 6  # samples in a picture
 def drawings(summary: Summary) -> Iterator[Drawing]:
     """Yield the pictures of each experiment."""
     for experiment in summary.study.plan.experiments:
-        spreads = [s for s in summary.spreads if s.name.startswith(f"{experiment.name}.")
-                   and isfinite(s.mean) and s.smallest != s.largest]
+        spreads = [s for s in summary.spreads_of(experiment.name) if isfinite(s.mean) and s.smallest != s.largest]
         if spreads:
             yield histograms(experiment.name, spreads)
         if dependent := [s for s in spreads if s.effects]:
