@@ -58,10 +58,32 @@ def style() -> Iterator[None]:
         yield
 
 
-def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, **more: Any) -> tuple[Figure, Any]:
-    """Make a figure, inside `style()`, and its grid of axes as an array; `width` and `height` of a row in inches."""
+def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, x: str = "",
+           y: Iterable[str] = (), **more: Any) -> tuple[Figure, Any]:
+    """Make a figure, inside `style()`, and its grid of axes as an array; `width` and `height` of a row in inches.
+
+    `x` is the label below each column, `y` are those of the rows, at the left; `more` is as of matplotlib's subplots.
+    """
     empty = Figure(figsize=(width, height * rows), layout="constrained")
-    return empty, empty.subplots(rows, columns, squeeze=False, **more)
+    grid = empty.subplots(rows, columns, squeeze=False, **more)
+    for axes in grid[-1]:
+        axes.set_xlabel(x)
+    for axes, label in zip(grid[:, 0], y, strict=False):
+        axes.set_ylabel(label)
+    return empty, grid
+
+
+def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
+    """Make a figure of panels below each other with the labels `y`, over the same `x`; `more` as `figure` takes."""
+    empty, grid = figure(len(y), x=x, y=y, **{"sharex": True, **more})
+    return empty, grid[:, 0]
+
+
+def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True, **look: Any) -> None:
+    """Draw levels along an axis as limits, on both `sides` of zero if so; `look` is what differs from `LIMIT`."""
+    for at in (sign * level for level in levels for sign in ((1.0, -1.0) if sides else (1.0,))):
+        (axes.axhline if across else axes.axvline)(at, **{**LIMIT, **look})
+        look.pop("label", None)
 
 
 def svg(drawn: Figure, label: str = "", description: str = "") -> str:
@@ -129,8 +151,8 @@ def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, 
 
 def bode_axes(gain: Axes, phase: Axes) -> None:
     """Give the panels of frequency responses their ranges and the lines at -3 dB and -90 deg."""
-    gain.axhline(-3.0, **LIMIT)
-    phase.axhline(-90.0, **LIMIT)
+    limits(gain, -3.0)
+    limits(phase, -90.0)
     gain.set(ylabel="gain [dB]", ylim=(-12, 3))
     phase.set(ylabel="phase [deg]", ylim=(-200, 10), yticks=(-180, -135, -90, -45, 0))
 

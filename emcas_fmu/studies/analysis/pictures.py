@@ -57,7 +57,8 @@ def _legend(figure: Figure, entries: Mapping[str, Look], columns: int = 5) -> No
 
 def bode(analysis: Analysis) -> Drawing:
     """Draw the responses to command and load."""
-    figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(2, 2, height=2.4, sharex=True)
+    figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(
+        2, 2, height=2.4, sharex=True, x="frequency [Hz]", y=("gain [dB]", "phase [deg]"))
 
     def draw(response: FrequencyResponse, look: Look, axes: tuple[Axes, Axes], scale: float = 1.0) -> None:
         shown = (response.frequency >= _SHOWN[0]) & (response.frequency <= _SHOWN[1])
@@ -80,12 +81,12 @@ def bode(analysis: Analysis) -> Drawing:
         draw(response, look, (gain, phase))
     if analysis.linear.load:
         draw(analysis.linear.load, entries["linearised here"], (load_gain, load_phase), degrees(1.0))
-    gain.axhline(-3.0, **LIMIT)
-    phase.axhline(-90.0, **LIMIT)
-    gain.set(title="fin angle over command", ylabel="gain [dB]", ylim=(-40, 6))
-    phase.set(ylabel="phase [deg]", ylim=(-360, 20), yticks=range(-360, 1, 90), xlabel="frequency [Hz]")
+    plots.limits(gain, -3.0)
+    plots.limits(phase, -90.0)
+    gain.set(title="fin angle over command", ylim=(-40, 6))
+    phase.set(ylim=(-360, 20), yticks=range(-360, 1, 90))
     load_gain.set(title="fin angle over hinge moment", ylabel="dB of 1 deg/(N.m)")
-    load_phase.set(ylabel="phase [deg]", xlabel="frequency [Hz]", yticks=range(-270, 91, 90))
+    load_phase.set(ylabel="phase [deg]", yticks=range(-270, 91, 90))
     _legend(figure, entries)
     return Drawing("Bode diagrams", figure, f"Left, fin angle over command: {analysis.linear.command.bandwidths} "
                    "(linear). Right, fin angle over hinge moment. The linear responses are "
@@ -95,7 +96,7 @@ def bode(analysis: Analysis) -> Drawing:
 
 def nichols(analysis: Analysis) -> Drawing:
     """Draw the open loops in the Nichols plane, with circles of closed-loop gain."""
-    figure, ((axes,),) = plots.figure(1, height=4.2, width=7.0)
+    figure, (axes,) = plots.column("open-loop gain [dB]", x="open-loop phase [deg]", height=4.2, width=7.0)
     phase, gain = np.meshgrid(np.linspace(-360, 0, 361), np.linspace(-30, 40, 281))
     open_loop = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
     with np.errstate(divide="ignore"):
@@ -119,8 +120,7 @@ def nichols(analysis: Analysis) -> Drawing:
         entries[f"thesis's model, at {at}"] = _THESIS
         _nichols_line(axes, analysis.thesis.loops["reference"], analysis.thesis.margins["reference"], _THESIS)
     axes.plot(-180, 0, "+", color=plots.INK, markersize=9)
-    axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45), xlabel="open-loop phase [deg]",
-             ylabel="open-loop gain [dB]")
+    axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45))
     _legend(figure, entries, columns=2)
     m = analysis.linear.margins["reference"]
     return Drawing("Nichols chart", figure, f"At {at} the gain may grow by {m.gain_db:.1f} dB "
@@ -144,7 +144,7 @@ def _nichols_line(axes: Axes, loop: System, margins: frequency.Margins, look: Lo
 
 def root_locus(analysis: Analysis) -> Drawing:
     """Draw the closed-loop poles against the chosen parameter."""
-    figure, ((axes,),) = plots.figure(1, height=4.2, width=7.5)
+    figure, (axes,) = plots.column("Im s / 2π [Hz]", x="Re s / 2π [Hz]", height=4.2, width=7.5)
     roots, hertz = analysis.locus, 1.0 / (2.0 * pi)
     crossover = analysis.linear.margins["reference"].phase_crossover
     shown = 1.6 * crossover if np.isfinite(crossover) else 100.0
@@ -168,8 +168,7 @@ def root_locus(analysis: Analysis) -> Drawing:
             axes.plot([0.0, -2.0 * shown], [0.0, side * slope * 2.0 * shown], **LIMIT)
         x = min(0.95 * shown / slope, 0.9 * shown)
         axes.text(-x, x * slope, f"{damping:g}", fontsize=6.5, color=plots.GRAY, ha="center", va="center")
-    axes.set(xlim=(-shown, 0.4 * shown), ylim=(-shown, shown), xlabel="Re s / 2π [Hz]",
-             ylabel="Im s / 2π [Hz]")
+    axes.set(xlim=(-shown, 0.4 * shown), ylim=(-shown, shown))
     _legend(figure, entries, columns=2)
     low, high = roots.stable_range
     bounds = [f"{word} {value:.4g}" for word, value, end in (("below", low, roots.values[0]),
@@ -185,7 +184,8 @@ def root_locus(analysis: Analysis) -> Drawing:
 
 def steps(analysis: Analysis) -> Drawing:
     """Draw steps of the linear models and the simulated one."""
-    figure, (row,) = plots.figure(1, max(len(analysis.steps), 1), height=2.6, sharex=True, sharey=True)
+    figure, (row,) = plots.figure(1, max(len(analysis.steps), 1), height=2.6, sharex=True, sharey=True, x="time [ms]",
+                                  y=["fin angle / step"])
     entries = {} if "thesis_linear" in analysis.left_out else {"thesis's linear model": _THESIS}
     entries |= {"linearised here": {"color": plots.BLUE}, "simulated": {"color": plots.GREEN}}
     settled = [s.metrics_nonlinear.settling_time for s in analysis.steps]
@@ -196,8 +196,7 @@ def steps(analysis: Analysis) -> Drawing:
         for angle, look in zip(angles, entries.values(), strict=True):
             axes.plot(s.time * 1e3, angle / s.size, **look)
         axes.text(0.97, 0.05, f"{s.size:+g} deg", transform=axes.transAxes, ha="right", fontsize=9)
-        axes.set(xlabel="time [ms]", xlim=(0, end))
-    row[0].set_ylabel("fin angle / step")
+        axes.set(xlim=(0, end))
     _legend(figure, {**entries, "a limit is active": {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7}}, columns=4)
     differences = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in analysis.steps)
     causes = list(unseen(analysis.actuator.actuator).values())
@@ -212,7 +211,7 @@ def _listed(words: list[str]) -> str:
 
 def amplitudes(analysis: Analysis) -> Drawing:
     """Draw bandwidth and the onset of limits in the plane of amplitude and frequency."""
-    figure, ((axes,),) = plots.figure(1, height=3.6, width=7.5)
+    figure, (axes,) = plots.column("frequency [Hz]", x="amplitude of the command [deg]", height=3.6, width=7.5)
     sweeps, linear = analysis.sweeps, analysis.linear.command
     size = np.array([degrees(s.amplitude) for s in sweeps])
     curves: list[tuple[str, Look, list[float]]] = [
@@ -227,7 +226,6 @@ def amplitudes(analysis: Analysis) -> Drawing:
         axes.loglog(size, values, **look)
         if level is not None:
             axes.axhline(level, color=look["color"], linewidth=0.9, **_DASHED)
-    axes.set(xlabel="amplitude of the command [deg]", ylabel="frequency [Hz]")
     axes.set_xticks(size, [f"{s:.3g}" for s in size], minor=False)
     axes.xaxis.set_minor_formatter("")
     low, high = axes.get_ylim()
@@ -249,7 +247,8 @@ def amplitudes(analysis: Analysis) -> Drawing:
 
 def limit_shares(analysis: Analysis) -> Drawing:
     """Draw the share of the time each limit acts, against amplitude and frequency."""
-    figure, (row,) = plots.figure(1, len(LIMITS), height=2.7, sharex=True, sharey=True)
+    figure, (row,) = plots.figure(1, len(LIMITS), height=2.7, sharex=True, sharey=True, x="amplitude [deg]",
+                                  y=["frequency [Hz]"])
     sweeps = analysis.sweeps
     size, rows = np.array([degrees(s.amplitude) for s in sweeps]), shared(sweeps)
     for i, (axes, name) in enumerate(zip(row, LIMITS, strict=True)):
@@ -257,11 +256,10 @@ def limit_shares(analysis: Analysis) -> Drawing:
         mesh = axes.pcolormesh(size, sweeps[0].response.frequency[rows[0]], share, vmin=0, vmax=100, cmap="magma_r",
                                shading="nearest")
         axes.plot(size, [s.response.bandwidth for s in sweeps], color=plots.BLUE, linewidth=1.2)
-        axes.set(xscale="log", yscale="log", title=_LIMIT_NAMES[name], xlabel="amplitude [deg]",
-                 xlim=(size[0], size[-1]), xticks=[t for t in (0.1, 1.0, 10.0) if size[0] <= t <= size[-1] * 1.001])
+        axes.set(xscale="log", yscale="log", title=_LIMIT_NAMES[name], xlim=(size[0], size[-1]),
+                 xticks=[t for t in (0.1, 1.0, 10.0) if size[0] <= t <= size[-1] * 1.001])
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_formatter("{x:g}")
-    row[0].set_ylabel("frequency [Hz]")
     figure.colorbar(mesh, ax=list(row), pad=0.01).set_label("time at the limit [%]")
     return Drawing("Where the limits bite", figure, "Share of the time a limit is active while a steady sine is "
                    "followed; the line is the -3 dB bandwidth. The speed reference's limit is the rate limit of the "
@@ -270,7 +268,7 @@ def limit_shares(analysis: Analysis) -> Drawing:
 
 def torque_speed(analysis: Analysis) -> Drawing:
     """Draw the envelope, with the reference cases' operating points."""
-    figure, ((axes,),) = plots.figure(1, height=4.0, width=7.5)
+    figure, (axes,) = plots.column("motor torque [N.m]", x="motor speed [rad/s]", height=4.0, width=7.5)
     e, cases = analysis.envelope, analysis.cases
     assert e is not None
     entries: dict[str, Look] = {
@@ -289,13 +287,11 @@ def torque_speed(analysis: Analysis) -> Drawing:
                   color=named.get(name, plots.SKY), zorder=order)
     entries |= {name: {"color": color, "marker": "o", "markersize": 3, "linestyle": "none"}
                 for name, color in named.items()}
-    limit = analysis.parameters.values["controller.speed_limit"]
-    for side in (1.0, -1.0):
-        axes.axvline(side * limit, **LIMIT)
+    plots.limits(axes, analysis.parameters.values["controller.speed_limit"], sides=True, across=False)
     fastest, most = (max(float(np.max(np.abs(columns[name]))) for columns in cases.values())
                      for name in ("motor_speed", "motor_torque"))
     end, top = 1.05 * max(e.no_load_speed, fastest), max(1.05 * most, 1.1 * float(np.max(e.highest)))
-    axes.set(xlabel="motor speed [rad/s]", ylabel="motor torque [N.m]", xlim=(-end, end), ylim=(-top, top))
+    axes.set(xlim=(-end, end), ylim=(-top, top))
     _legend(figure, entries, columns=4)
     slow = f", in some {e.integral_time:.0f} s" if np.isfinite(e.integral_time) else ""
     return Drawing("Torque and speed", figure, f"Grey: what the drive's current ({e.stall_torque:.3g} N.m at stall) "
@@ -307,25 +303,24 @@ def torque_speed(analysis: Analysis) -> Drawing:
 
 def fin_capability(analysis: Analysis) -> Drawing:
     """Draw hinge moment and rate against the fin angle."""
-    figure, ((moment, rate, ratio),) = plots.figure(1, 3, height=2.6, sharex=True)
+    figure, ((moment, rate, ratio),) = plots.figure(1, 3, height=2.6, sharex=True, x="fin angle [deg]")
     c = analysis.capability
     assert c is not None
     angle = np.degrees(c.fin_angle)
     plus, minus = {"color": plots.BLUE}, {"color": plots.VERMILLION, **_DASHED}
-    pale, table2 = {**plus, "alpha": 0.45}, {**LIMIT, "color": plots.GREEN}
+    pale = {**plus, "alpha": 0.45}
     bound: Look = {"color": plots.PURPLE, "linewidth": 1.8}
     for row, look in enumerate((plus, minus)):
         moment.plot(angle, c.stall[row], **look)
         rate.plot(angle, np.degrees(c.free_rate[row]), **look)
         rate.plot(angle, np.degrees(c.free_rate_loaded[row]), **{**look, "alpha": 0.45})
     rate.plot(angle, np.degrees(analysis.parameters.values["controller.speed_limit"] / c.ratio), **bound)
-    for required in (220.0, 200.0):
-        rate.axhline(required, **table2)
+    plots.limits(rate, 220.0, 200.0, color=plots.GREEN)
     ratio.plot(angle, c.ratio, color=plots.GRAY)
     for axes, label in ((moment, "stall moment [N.m]"), (rate, "fin rate [deg/s]"), (ratio, "ratio R")):
-        axes.set(xlabel="fin angle [deg]", ylabel=label)
+        axes.set_ylabel(label)
     _legend(figure, {"moving +": plus, "moving -": minus, "paler: against 100 N.m": pale,
-                     "controllers' speed limit": bound, "Table 2": table2})
+                     "controllers' speed limit": bound, "Table 2": {**LIMIT, "color": plots.GREEN}})
     return Drawing("Capability against fin angle", figure, "The lever's ratio grows with the lever angle, so the fin "
                    "is stronger and slower towards the ends. Largest opposing hinge moment that is still moved; "
                    "largest steady rate that supply and drive current allow without load and against 100 N.m, and the "

@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 
 from ...bench.measure import Test, response
 from ...bench.subject import ParameterSubject
-from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, figure
+from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure
 from .evaluate import HOPELESS, Evaluation
 from .optimise import Result
 
@@ -128,7 +128,7 @@ def _correlation(first: Any, second: Any) -> float:
 
 def trade(result: Result, pair: Conflict) -> Drawing:
     """Draw what one requirement costs another: shares of both limits, and the sets none beats in both."""
-    drawn, ((axes,),) = figure(1, 1, width=6.0, height=3.6)
+    drawn, (axes,) = column(f"{pair.second} / limit", x=f"{pair.first} / limit", width=6.0, height=3.6)
     points = np.array(shares(result.evaluated, pair.first, pair.second))
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]
     axes.plot(near[:, 0], near[:, 1], ".", color=GRAY, markersize=2.5)
@@ -138,7 +138,6 @@ def trade(result: Result, pair: Conflict) -> Drawing:
     axes.plot(*best, "o", color=BLUE, label="returned")
     axes.axvline(1.0, **_LEVEL)
     axes.axhline(1.0, **_LEVEL)
-    axes.set(xlabel=f"{pair.first} / limit", ylabel=f"{pair.second} / limit")
     axes.legend(loc="upper right")
     return Drawing(
         "What one costs the other", drawn,

@@ -91,15 +91,13 @@ def _error(axes: Axes, series: Series, **look: Any) -> None:
 
 def _angle_panels(result: Result, height: float, *names: str) -> Any:
     """Return a figure with a panel of angles and, where one of these has a reference, one of errors below."""
-    if _compared(result, *names):
-        figure, grid = plots.figure(2, height=height, sharex=True, height_ratios=(2.1, 1.0))
-        grid[1, 0].set_ylabel("error [mdeg]")
-        grid[1, 0].axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
-    else:
-        figure, grid = plots.figure(1, height=1.4 * height)
-    grid[0, 0].set_ylabel("fin angle [deg]")
-    grid[-1, 0].set_xlabel("time [ms]")
-    return figure, grid[0, 0], grid[-1, 0]
+    if not _compared(result, *names):
+        figure, (angle,) = plots.column("fin angle [deg]", x="time [ms]", height=1.4 * height)
+        return figure, angle, angle
+    figure, (angle, error) = plots.column("fin angle [deg]", "error [mdeg]", x="time [ms]", height=height,
+                                          height_ratios=(2.1, 1.0))
+    error.axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
+    return figure, angle, error
 
 
 def _legend(axes: Axes, *entries: tuple[str, Mapping[str, Any]], columns: int = 6) -> None:
@@ -139,7 +137,8 @@ def steps(result: Result, sizes: Sequence[int]) -> Drawing:
 
 def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
     """Draw the sweeps over time: whole, and two looks closer."""
-    figure, grid = plots.figure(len(names), 3, width=9.0, height=2.1, width_ratios=(2.2, 1, 1), sharey="row")
+    figure, grid = plots.figure(len(names), 3, height=2.1, width_ratios=(2.2, 1, 1), sharey="row", x="time [s]",
+                                y=["fin angle [deg]"] * len(names))
     for row, name, color in zip(grid, names, (plots.BLUE, plots.VERMILLION), strict=False):
         run = result.series[name].run
         command = run.excitation.command * _DEG
@@ -150,19 +149,15 @@ def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
             axes.plot(time, command[at], **{**COMMAND, "linewidth": 1.0 if close else 0.5, "linestyle": "-"})
             axes.plot(time, run.columns["fin_angle"][at] * _DEG, color=color, linewidth=1.2 if close else 0.5)
             axes.set_xlim(begin, min(end, float(run.excitation.time[-1])))
-        row[0].set_ylabel("fin angle [deg]")
         _legend(row[0], ("command", {**COMMAND, "linestyle": "-"}),
                 (f"{np.max(np.abs(command)):.1f} deg", {"color": color}))
-    for axes in grid[-1]:
-        axes.set_xlabel("time [s]")
     return Drawing("Sine sweeps", figure,
                    "Logarithmic sweeps from 0.5 to 30 Hz; on the right about 2 to 3 Hz, and 11 Hz.")
 
 
 def bode(result: Result, names: Sequence[str]) -> Drawing:
     """Draw gain and phase of the sweeps beside the linear model's, where there is one."""
-    figure, grid = plots.figure(2, height=2.6, sharex=True)
-    gain, phase = grid[:, 0]
+    figure, (gain, phase) = plots.column("", "", height=2.6)
     curves: list[tuple[metrics.FrequencyResponse, str, str, Any]] = [
         (metrics.sweep_response(result.series[name].run), f"{name[6:-3].replace('p', '.')} deg", color, "-")
         for name, color in zip(names, (plots.BLUE, plots.VERMILLION), strict=False)]
@@ -181,7 +176,7 @@ def bode(result: Result, names: Sequence[str]) -> Drawing:
         entries.append((label, look))
     plots.bode_axes(gain, phase)
     for axes in (gain, phase):
-        axes.axvline(10.0, **LIMIT)
+        plots.limits(axes, 10.0, across=False)
     _legend(gain, *entries, ("-3 dB, -90 deg; 10 Hz required", LIMIT))
     phase.set_xlim(metrics.SWEPT)
     plots.frequency_axis(phase, (0.5, 1, 2, 5, 10, 20))
@@ -198,9 +193,10 @@ def _panels(result: Result, name: str, without: str = "") -> list[str]:
     return [panel for panel in _PANELS if panel in result.series[name].run.columns and panel != without]
 
 
-def _column_of_panels(result: Result, grid: Any, series: Series, panels: Sequence[str], color: str, begin: float,
-                      end: float, dots: int) -> None:
-    """Draw a run's variables under each other, with their limits, shaded where one is active."""
+def _column_of_panels(result: Result, grid: Any, case: str, panels: Sequence[str], color: str, begin: float, end: float,
+                      dots: int) -> None:
+    """Draw a case's variables under each other, with their limits, shaded where one is active."""
+    series = result.series[case]
     columns, excitation = (series.exact or series.run).columns, series.run.excitation
     at, given = window(columns["time"], begin, end), window(excitation.time, begin, end)
     for axes, name in zip(grid, panels, strict=True):
@@ -213,22 +209,19 @@ def _column_of_panels(result: Result, grid: Any, series: Series, panels: Sequenc
             for limit in (supply, -supply):
                 axes.step(excitation.time[given] * 1e3, limit, where="post", **LIMIT)
         elif (parameter := _LIMITED.get(name, "")) in result.parameters:
-            for sign in (1.0, -1.0):
-                axes.axhline(sign * result.parameters[parameter], **LIMIT)
-        axes.set_ylabel(_PANELS[name])
+            plots.limits(axes, result.parameters[parameter], sides=True)
         axes.set_xlim(begin * 1e3, end * 1e3)
-    grid[-1].set_xlabel("time [ms]")
 
 
 def slew(result: Result) -> Drawing:
     """Draw what happens inside the largest step."""
-    series, panels = result.series["step_plus20"], _panels(result, "step_plus20")
-    figure, grid = plots.figure(len(panels), height=1.55, sharex=True)
-    _column_of_panels(result, grid[:, 0], series, panels, plots.BLUE, 0.04, 0.2, 4)
-    grid[1, 0].axhline(220.0, **_REQUIRED)
-    _legend(grid[0, 0], ("fin", {"color": plots.BLUE}), _COMMAND_ENTRY, *_reference(result, "step_plus20"),
+    panels = _panels(result, "step_plus20")
+    figure, column = plots.column(*map(_PANELS.__getitem__, panels), x="time [ms]", height=1.55)
+    _column_of_panels(result, column, "step_plus20", panels, plots.BLUE, 0.04, 0.2, 4)
+    column[1].axhline(220.0, **_REQUIRED)
+    _legend(column[0], ("fin", {"color": plots.BLUE}), _COMMAND_ENTRY, *_reference(result, "step_plus20"),
             _LIMIT_ENTRY, ("220 deg/s required", _REQUIRED), _SHADE_ENTRY, columns=6)
-    rate = metrics.motion(series.run)
+    rate = metrics.motion(result.series["step_plus20"].run)
     return Drawing(
         "Rate and saturation", figure, f"A step to 20 deg: {degrees(rate['peak_rate']):.0f} deg/s at the peak, "
         f"{degrees(rate['sustained_rate']):.0f} deg/s in the mean over the middle 60 % of the travel. A limit that is "
@@ -238,14 +231,13 @@ def slew(result: Result) -> Drawing:
 def loaded(result: Result) -> Drawing:
     """Draw the slews against and with 100 N.m."""
     panels = _panels(result, "load_opposing", "drive_reference")
-    figure, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row")
+    figure, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row", x="time [ms]",
+                                y=map(_PANELS.__getitem__, panels))
     for column, name, color in ((0, "load_opposing", plots.BLUE), (1, "load_aiding", plots.VERMILLION)):
-        _column_of_panels(result, grid[:, column], result.series[name], panels, color, 0.3, 0.75, 12)
+        _column_of_panels(result, grid[:, column], name, panels, color, 0.3, 0.75, 12)
         what = "against 100 N.m" if column == 0 else "with 100 N.m"
         entries = (_COMMAND_ENTRY, *_reference(result, name)) if column == 0 else (_LIMIT_ENTRY, _SHADE_ENTRY)
         _legend(grid[0, column], (what, {"color": color}), *entries, columns=3)
-    for axes in grid[:, 1]:
-        axes.set_ylabel("")
     grid[1, 0].axhline(200.0, **_REQUIRED)
     grid[1, 0].text(745, 200.0, "200 deg/s required", fontsize=7, ha="right", va="bottom")
     against, along = (degrees(metrics.motion(result.series[name].run, 1)["sustained_rate"])
@@ -272,9 +264,9 @@ def _angle_and_error(result: Result, name: str, title: str, color: str, caption:
 def sag(result: Result) -> Drawing:
     """Draw a slew during which the supply sags."""
     panels = _panels(result, "sag", "drive_reference")
-    figure, grid = plots.figure(len(panels), height=1.6, sharex=True)
-    _column_of_panels(result, grid[:, 0], result.series["sag"], panels, plots.ORANGE, 0.3, 0.699, 8)
-    _legend(grid[0, 0], ("fin", {"color": plots.ORANGE}), _COMMAND_ENTRY, *_reference(result, "sag"), _LIMIT_ENTRY,
+    figure, column = plots.column(*map(_PANELS.__getitem__, panels), x="time [ms]", height=1.6)
+    _column_of_panels(result, column, "sag", panels, plots.ORANGE, 0.3, 0.699, 8)
+    _legend(column[0], ("fin", {"color": plots.ORANGE}), _COMMAND_ENTRY, *_reference(result, "sag"), _LIMIT_ENTRY,
             _SHADE_ENTRY)
     shipped = result.of_thesis and not result.differences
     brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" if shipped else ""
@@ -285,8 +277,8 @@ def sag(result: Result) -> Drawing:
 
 def linear(result: Result) -> Drawing:
     """Draw normalised steps beside the linear model's."""
-    figure, grid = plots.figure(2, height=2.4, sharex=True, height_ratios=(2.0, 1.0))
-    response, difference = grid[:, 0]
+    figure, (response, difference) = plots.column("fin angle / command", "difference [%]", x="time [ms]", height=2.4,
+                                                  height_ratios=(2.0, 1.0))
     entries: list[tuple[str, Mapping[str, Any]]] = []
     for (amplitude, (run, angle)), color in zip(result.linear_series.items(), plots.COLORS, strict=False):
         time = run.columns["time"]
@@ -299,8 +291,7 @@ def linear(result: Result) -> Drawing:
     dashed = {"color": plots.INK, "linestyle": (0, (5, 1.5)), "linewidth": 1.0}
     response.plot(*drawn_linear, **dashed)
     _legend(response, *entries, ("linear model, any step", dashed))
-    response.set_ylabel("fin angle / command")
-    difference.set(ylabel="difference [%]", xlabel="time [ms]", xlim=(40, 200))
+    difference.set(xlim=(40, 200))
     return Drawing(
         "Linear and nonlinear", figure, "Steps divided by their size. The linear model's response is the same for all; "
         "this model has quantisation and friction, which show in the small, and limits, which show in the large.")
