@@ -29,7 +29,7 @@ from .errors import EmcasError, hint
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .parameters import ParameterSet
-from .plots import COLORS, figure, picture, shade, style, write
+from .plots import COLORS, figure, legend, picture, shade, style, write
 from .plots import COMMAND as COMMAND_LINE
 from .simulation import Array
 from .units import UnitError, convert
@@ -314,12 +314,12 @@ def draw(response: Response) -> Figure:
     made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
     first, places = grid[0, 0], iter(grid.ravel())
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
-    for k, command in enumerate(commands):
-        first.step(time, np.degrees(command), where="post", label=None if k else "command", **COMMAND_LINE)
+    for command in commands:
+        first.step(time, np.degrees(command), where="post", label="command", **COMMAND_LINE)
     for panel, axes in zip(of_actuator, places, strict=False):
         _draw_panel(axes, panel, time, fins)
     first.set_title(response.excitation.title)
-    first.legend(loc="best", ncols=1 + len(fins) // 5)
+    legend(first, loc="best", ncols=1 + len(fins) // 5)
     for v, axes in zip(shared, places, strict=False):
         unit, scale = metrics.shown(v.unit)
         axes.plot(time, response.columns[v.name] * scale, color=COLORS[0])
@@ -355,12 +355,12 @@ def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence
     names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
     for j, (v, name) in enumerate(zip(panel, names, strict=True)):
         for k, run in enumerate(fins):
-            named = f"fin {k + 1}" if several and len(panel) == 1 else None if k else name
+            named = f"fin {k + 1}" if several and len(panel) == 1 else name
             axes.plot(time, run.columns[v.name] * scale, label=named, color=COLORS[(k if several else j) % len(COLORS)],
                       linestyle=_LINES[j % len(_LINES) if several else 0])
     axes.set_ylabel(f"{names[0]} [{unit}]" if len(panel) == 1 else f"[{unit}]")
     if len(panel) > 1:
-        axes.legend(loc="best")
+        legend(axes, loc="best")
 
 
 def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], estimated: bool) -> None:
@@ -370,7 +370,8 @@ def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], est
     for k, column in enumerate(columns):
         color = COLORS[k % len(COLORS)]
         if not v.bits:
-            axes.plot(time, column, color=color, drawstyle="default" if v.kind == "Real" else "steps-pre")
+            axes.plot(time, column, color=color, drawstyle="default" if v.kind == "Real" else "steps-pre",
+                      label=f"fin {k + 1}" if len(columns) > 1 else None)
         for place, i in enumerate(flags):
             at = place + 0.6 * ((k + 0.5) / len(columns) - 0.5)
             axes.plot(time, np.where(column.astype(int) >> i & 1, at, np.nan), color=color, linewidth=3.0)

@@ -83,8 +83,8 @@ def _drawings(result: Result) -> Iterator[Drawing]:
             shown = (time > _WINDOW[0]) & (time < _WINDOW[1])
             if not k:
                 angle.step(time[shown] * 1e3, np.degrees(run.excitation.command)[shown], where="post", **COMMAND)
-            look = {"color": f"C{k}", "linewidth": widths[k]}
-            angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], label=column.name, **look)
+            look = {"color": f"C{k}", "linewidth": widths[k], "label": column.name}
+            angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], **look)
             rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], **look)
         angle.set_title(title)
     grid[0, 0].legend(loc="lower right")

@@ -60,10 +60,10 @@ def _steps(outcome: Outcome, limits: list[Judged]) -> Drawing:
         color = plots.COLORS[(len(pairs) - 1 - number) // 2 % len(plots.COLORS)]
         size = float(series["command_deg"][0])
         look: dict[str, Any] = {"color": color, "linestyle": "-" if size > 0.0 else (0, (5, 1.2))}
-        label = outcome.label(group)
+        look["label"] = outcome.label(group)
         time = series["time_s"]
         near = time <= 0.4
-        angle.plot(time[near] * 1e3, series["angle_deg"][near], label=label, **look)
+        angle.plot(time[near] * 1e3, series["angle_deg"][near], **look)
         angle.plot([0.0, 400.0], [size, size], **LIMIT)
         far = time >= 0.0
         error.plot(*_thin(time[far], series["angle_deg"][far] - size), **{**look, "linewidth": 1.0})
@@ -144,10 +144,10 @@ def _grid(outcome: Outcome, limits: list[Judged]) -> Drawing:
 def _stiffness(outcome: Outcome, limits: list[Judged]) -> Drawing:
     made, (size, phase) = plots.column("|T/θ| [N.m/rad]", "phase [deg]", height=2.2, height_ratios=(1.5, 1.0))
     for color, (group, curve) in zip(plots.COLORS, outcome.curves.items(), strict=False):
-        label = f"{outcome.label(group)}, {outcome.figures[group]['load_amplitude_n_m']:.3g} N.m"
-        size.loglog(curve["frequency_hz"], curve["stiffness_n_m_per_rad"], color=color, marker="o", markersize=3.5,
-                    label=label)
-        phase.semilogx(curve["frequency_hz"], curve["phase_deg"], color=color, marker="o", markersize=3.5)
+        look = {"color": color, "marker": "o", "markersize": 3.5,
+                "label": f"{outcome.label(group)}, {outcome.figures[group]['load_amplitude_n_m']:.3g} N.m"}
+        size.loglog(curve["frequency_hz"], curve["stiffness_n_m_per_rad"], **look)
+        phase.semilogx(curve["frequency_hz"], curve["phase_deg"], **look)
     _limit(size, limits, "N.m/rad")
     if outcome.curves:
         legend_above(size, 3)

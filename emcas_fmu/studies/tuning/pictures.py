@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 
 from ...bench.measure import Test, response
 from ...bench.subject import ParameterSubject
-from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure
+from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend
 from .evaluate import HOPELESS, Evaluation
 from .optimise import Result
 
@@ -46,12 +46,12 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
                 time = run.columns["time"] - run.excitation.begin
                 shown = (time > -0.03) & (time <= min(test.duration, _SHOWN))
                 axes.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"][shown]), color=color, linewidth=0.9,
-                          alpha=0.8, label=label if case is result.study.cases[0] else None)
+                          alpha=0.8, label=label)
         axes.axhline(degrees(test.amplitude), **_LEVEL)
         load = f", {test.torque:+g} N.m" if test.torque else ""
         axes.set_title(f"{test.kind} to {degrees(test.amplitude):g} deg{load}")
         axes.set(xlabel="time [ms]", ylabel="fin angle [deg]")
-        axes.legend(loc="lower right")
+        legend(axes, loc="lower right")
     for axes in grid.flat[len(moves):]:
         axes.set_visible(False)
     return Drawing("Responses", drawn, f"Every case ({', '.join(c.name for c in result.study.cases)}), positive "
