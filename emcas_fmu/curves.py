@@ -7,7 +7,7 @@ it (an image, bars, contours) has no such form and stays a picture.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,6 @@ from .thinning import Values, packed, rounded, share, thinned
 INK = "#010203"
 """Stands for the page's own text colour, which it is replaced by."""
 _PIXELS = 4.0 / 3.0  # of a point
-_BROAD = 5.0  # points: a legend's line that stands for a shade
 
 
 class _StaticError(Exception):
@@ -74,10 +73,9 @@ def _panel(axes: Axes, drawn: Figure) -> dict[str, Any]:
         "height": round(height, 2), "title": axes.get_title("left") or axes.get_title(), "x": _axis(axes.xaxis),
         "y": _axis(axes.yaxis), "lines": [], "levels": [], "bands": [], "areas": [], "texts": []}
     frame = _Frame(axes)
-    names = _names(axes, drawn)
     for artist in sorted((*axes.lines, *axes.patches, *axes.collections), key=lambda each: each.get_zorder()):
         if artist.get_visible():
-            frame.add(artist, panel, names)
+            frame.add(artist, panel)
     for text in axes.texts:
         panel["texts"].append(frame.text(text))
     return panel
@@ -117,21 +115,21 @@ class _Frame:
         self.scales = [(axis.get_scale() == "log", sorted(axis.get_view_interval()))
                        for axis in (axes.xaxis, axes.yaxis)]
 
-    def add(self, artist: Artist, panel: dict[str, Any], names: _Names) -> None:
+    def add(self, artist: Artist, panel: dict[str, Any]) -> None:
         """Put an artist into the panel. Raises _StaticError."""
         if isinstance(artist, Line2D):
-            self._line(artist, panel, names)
+            self._line(artist, panel)
         elif isinstance(artist, (Rectangle, PolyCollection)):
-            self._fill(artist, panel, names)
+            self._fill(artist, panel)
         else:
             raise _StaticError
 
-    def _line(self, line: Line2D, panel: dict[str, Any], names: _Names) -> None:
+    def _line(self, line: Line2D, panel: dict[str, Any]) -> None:
         x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
         if not len(x):
             return  # an entry of the legend
         look = _look(line)
-        name = names.of(line)
+        name = _name(line)
         along_x, along_y = _of_data(line.get_transform(), self.axes)
         if not (along_x and along_y):
             if along_x == along_y:
@@ -161,7 +159,7 @@ class _Frame:
                                   "y": packed(np.where(finite, y, np.nan)[chosen], log_y, limits_y)}
         return points if rising else {**points, "loop": True}
 
-    def _fill(self, artist: Rectangle | PolyCollection, panel: dict[str, Any], names: _Names) -> None:
+    def _fill(self, artist: Rectangle | PolyCollection, panel: dict[str, Any]) -> None:
         """Add what fills a range of one axis, or an area between lines."""
         if isinstance(artist, Rectangle):
             paths = [artist.get_patch_transform().transform_path(artist.get_path())]
@@ -185,7 +183,7 @@ class _Frame:
                   for each in corners]
         if ranges:
             panel["bands"].append({"axis": "x" if along_x else "y", "color": color, "ranges": ranges,
-                                   "name": names.of_fill(color)})
+                                   "name": _name(artist)})
 
     def text(self, text: Any) -> dict[str, Any]:
         """Return a word at its place, in the panel's data. Raises _StaticError."""
@@ -237,57 +235,13 @@ def _look(line: Line2D) -> dict[str, Any]:
     return look
 
 
-def _key(line: Line2D) -> tuple[Any, ...]:
-    dash = getattr(line, "_dash_pattern", (0, None))[1]
-    unscaled = tuple(round(length / (line.get_linewidth() or 1.0), 2) for length in dash or ())
-    bare = line.get_linestyle() in ("None", "none", " ", "")
-    return to_hex(line.get_color()), line.get_alpha(), bare, () if bare else unscaled
-
-
-class _Names:
-    """What the legends of a figure call a line, by its label or by its look."""
-
-    def __init__(self, legend: Sequence[tuple[str, Any]]) -> None:
-        self.by_look: dict[tuple[Any, ...], str] = {}
-        self.by_color: dict[str, set[str]] = {}
-        self.fills: dict[str, str] = {}
-        for name, handle in legend:
-            if isinstance(handle, Line2D) and handle.get_linewidth() < _BROAD:
-                self.by_look.setdefault(_key(handle), name)
-                self.by_color.setdefault(to_hex(handle.get_color()), set()).add(name)
-            elif isinstance(handle, Line2D):
-                self.fills[to_hex(handle.get_color())] = name
-            elif hasattr(handle, "get_facecolor"):
-                self.fills[to_hex(np.atleast_2d(handle.get_facecolor())[0])] = name
-
-    def of(self, line: Line2D) -> str:
-        """Return the name of a line; empty where no legend has it."""
-        label = str(line.get_label())
-        if label and not label.startswith("_"):
-            return label
-        if name := self.by_look.get(_key(line)):
-            return name
-        same = self.by_color.get(to_hex(line.get_color()), set())
-        return next(iter(same)) if len(same) == 1 else ""
-
-    def of_fill(self, color: str) -> str:
-        """Return the name of a band; empty where no legend has it."""
-        return self.fills.get(color[:7], "")
-
-
-def _entries(owner: Any) -> Iterator[tuple[str, Any]]:
-    """Give name and sample of each entry of the legends of axes or of a figure."""
-    legends = owner.legends if isinstance(owner, Figure) else filter(None, [owner.get_legend()])
-    for legend in legends:
-        yield from zip((text.get_text() for text in legend.get_texts()), legend.legend_handles, strict=True)
-
-
-def _names(axes: Axes, drawn: Figure) -> _Names:
-    others = [entry for each in drawn.axes if each is not axes for entry in _entries(each)]
-    return _Names([*_entries(axes), *_entries(drawn), *others])
+def _name(artist: Artist) -> str:
+    """Return the name of what is drawn; empty where it has no label."""
+    label = str(artist.get_label() or "")
+    return "" if label.startswith("_") else label
 
 
 def _legend(drawn: Figure) -> list[str]:
     """Return the names in the order of the legends."""
-    entries: Mapping[str, None] = {name: None for owner in (drawn, *drawn.axes) for name, _ in _entries(owner)}
-    return list(entries)
+    legends = [*drawn.legends, *filter(None, (axes.get_legend() for axes in drawn.axes))]
+    return list(dict.fromkeys(text.get_text() for legend in legends for text in legend.get_texts()))

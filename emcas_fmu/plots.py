@@ -58,10 +58,31 @@ def style() -> Iterator[None]:
         yield
 
 
-def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, **more: Any) -> tuple[Figure, Any]:
-    """Make a figure, inside `style()`, and its grid of axes as an array; `width` and `height` of a row in inches."""
+def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, x: str = "",
+           y: Iterable[str] = (), **more: Any) -> tuple[Figure, Any]:
+    """Make a figure, inside `style()`, and its grid of axes as an array; `width` and `height` of a row in inches.
+
+    `x` is the label below each column, `y` are those of the rows, at the left; `more` is as of matplotlib's subplots.
+    """
     empty = Figure(figsize=(width, height * rows), layout="constrained")
-    return empty, empty.subplots(rows, columns, squeeze=False, **more)
+    grid = empty.subplots(rows, columns, squeeze=False, **more)
+    for axes in grid[-1]:
+        axes.set_xlabel(x)
+    for axes, label in zip(grid[:, 0], y, strict=False):
+        axes.set_ylabel(label)
+    return empty, grid
+
+
+def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
+    """Make a figure of panels below each other with the labels `y`, over the same `x`; `more` as `figure` takes."""
+    empty, grid = figure(len(y), x=x, y=y, **{"sharex": True, **more})
+    return empty, grid[:, 0]
+
+
+def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True, **look: Any) -> None:
+    """Draw levels along an axis as limits, on both `sides` of zero if so; `look` is what differs from `LIMIT`."""
+    for at in (sign * level for level in levels for sign in ((1.0, -1.0) if sides else (1.0,))):
+        (axes.axhline if across else axes.axvline)(at, **{**LIMIT, **look})
 
 
 def svg(drawn: Figure, label: str = "", description: str = "") -> str:
@@ -124,13 +145,13 @@ def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, 
     gain.semilogx(frequency, gain_db, **look)
     phase.semilogx(frequency, phase_deg, **look)
     for axes, at, level in zip((gain, phase), marks, (-3.0, -90.0), strict=True):
-        axes.plot(at, level, "o", color=look["color"], markersize=5, zorder=4)
+        axes.plot(at, level, "o", color=look["color"], label=look.get("label"), markersize=5, zorder=4)
 
 
 def bode_axes(gain: Axes, phase: Axes) -> None:
     """Give the panels of frequency responses their ranges and the lines at -3 dB and -90 deg."""
-    gain.axhline(-3.0, **LIMIT)
-    phase.axhline(-90.0, **LIMIT)
+    limits(gain, -3.0)
+    limits(phase, -90.0)
     gain.set(ylabel="gain [dB]", ylim=(-12, 3))
     phase.set(ylabel="phase [deg]", ylim=(-200, 10), yticks=(-180, -135, -90, -45, 0))
 
@@ -142,10 +163,22 @@ def frequency_axis(axes: Axes, ticks: Iterable[float]) -> None:
     axes.minorticks_off()
 
 
-def legend_above(axes: Axes, columns: int = 6, **more: Any) -> None:
-    """Put a legend above the panel, where it cannot hide anything."""
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.8,
-                columnspacing=1.4, **more)
+def legend(owner: Axes | Figure, **more: Any) -> None:
+    """Put a legend into axes or a figure: each label once, with the look it has first; what lies below comes last."""
+    entries: dict[str, Any] = {}
+    for axes in owner.axes if isinstance(owner, Figure) else [owner]:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries[label] = entries.pop(label, handle)
+    ordered = sorted(entries.items(), key=lambda entry: -entry[1].get_zorder())
+    owner.legend([handle for _, handle in ordered], [label for label, _ in ordered], **more)
+
+
+def legend_above(owner: Axes | Figure, columns: int = 6, **more: Any) -> None:
+    """Put a legend above the panel, or all panels of a figure, where it cannot hide anything."""
+    # On the figure where it is wider than its panel, whose column it would widen.
+    place: dict[str, Any] = {"loc": "outside upper left"} if isinstance(owner, Figure) else {
+        "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
+    legend(owner, ncols=columns, handlelength=1.8, columnspacing=1.4, **place, **more)
 
 
 def write(drawn: Figure, path: Path) -> None:
@@ -161,10 +194,10 @@ def check_ending(path: Path | None) -> None:
         raise EmcasError(f"{path}: a plot ends in {', '.join(PICTURES)}")
 
 
-def shade(axes: Axes, time: Any, active: Any) -> None:
+def shade(axes: Axes, time: Any, active: Any, label: str = "") -> None:
     """Shade the times at which `active` holds; both have the same length."""
     axes.fill_between(time, 0, 1, where=active, step="post", transform=axes.get_xaxis_transform(), color=GRAY,
-                      alpha=0.22, linewidth=0.0)
+                      alpha=0.22, linewidth=0.0, label=label or None)
 
 
 def _own_ids(body: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -23,12 +24,12 @@ from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
 from .bench.provenance import ESTIMATE, conditions, resting_on
 from .bench.subject import Columns, Run
-from .bench.writers import number, write_page
+from .bench.writers import code, number, stated, write_page
 from .errors import EmcasError, hint
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .parameters import ParameterSet
-from .plots import COLORS, figure, picture, shade, style, write
+from .plots import COLORS, figure, legend, picture, shade, style, write
 from .plots import COMMAND as COMMAND_LINE
 from .simulation import Array
 from .units import UnitError, convert
@@ -241,10 +242,11 @@ class Response:
             return
         shown = picture(drawn, self.excitation.title, "Command, outputs and limits over time; shaded where a limit "
                                                       f"{_of_any(self)}is active.")
+        fins = [">value"] if self.unit.fins == 1 else [f">fin {fin + 1}" for fin in range(self.unit.fins)]
         write_page(path, "response.html.j2", list(dict.fromkeys(self.sets)), r=self, picture=shown, rows=self._rows(),
-                   given=self._given(), line=self._line(), changed=self._changed(),
+                   line=[(metrics.in_words(name), metrics.unit_of(name), value) for name, value in self.line.items()],
                    estimates=resting_on({metrics.in_words(name): rests for name, rests in self.estimates.items()}),
-                   conditions=conditions(self.unit.kind, self.sets[0].values))
+                   conditions=list(self._conditions()), fins=fins)
 
     def _rows(self) -> list[tuple[str, str, list[str]]]:
         """Return the figures in words, their units, and a value for each fin; times that are reached in ms."""
@@ -259,25 +261,23 @@ class Response:
             rows.append((self._marked(name, metrics.in_words(name)), unit, values))
         return rows
 
-    def _line(self) -> list[tuple[str, str, float]]:
-        """Return the figures of the shared line in words, their units and values."""
-        return [(metrics.in_words(name), metrics.unit_of(name), value) for name, value in self.line.items()]
-
-    def _given(self) -> list[tuple[str, str, float, float]]:
-        """Return name, unit, smallest and largest value of each input that was given."""
-        every = ((name, *metrics.shown(self.units[name]), column) for name, column in self.excitation.columns.items())
-        return [(name, unit, float(np.min(column)) * scale, float(np.max(column)) * scale)
-                for name, unit, scale, column in every]
-
-    def _changed(self) -> list[tuple[str, Any, str]]:
-        """Return name, value and unit of each parameter that was set beside the files, or differs between fins."""
-        rows = []
+    def _conditions(self) -> Iterator[tuple[str, str]]:
+        """Give names and values of times, inputs, and parameters set beside the files or that differ between fins."""
+        excitation = self.excitation
+        yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
+        for name, column in excitation.columns.items():
+            unit, scale = metrics.shown(self.units[name])
+            ends = dict.fromkeys(stated(scale * float(end), unit) for end in (np.min(column), np.max(column)))
+            yield code(name), Markup(" … ").join(ends)
+        held = conditions(self.unit.kind, self.sets[0].values)
+        yield from ((label, stated(value, unit, name)) for label, name, value, unit in held
+                    if name not in excitation.columns)
         for entries in zip(*(each.entries for each in self.sets), strict=True):
             v, same = entries[0].variable, len({e.value for e in entries}) == 1
             if not same or any(e.source == "user" and not e.file for e in entries):
-                rows += [(v.name if same else self.unit.name(v.name, fin), e.value, v.unit)
-                         for fin, e in enumerate(entries[:1] if same else entries)]
-        return rows
+                named = [(v.name if same else self.unit.name(v.name, fin), e.value) for fin, e in enumerate(entries)]
+                yield from ((code(name), stated(value, v.unit)) for name, value in (named[:1] if same else named)
+                            if name not in {name for _, name, *_ in held})
 
     def __repr__(self) -> str:
         return f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows of {len(self._every)}>"
@@ -314,12 +314,12 @@ def draw(response: Response) -> Figure:
     made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
     first, places = grid[0, 0], iter(grid.ravel())
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
-    for k, command in enumerate(commands):
-        first.step(time, np.degrees(command), where="post", label=None if k else "command", **COMMAND_LINE)
+    for command in commands:
+        first.step(time, np.degrees(command), where="post", label="command", **COMMAND_LINE)
     for panel, axes in zip(of_actuator, places, strict=False):
         _draw_panel(axes, panel, time, fins)
     first.set_title(response.excitation.title)
-    first.legend(loc="best", ncols=1 + len(fins) // 5)
+    legend(first, loc="best", ncols=1 + len(fins) // 5)
     for v, axes in zip(shared, places, strict=False):
         unit, scale = metrics.shown(v.unit)
         axes.plot(time, response.columns[v.name] * scale, color=COLORS[0])
@@ -355,12 +355,12 @@ def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence
     names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
     for j, (v, name) in enumerate(zip(panel, names, strict=True)):
         for k, run in enumerate(fins):
-            named = f"fin {k + 1}" if several and len(panel) == 1 else None if k else name
+            named = f"fin {k + 1}" if several and len(panel) == 1 else name
             axes.plot(time, run.columns[v.name] * scale, label=named, color=COLORS[(k if several else j) % len(COLORS)],
                       linestyle=_LINES[j % len(_LINES) if several else 0])
     axes.set_ylabel(f"{names[0]} [{unit}]" if len(panel) == 1 else f"[{unit}]")
     if len(panel) > 1:
-        axes.legend(loc="best")
+        legend(axes, loc="best")
 
 
 def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], estimated: bool) -> None:
@@ -370,7 +370,8 @@ def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], est
     for k, column in enumerate(columns):
         color = COLORS[k % len(COLORS)]
         if not v.bits:
-            axes.plot(time, column, color=color, drawstyle="default" if v.kind == "Real" else "steps-pre")
+            axes.plot(time, column, color=color, drawstyle="default" if v.kind == "Real" else "steps-pre",
+                      label=f"fin {k + 1}" if len(columns) > 1 else None)
         for place, i in enumerate(flags):
             at = place + 0.6 * ((k + 0.5) / len(columns) - 0.5)
             axes.plot(time, np.where(column.astype(int) >> i & 1, at, np.nan), color=color, linewidth=3.0)

@@ -4,7 +4,7 @@
     excitation.py   what is done to it: rows of inputs
     metrics.py      what is read off a response, SI, each figure defined once
     verdict.py      figures against requirements
-    writers.py      JSON, JUnit and pages, all pages out of base.html.j2, figures drawn by curves.js with uPlot
+    writers.py      JSON, JUnit and pages of the blocks in macros.html.j2 over base.html.j2; curves.js draws with uPlot
     provenance.py   how a result came about: command, files, hashes, date; conditions
     fmu.py          opening an FMU and telling its model
 """

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from .. import __version__
 from ..writing import whole, write
@@ -118,6 +118,17 @@ def with_unit(value: float | bool | None, unit: str, limit: float | None = None)
     return f"{text}{symbol}" if symbol[0] == "°" and symbol != "°C" else f"{text} {symbol}"
 
 
+def stated(value: float | bool, unit: str, name: str = "") -> Markup:
+    """Return a figure with its unit, and the name of the parameter or input that it is of."""
+    of = Markup(' <span class="quiet">{}</span>').format(code(name)) if name else ""
+    return escape(with_unit(value, unit)) + of
+
+
+def code(text: str) -> Markup:
+    """Return a name as a page shows it; nothing of none."""
+    return Markup("<code>{}</code>").format(text) if text else Markup("")
+
+
 def typeset(unit: str) -> str:
     """Return a unit as a page shows it."""
     raised = re.sub(r"(?<=[A-Za-z)])[23]", lambda digit: "²³"[int(digit[0]) - 2], unit).replace(".", "·")
@@ -136,10 +147,15 @@ def _environment() -> Environment:
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
                         percent=percent, beside=lambda value, limit: beside(value, limit).replace("-", "−"),
                         rounded=lambda value, form: rounded(value, form).replace("-", "−"))
+    made.filters["code"] = code
+    made.filters["breakable"] = lambda name: Markup("_<wbr>").join(name.split("_"))
+    made.filters["right"] = lambda names: [Markup(">") + name for name in names]  # columns of numbers
     made.filters["css"] = lambda text: Markup(css_text(text))
     made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # what is in it was escaped before
-    made.globals.update(version=__version__, in_column=lambda unit: ("ms", 1e3) if unit == "s" else (unit, 1.0), **{
+    made.tests["tuple"] = lambda row: type(row) is tuple  # none with names
+    made.globals.update(version=__version__, **{
         name: files("emcas_fmu.bench").joinpath(file).read_text(encoding="utf-8") for name, file in _SCRIPTS.items()})
+    made.globals["m"] = made.get_template("bench/macros.html.j2").module  # the blocks that pages are made of
     return made
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import emcas_fmu
 from emcas_fmu.bench.provenance import Source, made, made_by
-from emcas_fmu.bench.writers import outlined, typeset, with_unit, write_page
+from emcas_fmu.bench.writers import _environment, outlined, typeset, with_unit, write_page
 from emcas_fmu.dates import today
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
@@ -17,9 +17,10 @@ from emcas_fmu.plots import Picture
 
 FOLDER = Path(emcas_fmu.__file__).parent
 TEMPLATES = [path for path in sorted(FOLDER.rglob("*.html.j2")) if path.parent.name != "fmi"]  # has a style of its own
+WITH_TABLES = [path for path in TEMPLATES if "<table" in path.read_text(encoding="utf-8")]
 
 
-@pytest.mark.parametrize("template", TEMPLATES, ids=lambda path: str(path.relative_to(FOLDER)))
+@pytest.mark.parametrize("template", WITH_TABLES, ids=lambda path: str(path.relative_to(FOLDER)))
 def test_a_table_scrolls_by_itself(template: Path) -> None:
     """Not the page with it. What is signed and what is said about the article have short cells that wrap."""
     for before, attributes in re.findall(r"(.*)<table([^>]*)>", template.read_text(encoding="utf-8")):
@@ -28,13 +29,33 @@ def test_a_table_scrolls_by_itself(template: Path) -> None:
 
 
 # The explorer is a program more than a page to print.
-@pytest.mark.parametrize("template", [path for path in TEMPLATES if path.parent.name not in ("bench", "explore")],
+@pytest.mark.parametrize("template", [path for path in WITH_TABLES if path.parent.name != "explore"],
                          ids=lambda path: str(path.relative_to(FOLDER)))
 def test_a_table_has_a_caption_and_headings_that_repeat(template: Path) -> None:
     text = template.read_text(encoding="utf-8")
     for table in re.findall(r'<div class="wide"><table[^>]*>(.*?)</table>', text, flags=re.DOTALL):
         assert re.match(r"\s*<caption[^>]*>.*</caption>\s*<thead>", table)
-    assert "<figure" not in text  # a macro's
+
+
+@pytest.mark.parametrize("template", [path for path in TEMPLATES
+                                      if path.parent.name not in ("bench", "explore", "thesis")],
+                         ids=lambda path: str(path.relative_to(FOLDER)))
+def test_a_page_is_made_of_blocks(template: Path) -> None:
+    """Its tables and figures are those of the macros, but what is signed."""
+    text = template.read_text(encoding="utf-8")
+    assert "<figure" not in text
+    assert re.findall(r"<table([^>]*)>", text) in ([], [' class="sign"'])
+
+
+def test_rows_of_a_table() -> None:
+    """A tuple is given item by item, a heading of numbers stands to the right, and a table without rows says so."""
+    template = _environment().from_string(
+        '{% call(name, value) m.table("Title", ["name", ">value"], rows) %}'
+        '<td>{{ name }}</td>{{ m.cells([value]) }}{% endcall %}')
+    text = re.sub(r"\s*\n\s*", "", template.render(rows=[("<a>", -2.0)]))
+    assert '<thead><tr><th>name</th><th class="n">value</th></tr></thead>' in text
+    assert '<tr><td>&lt;a&gt;</td><td class="n">−2</td></tr>' in text
+    assert "<td>none</td>" in template.render(rows=[])
 
 
 def test_figures_tables_and_sections_are_numbered_and_listed() -> None:

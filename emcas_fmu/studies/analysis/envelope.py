@@ -36,7 +36,7 @@ from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, heat
-from ...plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, picture, style, write
+from ...plots import BLUE, GREEN, INK, PURPLE, VERMILLION, column, picture, style, write
 from ...simulation import Array
 
 _POINTS = 201
@@ -243,7 +243,8 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
 
 def draw(e: Envelope) -> Figure:
     """Draw both envelopes over the motor speed, and the limits they are made of."""
-    drawn, ((axes,),) = figure(1, width=7.5, height=4.4)
+    drawn, (axes,) = column(f"motor torque [N.m]{ESTIMATE * (TORQUE in e.estimates)}", x="motor speed [rpm]", width=7.5,
+                            height=4.4)
     rpm = e.speed * 30.0 / pi
     for curve, color, name in ((e.short_term, VERMILLION, f"for {e.duration:g} s"),
                                (e.continuous, BLUE, "for any time")):
@@ -254,8 +255,7 @@ def draw(e: Envelope) -> Figure:
     axes.plot(rpm, cold.limits["peak"], color=PURPLE, linestyle="-.", label="drive's peak current")
     axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, as cold as at the start")
     top = max(cold.limits["peak"][0], min(cold.limits["heat"][0], 2.0 * cold.limits["peak"][0]))
-    axes.set(xlabel="motor speed [rpm]", ylabel=f"motor torque [N.m]{ESTIMATE * (TORQUE in e.estimates)}",
-             xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
+    axes.set(xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
     drawn.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
     return drawn
 

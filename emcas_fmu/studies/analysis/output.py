@@ -116,6 +116,15 @@ def write_json(analysis: Analysis, path: Path) -> None:
 
 def write_report(analysis: Analysis, path: Path) -> None:
     """Write the page; the same analysis gives the same bytes."""
-    writers.write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=figures(analysis),
-                       actuator=analysis.actuator.actuator, reference=analysis.actuator.reference_name,
+    found, reference = figures(analysis), analysis.actuator.reference_name
+    margins = found["linear"]["loops"]
+    named = {"reference": f"{reference} u", "position": "position", "velocity": "velocity (position loop open)",
+             "current": "current (outer loops open)"}
+    loops = [(label, margins[name]) for name, label in named.items() if name in margins]
+    if found["thesis_linear"]:
+        loops.append((f"{reference} u, thesis’s model", found["thesis_linear"]["loops"]["reference"]))
+    finals = [(label, found["final_values"][name]) for name, label in (("p", "P"), ("pi", "PI"), ("as_set", "as set"))
+              if name in found["final_values"]]
+    writers.write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=found, loops=loops,
+                       finals=finals, actuator=analysis.actuator.actuator, reference=reference,
                        small=unseen(analysis.actuator.actuator), pictures=plots.pictures(drawings(analysis)))

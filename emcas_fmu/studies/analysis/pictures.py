@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ... import plots
 from ...actuators import capabilities
@@ -49,44 +47,37 @@ def drawings(analysis: Analysis) -> Iterator[Drawing]:
             yield draw(analysis)
 
 
-def _legend(figure: Figure, entries: Mapping[str, Look], columns: int = 5) -> None:
-    # On the figure, since a legend wider than its panel would widen the panel's column.
-    figure.legend(handles=[Line2D([], [], label=label, **look) for label, look in entries.items()],
-                  loc="outside upper left", ncols=columns, handlelength=1.8, columnspacing=1.4)
-
-
 def bode(analysis: Analysis) -> Drawing:
     """Draw the responses to command and load."""
-    figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(2, 2, height=2.4, sharex=True)
+    figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(
+        2, 2, height=2.4, sharex=True, x="frequency [Hz]", y=("gain [dB]", "phase [deg]"))
 
-    def draw(response: FrequencyResponse, look: Look, axes: tuple[Axes, Axes], scale: float = 1.0) -> None:
+    def draw(response: FrequencyResponse, look: Look, axes: tuple[Axes, Axes] = (gain, phase), scale: float = 1.0
+             ) -> None:
         shown = (response.frequency >= _SHOWN[0]) & (response.frequency <= _SHOWN[1])
         axes[0].semilogx(response.frequency[shown], 20.0 * np.log10(scale) + response.gain_db[shown], **look)
         axes[1].semilogx(response.frequency[shown], np.degrees(response.phase[shown]), **look)
 
-    entries: dict[str, Look] = {"linearised here": {"color": plots.BLUE}}
-    curves = [analysis.linear.command]
+    here: Look = {"color": plots.BLUE, "label": "linearised here"}
+    draw(analysis.linear.command, here)
+    if analysis.linear.load:
+        draw(analysis.linear.load, here, (load_gain, load_phase), degrees(1.0))
     if analysis.thesis:
-        entries["thesis's linear model"] = _THESIS
-        curves.append(analysis.thesis.command)
+        draw(analysis.thesis.command, {**_THESIS, "label": "thesis's linear model"})
     chosen = [(s, rows) for s, rows in zip(analysis.sweeps, shared(analysis.sweeps), strict=True)
               if degrees(s.amplitude) > 0.9]
     for (sweep, rows), color in zip(chosen[:5:2], (plots.GREEN, plots.ORANGE, plots.PURPLE), strict=False):
-        entries[f"simulated, {degrees(sweep.amplitude):.3g} deg"] = {
-            "color": color, "linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none"}
         r = sweep.response
-        curves.append(FrequencyResponse(r.frequency[rows], r.gain[rows], r.phase[rows], r.coherence[rows]))
-    for response, look in zip(curves, entries.values(), strict=True):
-        draw(response, look, (gain, phase))
-    if analysis.linear.load:
-        draw(analysis.linear.load, entries["linearised here"], (load_gain, load_phase), degrees(1.0))
-    gain.axhline(-3.0, **LIMIT)
-    phase.axhline(-90.0, **LIMIT)
-    gain.set(title="fin angle over command", ylabel="gain [dB]", ylim=(-40, 6))
-    phase.set(ylabel="phase [deg]", ylim=(-360, 20), yticks=range(-360, 1, 90), xlabel="frequency [Hz]")
+        draw(FrequencyResponse(r.frequency[rows], r.gain[rows], r.phase[rows], r.coherence[rows]), {
+            "color": color, "linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none",
+            "label": f"simulated, {degrees(sweep.amplitude):.3g} deg"})
+    plots.limits(gain, -3.0)
+    plots.limits(phase, -90.0)
+    gain.set(title="fin angle over command", ylim=(-40, 6))
+    phase.set(ylim=(-360, 20), yticks=range(-360, 1, 90))
     load_gain.set(title="fin angle over hinge moment", ylabel="dB of 1 deg/(N.m)")
-    load_phase.set(ylabel="phase [deg]", xlabel="frequency [Hz]", yticks=range(-270, 91, 90))
-    _legend(figure, entries)
+    load_phase.set(ylabel="phase [deg]", yticks=range(-270, 91, 90))
+    plots.legend_above(figure, 5)
     return Drawing("Bode diagrams", figure, f"Left, fin angle over command: {analysis.linear.command.bandwidths} "
                    "(linear). Right, fin angle over hinge moment. The linear responses are "
                    "those of the sampled system with its transport delay, exactly; circles are the fundamental of the "
@@ -95,7 +86,7 @@ def bode(analysis: Analysis) -> Drawing:
 
 def nichols(analysis: Analysis) -> Drawing:
     """Draw the open loops in the Nichols plane, with circles of closed-loop gain."""
-    figure, ((axes,),) = plots.figure(1, height=4.2, width=7.0)
+    figure, (axes,) = plots.column("open-loop gain [dB]", x="open-loop phase [deg]", height=4.2, width=7.0)
     phase, gain = np.meshgrid(np.linspace(-360, 0, 361), np.linspace(-30, 40, 281))
     open_loop = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
     with np.errstate(divide="ignore"):
@@ -108,20 +99,18 @@ def nichols(analysis: Analysis) -> Drawing:
         horizontal, vertical = ("center", "bottom") if x == -180.0 else ("left", "baseline")
         axes.text(x, y, text, fontsize=6.5, color=plots.GRAY, ha=horizontal, va=vertical)
     at = analysis.actuator.reference_name
-    entries: dict[str, Look] = {}
     # The current loop is in continuous time.
     for name, label, color in (("velocity", "velocity loop", plots.GREEN), ("position", "position loop", plots.PURPLE),
                                ("reference", f"at {at}", plots.BLUE)):
         if name in analysis.linear.loops:
-            entries[label] = {"color": color}
-            _nichols_line(axes, analysis.linear.loops[name], analysis.linear.margins[name], entries[label])
+            _nichols_line(axes, analysis.linear.loops[name], analysis.linear.margins[name],
+                          {"color": color, "label": label})
     if analysis.thesis:
-        entries[f"thesis's model, at {at}"] = _THESIS
-        _nichols_line(axes, analysis.thesis.loops["reference"], analysis.thesis.margins["reference"], _THESIS)
+        _nichols_line(axes, analysis.thesis.loops["reference"], analysis.thesis.margins["reference"],
+                      {**_THESIS, "label": f"thesis's model, at {at}"})
     axes.plot(-180, 0, "+", color=plots.INK, markersize=9)
-    axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45), xlabel="open-loop phase [deg]",
-             ylabel="open-loop gain [dB]")
-    _legend(figure, entries, columns=2)
+    axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45))
+    plots.legend_above(figure, 2)
     m = analysis.linear.margins["reference"]
     return Drawing("Nichols chart", figure, f"At {at} the gain may grow by {m.gain_db:.1f} dB "
                    f"(square, at {m.phase_crossover:.0f} Hz), the phase lag by {degrees(m.phase):.0f} deg (circle, at "
@@ -139,12 +128,12 @@ def _nichols_line(axes: Axes, loop: System, margins: frequency.Margins, look: Lo
     for at, marker in ((margins.phase_crossover, "s"), (margins.gain_crossover, "o")):
         if np.isfinite(at):
             axes.plot(np.interp(at, grid, phase), np.interp(at, grid, response.gain_db), marker, markersize=4.5,
-                      color=look["color"])
+                      color=look["color"], label=look["label"])
 
 
 def root_locus(analysis: Analysis) -> Drawing:
     """Draw the closed-loop poles against the chosen parameter."""
-    figure, ((axes,),) = plots.figure(1, height=4.2, width=7.5)
+    figure, (axes,) = plots.column("Im s / 2π [Hz]", x="Re s / 2π [Hz]", height=4.2, width=7.5)
     roots, hertz = analysis.locus, 1.0 / (2.0 * pi)
     crossover = analysis.linear.margins["reference"].phase_crossover
     shown = 1.6 * crossover if np.isfinite(crossover) else 100.0
@@ -154,13 +143,12 @@ def root_locus(analysis: Analysis) -> Drawing:
     bar = figure.colorbar(dots, ax=axes, ticks=[-1, np.log10(0.5), 0, np.log10(2), 1], pad=0.02)
     bar.ax.set_yticklabels(["0.1", "0.5", "1", "2", "10"])
     bar.set_label(f"{roots.name} / its value")
-    entries: dict[str, Look] = {
-        "as set": {"marker": "s", "markerfacecolor": "none", "color": plots.INK},
-        "as set, continuous with Padé delay": {"marker": "x", "color": plots.VERMILLION}}
+    looks: list[Look] = [
+        {"label": "as set", "marker": "s", "markerfacecolor": "none", "color": plots.INK},
+        {"label": "as set, continuous with Padé delay", "marker": "x", "color": plots.VERMILLION}]
     here = roots.poles[int(np.argmin(np.abs(roots.values - roots.nominal)))]
-    for poles, look in zip((here, roots.rational), entries.values(), strict=True):
-        look |= {"linestyle": "none", "markersize": 6}
-        axes.plot(poles.real * hertz, poles.imag * hertz, **look)
+    for poles, look in zip((here, roots.rational), looks, strict=True):
+        axes.plot(poles.real * hertz, poles.imag * hertz, linestyle="none", markersize=6, **look)
     axes.axvline(0.0, color=plots.INK, linewidth=0.8)
     for damping in (0.2, 0.4, 0.6, 0.8):
         slope = np.sqrt(1.0 - damping**2) / damping
@@ -168,9 +156,8 @@ def root_locus(analysis: Analysis) -> Drawing:
             axes.plot([0.0, -2.0 * shown], [0.0, side * slope * 2.0 * shown], **LIMIT)
         x = min(0.95 * shown / slope, 0.9 * shown)
         axes.text(-x, x * slope, f"{damping:g}", fontsize=6.5, color=plots.GRAY, ha="center", va="center")
-    axes.set(xlim=(-shown, 0.4 * shown), ylim=(-shown, shown), xlabel="Re s / 2π [Hz]",
-             ylabel="Im s / 2π [Hz]")
-    _legend(figure, entries, columns=2)
+    axes.set(xlim=(-shown, 0.4 * shown), ylim=(-shown, shown))
+    plots.legend_above(figure, 2)
     low, high = roots.stable_range
     bounds = [f"{word} {value:.4g}" for word, value, end in (("below", low, roots.values[0]),
                                                              ("above", high, roots.values[-1]))
@@ -185,20 +172,21 @@ def root_locus(analysis: Analysis) -> Drawing:
 
 def steps(analysis: Analysis) -> Drawing:
     """Draw steps of the linear models and the simulated one."""
-    figure, (row,) = plots.figure(1, max(len(analysis.steps), 1), height=2.6, sharex=True, sharey=True)
-    entries = {} if "thesis_linear" in analysis.left_out else {"thesis's linear model": _THESIS}
-    entries |= {"linearised here": {"color": plots.BLUE}, "simulated": {"color": plots.GREEN}}
+    figure, (row,) = plots.figure(1, max(len(analysis.steps), 1), height=2.6, sharex=True, sharey=True, x="time [ms]",
+                                  y=["fin angle / step"])
+    looks: list[Look] = [{**_THESIS, "label": "thesis's linear model"},
+                         {"color": plots.BLUE, "label": "linearised here"},
+                         {"color": plots.GREEN, "label": "simulated"}]
     settled = [s.metrics_nonlinear.settling_time for s in analysis.steps]
     end = 1e3 * float(np.clip(1.15 * np.max(settled, initial=0.0), 0.15, STOP))
     for axes, s in zip(row, analysis.steps, strict=False):
-        plots.shade(axes, s.time * 1e3, s.active)
-        angles = [angle for angle in (s.thesis, s.linear, s.nonlinear) if angle is not None]
-        for angle, look in zip(angles, entries.values(), strict=True):
-            axes.plot(s.time * 1e3, angle / s.size, **look)
+        plots.shade(axes, s.time * 1e3, s.active, "a limit is active")
+        for angle, look in zip((s.thesis, s.linear, s.nonlinear), looks, strict=True):
+            if angle is not None:
+                axes.plot(s.time * 1e3, angle / s.size, **look)
         axes.text(0.97, 0.05, f"{s.size:+g} deg", transform=axes.transAxes, ha="right", fontsize=9)
-        axes.set(xlabel="time [ms]", xlim=(0, end))
-    row[0].set_ylabel("fin angle / step")
-    _legend(figure, {**entries, "a limit is active": {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7}}, columns=4)
+        axes.set(xlim=(0, end))
+    plots.legend_above(figure, 4)
     differences = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in analysis.steps)
     causes = list(unseen(analysis.actuator.actuator).values())
     small = f"Small steps differ by {_listed(causes)}, large ones" if causes else "Large steps differ"
@@ -212,7 +200,7 @@ def _listed(words: list[str]) -> str:
 
 def amplitudes(analysis: Analysis) -> Drawing:
     """Draw bandwidth and the onset of limits in the plane of amplitude and frequency."""
-    figure, ((axes,),) = plots.figure(1, height=3.6, width=7.5)
+    figure, (axes,) = plots.column("frequency [Hz]", x="amplitude of the command [deg]", height=3.6, width=7.5)
     sweeps, linear = analysis.sweeps, analysis.linear.command
     size = np.array([degrees(s.amplitude) for s in sweeps])
     curves: list[tuple[str, Look, list[float]]] = [
@@ -223,19 +211,18 @@ def amplitudes(analysis: Analysis) -> Drawing:
         curves.append((f"{_LIMIT_NAMES[name]} limited above",
                        {"color": color, "marker": marker, "markersize": 4.0, "linewidth": 0.9},
                        [s.onset(name) for s in sweeps]))
-    for (_, look, values), level in zip_longest(curves, (linear.bandwidth, linear.phase_bandwidth)):
-        axes.loglog(size, values, **look)
+    axes.plot([], [], color=plots.GRAY, label="linear", **_DASHED)
+    for (label, look, values), level in zip_longest(curves, (linear.bandwidth, linear.phase_bandwidth)):
+        axes.loglog(size, values, label=label, **look)
         if level is not None:
-            axes.axhline(level, color=look["color"], linewidth=0.9, **_DASHED)
-    axes.set(xlabel="amplitude of the command [deg]", ylabel="frequency [Hz]")
+            axes.axhline(level, color=look["color"], linewidth=0.9, label="linear", **_DASHED)
     axes.set_xticks(size, [f"{s:.3g}" for s in size], minor=False)
     axes.xaxis.set_minor_formatter("")
     low, high = axes.get_ylim()
     ticks = [tick for tick in (1, 2, 5, 10, 20, 50, 100) if low <= tick <= high]
     axes.set_yticks(ticks, list(map(str, ticks)))
     axes.yaxis.set_minor_formatter("")
-    entries = {label: look for label, look, _ in curves}
-    _legend(figure, {**entries, "linear": {"color": plots.GRAY, **_DASHED}}, columns=3)
+    plots.legend_above(figure, 3)
     marks = ("Thin lines with marks: from which frequency on a limit acts at some instant of the period. " if limits
              else "")
     lost = {"friction": "friction", "counts": "counts"}
@@ -249,7 +236,8 @@ def amplitudes(analysis: Analysis) -> Drawing:
 
 def limit_shares(analysis: Analysis) -> Drawing:
     """Draw the share of the time each limit acts, against amplitude and frequency."""
-    figure, (row,) = plots.figure(1, len(LIMITS), height=2.7, sharex=True, sharey=True)
+    figure, (row,) = plots.figure(1, len(LIMITS), height=2.7, sharex=True, sharey=True, x="amplitude [deg]",
+                                  y=["frequency [Hz]"])
     sweeps = analysis.sweeps
     size, rows = np.array([degrees(s.amplitude) for s in sweeps]), shared(sweeps)
     for i, (axes, name) in enumerate(zip(row, LIMITS, strict=True)):
@@ -257,11 +245,10 @@ def limit_shares(analysis: Analysis) -> Drawing:
         mesh = axes.pcolormesh(size, sweeps[0].response.frequency[rows[0]], share, vmin=0, vmax=100, cmap="magma_r",
                                shading="nearest")
         axes.plot(size, [s.response.bandwidth for s in sweeps], color=plots.BLUE, linewidth=1.2)
-        axes.set(xscale="log", yscale="log", title=_LIMIT_NAMES[name], xlabel="amplitude [deg]",
-                 xlim=(size[0], size[-1]), xticks=[t for t in (0.1, 1.0, 10.0) if size[0] <= t <= size[-1] * 1.001])
+        axes.set(xscale="log", yscale="log", title=_LIMIT_NAMES[name], xlim=(size[0], size[-1]),
+                 xticks=[t for t in (0.1, 1.0, 10.0) if size[0] <= t <= size[-1] * 1.001])
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_formatter("{x:g}")
-    row[0].set_ylabel("frequency [Hz]")
     figure.colorbar(mesh, ax=list(row), pad=0.01).set_label("time at the limit [%]")
     return Drawing("Where the limits bite", figure, "Share of the time a limit is active while a steady sine is "
                    "followed; the line is the -3 dB bandwidth. The speed reference's limit is the rate limit of the "
@@ -270,14 +257,13 @@ def limit_shares(analysis: Analysis) -> Drawing:
 
 def torque_speed(analysis: Analysis) -> Drawing:
     """Draw the envelope, with the reference cases' operating points."""
-    figure, ((axes,),) = plots.figure(1, height=4.0, width=7.5)
+    figure, (axes,) = plots.column("motor torque [N.m]", x="motor speed [rad/s]", height=4.0, width=7.5)
     e, cases = analysis.envelope, analysis.cases
     assert e is not None
-    entries: dict[str, Look] = {
-        "motor and drive, steady": {"color": plots.INK, "linewidth": 1.2},
-        "without the drive's integral": {"color": plots.GRAY, "linewidth": 1.0, **_DASHED}}
+    looks: list[Look] = [{"label": "motor and drive, steady", "color": plots.INK, "linewidth": 1.2},
+                         {"label": "without the drive's integral", "color": plots.GRAY, "linewidth": 1.0, **_DASHED}]
     axes.fill_between(e.speed, -e.highest[::-1], e.highest, color=plots.GRAY, alpha=0.13, linewidth=0)
-    for torque, look in zip((e.highest, e.prompt), entries.values(), strict=True):
+    for torque, look in zip((e.highest, e.prompt), looks, strict=True):
         for side in (1.0, -1.0):
             axes.plot(side * e.speed, side * torque, **look)
     named = {"step_plus20": plots.BLUE, "load_opposing": plots.VERMILLION, "load_aiding": plots.GREEN,
@@ -286,17 +272,13 @@ def torque_speed(analysis: Analysis) -> Drawing:
         dots = slice(None, None, max(len(columns["time"]) // _DOTS, 1))
         alpha, order = (0.9, 3.0) if name in named else (0.35, 2.0)
         axes.plot(columns["motor_speed"][dots], columns["motor_torque"][dots], ".", markersize=2.6, alpha=alpha,
-                  color=named.get(name, plots.SKY), zorder=order)
-    entries |= {name: {"color": color, "marker": "o", "markersize": 3, "linestyle": "none"}
-                for name, color in named.items()}
-    limit = analysis.parameters.values["controller.speed_limit"]
-    for side in (1.0, -1.0):
-        axes.axvline(side * limit, **LIMIT)
+                  color=named.get(name, plots.SKY), zorder=order, label=name if name in named else "other cases")
+    plots.limits(axes, analysis.parameters.values["controller.speed_limit"], sides=True, across=False)
     fastest, most = (max(float(np.max(np.abs(columns[name]))) for columns in cases.values())
                      for name in ("motor_speed", "motor_torque"))
     end, top = 1.05 * max(e.no_load_speed, fastest), max(1.05 * most, 1.1 * float(np.max(e.highest)))
-    axes.set(xlabel="motor speed [rad/s]", ylabel="motor torque [N.m]", xlim=(-end, end), ylim=(-top, top))
-    _legend(figure, entries, columns=4)
+    axes.set(xlim=(-end, end), ylim=(-top, top))
+    plots.legend_above(figure, 4, markerscale=3)
     slow = f", in some {e.integral_time:.0f} s" if np.isfinite(e.integral_time) else ""
     return Drawing("Torque and speed", figure, f"Grey: what the drive's current ({e.stall_torque:.3g} N.m at stall) "
                    f"and the supply (no torque at {e.no_load_speed:.0f} rad/s) allow in steady motion. Dashed: at "
@@ -307,25 +289,24 @@ def torque_speed(analysis: Analysis) -> Drawing:
 
 def fin_capability(analysis: Analysis) -> Drawing:
     """Draw hinge moment and rate against the fin angle."""
-    figure, ((moment, rate, ratio),) = plots.figure(1, 3, height=2.6, sharex=True)
+    figure, ((moment, rate, ratio),) = plots.figure(1, 3, height=2.6, sharex=True, x="fin angle [deg]")
     c = analysis.capability
     assert c is not None
     angle = np.degrees(c.fin_angle)
-    plus, minus = {"color": plots.BLUE}, {"color": plots.VERMILLION, **_DASHED}
-    pale, table2 = {**plus, "alpha": 0.45}, {**LIMIT, "color": plots.GREEN}
-    bound: Look = {"color": plots.PURPLE, "linewidth": 1.8}
-    for row, look in enumerate((plus, minus)):
+    looks: list[Look] = [{"color": plots.BLUE, "label": "moving +"},
+                         {"color": plots.VERMILLION, "label": "moving -", **_DASHED}]
+    for row, look in enumerate(looks):
         moment.plot(angle, c.stall[row], **look)
         rate.plot(angle, np.degrees(c.free_rate[row]), **look)
-        rate.plot(angle, np.degrees(c.free_rate_loaded[row]), **{**look, "alpha": 0.45})
-    rate.plot(angle, np.degrees(analysis.parameters.values["controller.speed_limit"] / c.ratio), **bound)
-    for required in (220.0, 200.0):
-        rate.axhline(required, **table2)
+        rate.plot(angle, np.degrees(c.free_rate_loaded[row]), **{**look, "alpha": 0.45,
+                                                                    "label": "paler: against 100 N.m"})
+    rate.plot(angle, np.degrees(analysis.parameters.values["controller.speed_limit"] / c.ratio), color=plots.PURPLE,
+              linewidth=1.8, label="controllers' speed limit")
+    plots.limits(rate, 220.0, 200.0, color=plots.GREEN, label="Table 2")
     ratio.plot(angle, c.ratio, color=plots.GRAY)
     for axes, label in ((moment, "stall moment [N.m]"), (rate, "fin rate [deg/s]"), (ratio, "ratio R")):
-        axes.set(xlabel="fin angle [deg]", ylabel=label)
-    _legend(figure, {"moving +": plus, "moving -": minus, "paler: against 100 N.m": pale,
-                     "controllers' speed limit": bound, "Table 2": table2})
+        axes.set_ylabel(label)
+    plots.legend_above(figure, 5)
     return Drawing("Capability against fin angle", figure, "The lever's ratio grows with the lever angle, so the fin "
                    "is stronger and slower towards the ends. Largest opposing hinge moment that is still moved; "
                    "largest steady rate that supply and drive current allow without load and against 100 N.m, and the "

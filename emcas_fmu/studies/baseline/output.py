@@ -87,8 +87,8 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison gives the same bytes."""
     writers.write_page(path, "studies/baseline/page.html.j2", [comparison.identification],
                        about=comparison.identification, comparison=comparison, verdict=verdict(comparison),
-                       remedy=remedy, header=HEADER, numeric=NUMERIC, cells=cells,
-                       pictures=plots.pictures(_drawings(comparison)))
+                       remedy=remedy, columns=[">" * (k in NUMERIC) + name for k, name in enumerate(HEADER)],
+                       numeric=NUMERIC, cells=cells, pictures=plots.pictures(_drawings(comparison)))
 
 
 def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
@@ -97,14 +97,14 @@ def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
     for case, curves in comparison.curves.items():
         for name, (time, old, new) in curves.items():
             unit, limit = units[name], comparison.baseline.limits.traces[name]
-            figure, ((above,), (below,)) = plots.figure(2, height=1.5, sharex=True, height_ratios=(2, 1))
+            label = f"{name.replace('_', ' ')} [{unit}]"
+            figure, (above, below) = plots.column(label, f"change [{unit}]", x="time [s]", height=1.5,
+                                                  height_ratios=(2, 1))
             above.plot(time, old, color=plots.GRAY, linewidth=3.0, label="approved")
             above.plot(time, new, color=plots.BLUE, label="now")
-            above.set(ylabel=f"{name.replace('_', ' ')} [{unit}]")
             above.legend(loc="best")
             below.plot(time, new - old, color=plots.VERMILLION)
             below.axhspan(-limit, limit, color=plots.GREEN, alpha=0.15, linewidth=0.0)
-            below.set(ylabel=f"change [{unit}]", xlabel="time [s]")
             largest = float(np.max(np.abs(new - old)))
             yield plots.Drawing(f"{name} of {case}, approved and now", figure,
                                 f"{case}: {comparison.titles[case]}. Largest change of {name} "

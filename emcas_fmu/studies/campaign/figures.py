@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...bench.metrics import shown
-from ...plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing, figure, legend_above
+from ...plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing, column, figure, legend_above
 from .experiments import Experiment
 from .history import history
 from .sample import subject_of
@@ -26,8 +26,7 @@ _MOST_WORST = 6  # samples in a picture
 def drawings(summary: Summary) -> Iterator[Drawing]:
     """Yield the pictures of each experiment."""
     for experiment in summary.study.plan.experiments:
-        spreads = [s for s in summary.spreads if s.name.startswith(f"{experiment.name}.")
-                   and isfinite(s.mean) and s.smallest != s.largest]
+        spreads = [s for s in summary.spreads_of(experiment.name) if isfinite(s.mean) and s.smallest != s.largest]
         if spreads:
             yield histograms(experiment.name, spreads)
         if dependent := [s for s in spreads if s.effects]:
@@ -98,8 +97,8 @@ def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -
         return None
     plan, sampler = summary.study.plan, Sampler(summary.study)
     ranked = sorted(by_sample.items(), key=lambda item: -len(item[1]))[:_MOST_WORST]
-    drawn, grid = figure(2, 1, width=10.0, height=2.4, sharex=True)
-    angle, error = grid[:, 0]
+    drawn, (angle, error) = column("fin angle [deg]", "tracking error [deg]", x="time from the command [s]", width=10.0,
+                                   height=2.4)
     for k, (index, names) in enumerate(ranked):
         response = history(plan, experiment, sampler.draw([index])[0].tolist(), subject_of(plan))
         time = response.time - response.excitation.begin
@@ -108,8 +107,6 @@ def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -
             angle.step(time, np.degrees(response.excitation.command), where="post", **COMMAND)
         angle.plot(time, response.in_unit("fin_angle", "deg"), **look)
         error.plot(time, response.in_unit("tracking_error", "deg"), **look)
-    angle.set_ylabel("fin angle [deg]")
-    error.set(ylabel="tracking error [deg]", xlabel="time from the command [s]")
     legend_above(angle, 1)
     return Drawing(f"Experiment {experiment.name}: worst samples", drawn,
                    "The samples that are the worst of all by the figures named; the command (dashed) is the first's.")

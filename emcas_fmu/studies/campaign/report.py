@@ -44,7 +44,9 @@ def _source(summary: Summary) -> Source:
 def write_report(summary: Summary, path: Path, command: str) -> None:
     """Write the page; the same rows give the same bytes. `command` runs the campaign."""
     plan = summary.study.plan
+    factors = [*((f.name, *described(f)) for f in plan.factors),
+               *((name, f"follows {leader}", "") for name, leader in plan.followers.items())]
     write_page(path, "studies/campaign/page.html.j2", [_source(summary)], s=summary, study=summary.study, plan=plan,
-               command=command, pictures=pictures(drawings(summary)), percentiles=PERCENTILES, text=text,
-               described=described, seconds=seconds, unit=lambda figure: shown(figure.unit)[0],
+               command=command, pictures=pictures(drawings(summary)), shares=[f">{p} %" for p in PERCENTILES],
+               factors=factors, text=text, seconds=seconds, unit=lambda figure: shown(figure.unit)[0],
                left_out=lacking(plan.model), bandwidths=BANDWIDTHS)

@@ -127,6 +127,10 @@ class Summary:
         """The figures by the names of their columns."""
         return {s.name: s for s in self.spreads}
 
+    def spreads_of(self, experiment: str) -> list[Spread]:
+        """Return the figures of an experiment."""
+        return [s for s in self.spreads if s.name.startswith(f"{experiment}.")]
+
     @property
     def failed(self) -> int:
         """Samples without figures."""

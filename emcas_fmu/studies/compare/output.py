@@ -71,7 +71,8 @@ def write_report(result: Result, path: Path) -> None:
 
 def _drawings(result: Result) -> Iterator[Drawing]:
     """Draw the responses of every set to the large moves."""
-    drawn, grid = figure(2, 2, width=10.0, height=2.6, sharex=True)
+    drawn, grid = figure(2, 2, width=10.0, height=2.6, sharex=True, x="time [ms]",
+                         y=("fin angle [deg]", "fin rate [deg/s]"))
     widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # of curves that coincide, each is seen
     for (angle, rate), title in zip(grid.T, DRAWN, strict=True):
         for k, column in enumerate(result.columns):
@@ -82,12 +83,9 @@ def _drawings(result: Result) -> Iterator[Drawing]:
             shown = (time > _WINDOW[0]) & (time < _WINDOW[1])
             if not k:
                 angle.step(time[shown] * 1e3, np.degrees(run.excitation.command)[shown], where="post", **COMMAND)
-            look = {"color": f"C{k}", "linewidth": widths[k]}
-            angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], label=column.name, **look)
+            look = {"color": f"C{k}", "linewidth": widths[k], "label": column.name}
+            angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], **look)
             rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], **look)
         angle.set_title(title)
-        rate.set_xlabel("time [ms]")
-    grid[0, 0].set_ylabel("fin angle [deg]")
-    grid[1, 0].set_ylabel("fin rate [deg/s]")
     grid[0, 0].legend(loc="lower right")
     yield Drawing("Large moves", drawn, "Every set's response to the command (dashed); the wider lines lie below.")

@@ -11,65 +11,79 @@ function axis(label, size) {
         grid: {stroke: faint, width: 1}, ticks: {stroke: faint, width: 1, size: 4}};
 }
 
+/** Paint on a plot: `paints` is given the context, the places of values along x and y, and the frame, at which what is
+    `within` ends. */
+function paint(u, paints, within = false) {
+    const {ctx, bbox} = u;
+    ctx.save();
+    ctx.beginPath();
+    if (within) {
+        ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+        ctx.clip();
+        ctx.beginPath();
+    }
+    paints(ctx, x => u.valToPos(x, "x", true), y => u.valToPos(y, "y", true), bbox);
+    ctx.restore();
+}
+
 /** A line at a value of a scale, across the plot, with what it is: at its end, above or below it. */
 function rule(u, scale, value, text, below = false) {
-    const {ctx, bbox: {left, top, width, height}} = u, pixel = devicePixelRatio;
-    const at = u.valToPos(value, scale, true), across = scale !== "x";
-    if (across ? at < top || at > top + height : at < left || at > left + width) return;
-    ctx.save();
-    ctx.strokeStyle = ctx.fillStyle = gray();
-    ctx.setLineDash([2, 3]);
-    ctx.font = `${11 * pixel}px system-ui, sans-serif`;
-    ctx.beginPath();
-    ctx.moveTo(across ? left : at, across ? at : top);
-    ctx.lineTo(across ? left + width : at, across ? at : top + height);
-    ctx.stroke();
-    ctx.textAlign = "right";
-    const end = across ? left + width : at;
-    ctx.fillText(text, end - 4 * pixel, across ? at + (below ? 12 : -4) * pixel : top + height - 6 * pixel);
-    ctx.restore();
+    paint(u, (ctx, x, y, {left, top, width, height}) => {
+        const across = scale !== "x", at = across ? y(value) : x(value), pixel = devicePixelRatio;
+        if (across ? at < top || at > top + height : at < left || at > left + width) return;
+        ctx.strokeStyle = ctx.fillStyle = gray();
+        ctx.setLineDash([2, 3]);
+        ctx.font = `${11 * pixel}px system-ui, sans-serif`;
+        ctx.moveTo(across ? left : at, across ? at : top);
+        ctx.lineTo(across ? left + width : at, across ? at : top + height);
+        ctx.stroke();
+        ctx.textAlign = "right";
+        const end = across ? left + width : at;
+        ctx.fillText(text, end - 4 * pixel, across ? at + (below ? 12 : -4) * pixel : top + height - 6 * pixel);
+    });
 }
 
 /** A shade over the times at which a flag is up. */
 function shade(u, time, flag) {
-    const {ctx, bbox: {top, height}} = u, x = k => u.valToPos(time[k], "x", true);
-    ctx.save();
-    ctx.fillStyle = color("--shade")();
-    for (let k = 0; k < flag.length; ++k) {
-        if (flag[k] <= 0.5) continue;
-        const first = k;
-        while (k + 1 < flag.length && flag[k + 1] > 0.5) ++k;
-        ctx.fillRect(x(first), top, Math.max(x(k) - x(first), devicePixelRatio), height);
-    }
-    ctx.restore();
+    paint(u, (ctx, x, y, {top, height}) => {
+        ctx.fillStyle = color("--shade")();
+        for (let k = 0; k < flag.length; ++k) {
+            if (flag[k] <= 0.5) continue;
+            const first = x(time[k]);
+            while (k + 1 < flag.length && flag[k + 1] > 0.5) ++k;
+            ctx.fillRect(first, top, Math.max(x(time[k]) - first, devicePixelRatio), height);
+        }
+    });
 }
 
 /** The band around a command within which the accuracy asks the fin to be. */
 function band(u, time, command, width) {
-    const {ctx, bbox} = u, x = t => u.valToPos(t, "x", true), y = v => u.valToPos(v, "y", true);
-    ctx.save();
-    ctx.beginPath();
-    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-    ctx.clip();
-    ctx.beginPath();
-    for (let k = 0; k < time.length; ++k) ctx.lineTo(x(time[k]), y(command[k] + width));
-    for (let k = time.length - 1; k >= 0; --k) ctx.lineTo(x(time[k]), y(command[k] - width));
-    ctx.fillStyle = color("--band")();
-    ctx.fill();
-    ctx.restore();
+    paint(u, (ctx, x, y) => {
+        for (let k = 0; k < time.length; ++k) ctx.lineTo(x(time[k]), y(command[k] + width));
+        for (let k = time.length - 1; k >= 0; --k) ctx.lineTo(x(time[k]), y(command[k] - width));
+        ctx.fillStyle = color("--band")();
+        ctx.fill();
+    }, true);
 }
 
 /** Shade where a gain must not be: below `floor` up to the frequency `end`. */
 function forbidden(u, end, floor) {
-    const {ctx, bbox: {left, top, width, height}} = u;
-    const [right, upper] = [u.valToPos(end, "x", true), u.valToPos(floor, "y", true)];
-    ctx.save();
-    ctx.beginPath();
-    ctx.rect(left, top, width, height);
-    ctx.clip();
-    ctx.fillStyle = color("--forbidden")();
-    ctx.fillRect(left, upper, right - left, top + height - upper);
-    ctx.restore();
+    paint(u, (ctx, x, y, {left, top, height}) => {
+        ctx.fillStyle = color("--forbidden")();
+        ctx.fillRect(left, y(floor), x(end) - left, top + height - y(floor));
+    }, true);
+}
+
+/** A ring at a point. */
+function mark(u, at, level, stroke) {
+    if (!Number.isFinite(at)) return;
+    paint(u, (ctx, x, y) => {
+        [ctx.strokeStyle, ctx.fillStyle, ctx.lineWidth] = [stroke, color("--back")(), 2 * devicePixelRatio];
+        ctx.setLineDash([]);
+        ctx.arc(x(at), y(level), 4 * devicePixelRatio, 0, 2 * Math.PI);
+        ctx.fill();
+        ctx.stroke();
+    });
 }
 
 /** A plot in a figure of the page, which follows its width. */

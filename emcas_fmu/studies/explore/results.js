@@ -132,20 +132,6 @@ function drawBode(gain, phase, cases) {
     }
 }
 
-/** A ring at a point of a plot. */
-function mark(u, x, y, stroke) {
-    if (!Number.isFinite(x)) return;
-    const {ctx} = u;
-    ctx.save();
-    [ctx.strokeStyle, ctx.fillStyle, ctx.lineWidth] = [stroke, color("--back")(), 2 * devicePixelRatio];
-    ctx.setLineDash([]);
-    ctx.beginPath();
-    ctx.arc(u.valToPos(x, "x", true), u.valToPos(y, "y", true), 4 * devicePixelRatio, 0, 2 * Math.PI);
-    ctx.fill();
-    ctx.stroke();
-    ctx.restore();
-}
-
 function bodeSummary(cases) {
     const at = x => x === undefined ? "without a value" :
         x < DATA.constants.BANDWIDTHS[1] ? `at ${shownNumber(x)} Hz` : `above ${shownNumber(x)} Hz`;

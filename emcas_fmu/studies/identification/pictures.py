@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from ...plots import COLORS, GRAY, Drawing, figure
+from ...plots import COLORS, GRAY, Drawing, figure, legend
 from .estimation import Fit
 from .records import Array
 
@@ -36,21 +36,20 @@ def _thinned(*columns: Array) -> tuple[Array, ...]:
 def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label: str, height: float = 3.4,
            sharey: bool = True) -> Figure:
     """Draw panels side by side: points, models over them."""
-    drawn, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey)
+    drawn, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
     for axes, (title, series) in zip(grid[0], parts, strict=True):
         for color, s in zip(COLORS * 4, series):
             x, y = _thinned(s.x, s.y)
             size, alpha = (3.0, 0.45) if len(x) > 60 else (6.0, 1.0)
-            axes.plot(x, y, ".", color=color, markersize=size, alpha=alpha, linewidth=0)
             # A lone series' model would not be distinguished from its points.
             axes.plot(*_thinned(s.model_x, s.model_y), color=COLORS[1] if len(series) == 1 else color, label=s.label)
+            axes.plot(x, y, ".", color=color, markersize=size, alpha=alpha, linewidth=0, zorder=1.9,
+                      label=s.label if len(series) > 1 else None)
             if s.band is not None:
                 axes.fill_between(s.model_x, s.model_y - s.band, s.model_y + s.band, color=color, alpha=0.3,
                                   linewidth=0)
         axes.set_title(title)
-        axes.set_xlabel(x_label)
-        axes.legend(loc="best")
-    grid[0][0].set_ylabel(y_label)
+        legend(axes, loc="best")
     return drawn
 
 
@@ -60,19 +59,15 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
 
     `series` has the label and abscissa of each stretch; residuals are shown times `factor`.
     """
-    drawn, grid = figure(1, 3, width=9.5, height=2.9, width_ratios=(2.2, 1, 1))
-    first, second, third = grid[0]
+    drawn, ((first, second, third),) = figure(1, 3, width=9.5, height=2.9, width_ratios=(2.2, 1, 1), x=x_label,
+                                              y=[y_label])
     colors = dict(zip(dict.fromkeys(label for label, _ in series), COLORS * 9))
-    legend: set[str] = set()
     for (label, x), y in zip(series, fit.residuals, strict=True):
-        first.plot(*_thinned(x, y * factor), ".", color=colors[label], markersize=2.5, alpha=0.5, linewidth=0,
-                   label="_" if label in legend else label)
-        legend.add(label)
+        first.plot(*_thinned(x, y * factor), ".", color=colors[label], label=label, markersize=2.5, alpha=0.5,
+                   linewidth=0)
     if 1 < len(colors) <= 3:
-        first.legend(loc="lower right", markerscale=3, ncols=len(colors))
+        legend(first, loc="lower right", markerscale=3, ncols=len(colors))
     first.axhline(0.0, color=GRAY, linewidth=0.8)
-    first.set_xlabel(x_label)
-    first.set_ylabel(y_label)
     scaled = [r / (np.sqrt(np.mean(r**2)) or 1.0) for r in fit.residuals]
     standard = np.concatenate(scaled)
     second.hist(standard, bins=np.linspace(-4.0, 4.0, 33).tolist(), density=True, color=COLORS[0], alpha=0.6)

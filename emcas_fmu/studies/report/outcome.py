@@ -8,8 +8,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ...bench import metrics
+from ...bench import metrics, writers
 from ...bench.metrics import FIGURES, result_name, unit_of
+from ...bench.writers import typeset
 
 Array = NDArray[Any]
 Value = float | bool
@@ -30,6 +31,16 @@ class Quantity:
     def unit(self) -> str:
         """The figure's unit."""
         return unit_of(self.key)
+
+    @property
+    def shown(self) -> tuple[str, float]:
+        """The unit of a column of the figure, and the factor to it: times are in ms."""
+        return ("ms", 1e3) if self.unit == "s" else (self.unit, 1.0)
+
+    @property
+    def heading(self) -> str:
+        """The label with the unit of a column."""
+        return f"{self.label} [{typeset(self.shown[0])}]" if self.unit != "1" else self.label
 
 
 def quantity(name: str, label: str) -> Quantity:
@@ -81,6 +92,11 @@ class Outcome:
         """Return the sign before a figure, and the figure or what it lies beyond."""
         bound = self.beyond.get(f"{group}.{key}")
         return ("", self.figures[group][key]) if bound is None else ("> ", bound)
+
+    def shown(self, group: str, q: Quantity) -> str:
+        """Return a figure as it is shown in a column."""
+        sign, value = self.described(group, q.key)
+        return sign + writers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
 
     def headlines(self) -> list[tuple[str, Quantity, str, Value]]:
         """Return group, quantity, sign and value of the headline figures there are."""

@@ -15,6 +15,7 @@ from rich.table import Table
 from ... import __version__
 from ...bench import writers
 from ...bench.verdict import in_words, remarks, summary_table
+from .outcome import Outcome
 from .pictures import pictures
 from .study import Result
 
@@ -78,5 +79,12 @@ def write_junit(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path, date: str = "", document: str = "", revision: str = "") -> None:
     """Write the page, with number and revision of the document; the same result and date give the same bytes."""
+    headlines: list[tuple[Outcome, bool, str, str, str]] = []
+    for each in result.outcomes.values():
+        headlines += [(each, True, "not finished", "", "")] if each.stopped else []
+        headlines += [(each, not k, f"{each.label(group)}: {q.label}", sign + writers.with_unit(value, q.unit),
+                       "estimate" * bool(each.estimate)) for k, (group, q, sign, value) in enumerate(each.headlines())]
     writers.write_page(path, "studies/report/page.html.j2", [result.about], date, r=result, about=result.about,
-                       document=document, revision=revision, pictures=pictures(result))
+                       document=document, revision=revision, pictures=pictures(result), headlines=headlines,
+                       conditions=[(label, writers.stated(value, unit, name))
+                                   for label, name, value, unit in result.conditions])

@@ -43,9 +43,7 @@ def _limit(axes: Axes, limits: list[Judged], unit: str, scale: float = 1.0, *, a
     """Draw limits of a unit as lines, and drop them from `limits`: levels, on both `sides` of zero, or instants."""
     for at in dict.fromkeys(j.limit for j in limits if j.unit == unit):
         words = f"required {with_unit(at, unit)}" if label else None
-        for sign in (1.0, -1.0) if sides else (1.0,):
-            (axes.axhline if across else axes.axvline)(sign * at * scale, label=words, **_REQUIRED)
-            words = None
+        plots.limits(axes, at * scale, sides=sides, across=across, label=words, **_REQUIRED)
     limits[:] = [j for j in limits if j.unit != unit]
 
 
@@ -55,34 +53,32 @@ def _thin(*columns: Array) -> list[Array]:
 
 
 def _steps(outcome: Outcome, limits: list[Judged]) -> Drawing:
-    made, grid = plots.figure(2, height=2.4, sharex=False)
-    angle, error = grid[:, 0]
+    made, (angle, error) = plots.column("fin angle [deg]", "angle - command [deg]", x="time from the command [s]",
+                                        height=2.4, sharex=False)
     pairs = list(outcome.series.items())
     for number, (group, series) in enumerate(reversed(pairs)):
         color = plots.COLORS[(len(pairs) - 1 - number) // 2 % len(plots.COLORS)]
         size = float(series["command_deg"][0])
         look: dict[str, Any] = {"color": color, "linestyle": "-" if size > 0.0 else (0, (5, 1.2))}
-        label = outcome.label(group)
+        look["label"] = outcome.label(group)
         time = series["time_s"]
         near = time <= 0.4
-        angle.plot(time[near] * 1e3, series["angle_deg"][near], label=label, **look)
+        angle.plot(time[near] * 1e3, series["angle_deg"][near], **look)
         angle.plot([0.0, 400.0], [size, size], **LIMIT)
         far = time >= 0.0
         error.plot(*_thin(time[far], series["angle_deg"][far] - size), **{**look, "linewidth": 1.0})
     _limit(angle, limits, "ms", across=False)
     _limit(error, limits, "deg", sides=True)
     legend_above(angle, 8)
-    angle.set(ylabel="fin angle [deg]", xlabel="time from the command [ms]", xlim=(-20, 400))
+    angle.set(xlabel="time from the command [ms]", xlim=(-20, 400))
     error.axhspan(-ACCURACY, ACCURACY, color=plots.GREEN, alpha=0.10, linewidth=0)
-    error.set(ylabel="angle - command [deg]", xlabel="time from the command [s]", ylim=(-2 * ACCURACY, 2 * ACCURACY),
-              xlim=(0.0, HOLD))
+    error.set(ylim=(-2 * ACCURACY, 2 * ACCURACY), xlim=(0.0, HOLD))
     return Drawing(outcome.title, made, "Above, the first 0.4 s; negative steps dashed, dotted lines the commands. "
                    f"Below, what is left of the error; the green band is the accuracy of Table 2, ±{ACCURACY:g} deg.")
 
 
 def _bode(outcome: Outcome, limits: list[Judged]) -> Drawing:
-    made, grid = plots.figure(3, height=1.9, sharex=True, height_ratios=(1.3, 1.3, 0.8))
-    gain, phase, coherence = grid[:, 0]
+    made, (gain, phase, coherence) = plots.column("", "", "coherence", height=1.9, height_ratios=(1.3, 1.3, 0.8))
     for color, (group, curve) in zip(plots.COLORS, outcome.curves.items(), strict=False):
         look = {"color": color, "label": outcome.label(group)}
         figures = outcome.figures[group]
@@ -93,9 +89,9 @@ def _bode(outcome: Outcome, limits: list[Judged]) -> Drawing:
     _limit(phase, list(limits), "Hz", across=False, label=False)
     _limit(gain, limits, "Hz", across=False)
     legend_above(gain)
-    coherence.set(ylabel="coherence", ylim=(0.0, 1.05))
+    coherence.set(ylim=(0.0, 1.05))
     plots.frequency_axis(coherence, (0.5, 1, 2, 5, 10, 20))
-    for axes in grid[:, 0]:
+    for axes in (gain, phase, coherence):
         axes.minorticks_off()
         axes.margins(x=0.0)
     return Drawing(outcome.title, made, "Fundamental of fin angle over command; the dots mark -3 dB and -90 deg.")
@@ -105,7 +101,8 @@ def _slew(outcome: Outcome, limits: list[Judged]) -> Drawing:
     panels = [panel for panel in (("fin_angle", "fin angle [deg]"), ("fin_rate", "fin rate [deg/s]"),
                                   ("motor_current", "current [A]")) if panel[0] in outcome.series["unloaded_positive"]]
     names = [name for name, _ in panels]
-    made, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row")
+    made, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row", x="time from the command [ms]",
+                              y=[label for _, label in panels])
     for column, direction in enumerate(("positive", "negative")):
         for color, load in zip(plots.COLORS, ("unloaded", "opposing", "aiding"), strict=False):
             series = outcome.series[f"{load}_{direction}"]
@@ -119,17 +116,13 @@ def _slew(outcome: Outcome, limits: list[Judged]) -> Drawing:
             legend_above(rate, 3)
         grid[0, column].set_title(f"{direction} direction", pad=16)
         legend_above(grid[0, column], 3)
-        grid[-1, column].set_xlabel("time from the command [ms]")
         grid[0, column].margins(x=0.0)
-    for axes, (_, label) in zip(grid[:, 0], panels, strict=True):
-        axes.set_ylabel(label)
     limits[:] = [j for j in limits if j.unit != "deg/s" or "fin_rate" not in names]
     return Drawing(outcome.title, made, "Full travel in either direction.")
 
 
 def _grid(outcome: Outcome, limits: list[Judged]) -> Drawing:
-    made, grid = plots.figure(1, height=2.6)
-    axes = grid[0, 0]
+    made, (axes,) = plots.column("angle - command [mdeg]", x="command [deg]", height=2.6)
     curve = outcome.curves["grid"]
     for name, color, marker in (("below", plots.BLUE, "^"), ("above", plots.VERMILLION, "v")):
         errors = outcome.series[name]["errors_deg"] * 1e3
@@ -145,23 +138,20 @@ def _grid(outcome: Outcome, limits: list[Judged]) -> Drawing:
     _limit(axes, near, "deg", 1e3, sides=True)
     limits += near
     legend_above(axes)
-    axes.set(xlabel="command [deg]", ylabel="angle - command [mdeg]")
     return Drawing(outcome.title, made, "Every approach (marks) and their means (lines), in thousandths of a degree.")
 
 
 def _stiffness(outcome: Outcome, limits: list[Judged]) -> Drawing:
-    made, grid = plots.figure(2, height=2.2, sharex=True, height_ratios=(1.5, 1.0))
-    size, phase = grid[:, 0]
+    made, (size, phase) = plots.column("|T/θ| [N.m/rad]", "phase [deg]", height=2.2, height_ratios=(1.5, 1.0))
     for color, (group, curve) in zip(plots.COLORS, outcome.curves.items(), strict=False):
-        label = f"{outcome.label(group)}, {outcome.figures[group]['load_amplitude_n_m']:.3g} N.m"
-        size.loglog(curve["frequency_hz"], curve["stiffness_n_m_per_rad"], color=color, marker="o", markersize=3.5,
-                    label=label)
-        phase.semilogx(curve["frequency_hz"], curve["phase_deg"], color=color, marker="o", markersize=3.5)
+        look = {"color": color, "marker": "o", "markersize": 3.5,
+                "label": f"{outcome.label(group)}, {outcome.figures[group]['load_amplitude_n_m']:.3g} N.m"}
+        size.loglog(curve["frequency_hz"], curve["stiffness_n_m_per_rad"], **look)
+        phase.semilogx(curve["frequency_hz"], curve["phase_deg"], **look)
     _limit(size, limits, "N.m/rad")
     if outcome.curves:
         legend_above(size, 3)
-    size.set_ylabel("|T/θ| [N.m/rad]")
-    phase.set(ylabel="phase [deg]", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    phase.set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
     plots.frequency_axis(phase, (1, 2, 5, 10, 20, 40))
     return Drawing(outcome.title, made, "Hinge moment over fin angle. 0 deg is a spring; +90 deg a damper; ±180 deg an "
                    "inertia, whose line rises with the square of the frequency.")
@@ -173,18 +163,16 @@ def _mission(outcome: Outcome, limits: list[Judged]) -> Drawing:
                                   ("moment_n_m", "moment [N.m]", plots.PURPLE),
                                   ("motor_current", "current [A]", plots.VERMILLION),
                                   ("supply_power", "power [W]", plots.GREEN)) if panel[0] in series]
-    made, grid = plots.figure(len(panels), height=1.5, sharex=True)
-    for axes, (name, label, color) in zip(grid[:, 0], panels, strict=True):
+    made, column = plots.column(*(label for _, label, _ in panels), x="time [s]", height=1.5)
+    for axes, (name, _, color) in zip(column, panels, strict=True):
         axes.plot(*_thin(series["time_s"], series[name]), color=color, linewidth=1.3 if name == "angle_deg" else 0.8,
                   label="fin angle")
-        axes.set_ylabel(label)
         axes.margins(x=0.0)
         _limit(axes, limits, {"motor_current": "A", "supply_power": "W", "moment_n_m": "N.m"}.get(name, ""), sides=True)
         if name == "supply_power":
             axes.axhline(0.0, **LIMIT)
-    grid[0, 0].plot(*_thin(series["time_s"], series["command_deg"]), label="command", **COMMAND)
-    legend_above(grid[0, 0])
-    grid[-1, 0].set_xlabel("time [s]")
+    column[0].plot(*_thin(series["time_s"], series["command_deg"]), label="command", **COMMAND)
+    legend_above(column[0])
     return Drawing(outcome.title, made, "Power below zero is fed back to the bus." if "supply_power" in series else "")
 
 

@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 
 from ...bench.measure import Test, response
 from ...bench.subject import ParameterSubject
-from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, figure
+from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend
 from .evaluate import HOPELESS, Evaluation
 from .optimise import Result
 
@@ -46,12 +46,12 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
                 time = run.columns["time"] - run.excitation.begin
                 shown = (time > -0.03) & (time <= min(test.duration, _SHOWN))
                 axes.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"][shown]), color=color, linewidth=0.9,
-                          alpha=0.8, label=label if case is result.study.cases[0] else None)
+                          alpha=0.8, label=label)
         axes.axhline(degrees(test.amplitude), **_LEVEL)
         load = f", {test.torque:+g} N.m" if test.torque else ""
         axes.set_title(f"{test.kind} to {degrees(test.amplitude):g} deg{load}")
         axes.set(xlabel="time [ms]", ylabel="fin angle [deg]")
-        axes.legend(loc="lower right")
+        legend(axes, loc="lower right")
     for axes in grid.flat[len(moves):]:
         axes.set_visible(False)
     return Drawing("Responses", drawn, f"Every case ({', '.join(c.name for c in result.study.cases)}), positive "
@@ -128,7 +128,7 @@ def _correlation(first: Any, second: Any) -> float:
 
 def trade(result: Result, pair: Conflict) -> Drawing:
     """Draw what one requirement costs another: shares of both limits, and the sets none beats in both."""
-    drawn, ((axes,),) = figure(1, 1, width=6.0, height=3.6)
+    drawn, (axes,) = column(f"{pair.second} / limit", x=f"{pair.first} / limit", width=6.0, height=3.6)
     points = np.array(shares(result.evaluated, pair.first, pair.second))
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]
     axes.plot(near[:, 0], near[:, 1], ".", color=GRAY, markersize=2.5)
@@ -138,7 +138,6 @@ def trade(result: Result, pair: Conflict) -> Drawing:
     axes.plot(*best, "o", color=BLUE, label="returned")
     axes.axvline(1.0, **_LEVEL)
     axes.axhline(1.0, **_LEVEL)
-    axes.set(xlabel=f"{pair.first} / limit", ylabel=f"{pair.second} / limit")
     axes.legend(loc="upper right")
     return Drawing(
         "What one costs the other", drawn,

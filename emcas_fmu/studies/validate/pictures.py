@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from math import degrees
 from typing import Any
 
@@ -23,13 +23,9 @@ _DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.6, 
 # Panels of a run, from above.
 _PANELS = {"fin_angle": "fin angle [deg]", "fin_rate": "fin rate [deg/s]", "drive_reference": "DAC [V]",
            "motor_current": "current [A]", "motor_voltage": "voltage [V]"}
-_COMMAND_ENTRY = ("command", COMMAND)
 # Parameters a variable is limited by.
 _LIMITED = {"drive_reference": "drive.reference_limit", "motor_current": "drive.current_limit",
             "motor_voltage": "drive.supply_voltage"}
-_SHADE_ENTRY = ("a limit is active", {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7})
-_LIMIT_ENTRY = ("limit", LIMIT)
-_REQUIRED: Mapping[str, Any] = {**LIMIT, "color": plots.GREEN}
 _SIZES = (1, 5, 10, 20)  # deg, of the steps that are drawn
 
 
@@ -65,21 +61,22 @@ def window(time: Any, begin: float, end: float) -> Any:
     return (time >= begin - 1e-9) & (time <= end + 1e-9)
 
 
-def _line(axes: Axes, series: Series, name: str, dots: int, color: str, begin: float = 0.0, end: float = np.inf
-          ) -> None:
+def _line(axes: Axes, result: Result, series: Series, name: str, dots: int, color: str, label: str, begin: float = 0.0,
+          end: float = np.inf) -> None:
     """Draw one variable over time [ms], and every `dots`-th point of the reference, where there is one."""
     columns, scale = (series.exact or series.run).columns, DISPLAY[name][0]
     at = window(columns["time"], begin, end)
-    axes.plot(columns["time"][at] * 1e3, columns[name][at] * scale, color=color)
+    axes.plot(columns["time"][at] * 1e3, columns[name][at] * scale, color=color, label=label)
     if name in series.reference:
         time = series.reference["time"]
         inside = np.flatnonzero((time >= begin) & (time <= end))[::dots]
-        axes.plot(time[inside] * 1e3, series.reference[name][inside] * scale, color=plots.INK, **_DOTS)
+        axes.plot(time[inside] * 1e3, series.reference[name][inside] * scale, color=plots.INK, **_DOTS,
+                  label="independent reference" if result.independent else "recorded response")
 
 
 def _command(axes: Axes, excitation: Excitation, begin: float = 0.0, end: float = np.inf) -> None:
     at = window(excitation.time, begin, end)
-    axes.step(excitation.time[at] * 1e3, excitation.command[at] * _DEG, where="post", **COMMAND)
+    axes.step(excitation.time[at] * 1e3, excitation.command[at] * _DEG, where="post", label="command", **COMMAND)
 
 
 def _error(axes: Axes, series: Series, **look: Any) -> None:
@@ -91,29 +88,17 @@ def _error(axes: Axes, series: Series, **look: Any) -> None:
 
 def _angle_panels(result: Result, height: float, *names: str) -> Any:
     """Return a figure with a panel of angles and, where one of these has a reference, one of errors below."""
-    if _compared(result, *names):
-        figure, grid = plots.figure(2, height=height, sharex=True, height_ratios=(2.1, 1.0))
-        grid[1, 0].set_ylabel("error [mdeg]")
-        grid[1, 0].axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
-    else:
-        figure, grid = plots.figure(1, height=1.4 * height)
-    grid[0, 0].set_ylabel("fin angle [deg]")
-    grid[-1, 0].set_xlabel("time [ms]")
-    return figure, grid[0, 0], grid[-1, 0]
-
-
-def _legend(axes: Axes, *entries: tuple[str, Mapping[str, Any]], columns: int = 6) -> None:
-    handles = [axes.plot([], [], label=label, **look)[0] for label, look in entries]
-    plots.legend_above(axes, columns, handles=handles)
+    if not _compared(result, *names):
+        figure, (angle,) = plots.column("fin angle [deg]", x="time [ms]", height=1.4 * height)
+        return figure, angle, angle
+    figure, (angle, error) = plots.column("fin angle [deg]", "error [mdeg]", x="time [ms]", height=height,
+                                          height_ratios=(2.1, 1.0))
+    error.axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
+    return figure, angle, error
 
 
 def _compared(result: Result, *names: str) -> bool:
     return any(result.series[name].reference for name in names)
-
-
-def _reference(result: Result, *names: str) -> tuple[tuple[str, Mapping[str, Any]], ...]:
-    label = "independent reference" if result.independent else "recorded response"
-    return ((label, {"color": plots.INK, **_DOTS}),) if _compared(result, *names) else ()
 
 
 def steps(result: Result, sizes: Sequence[int]) -> Drawing:
@@ -125,10 +110,9 @@ def steps(result: Result, sizes: Sequence[int]) -> Drawing:
         for sign, line in (("plus", "-"), ("minus", (0, (5, 1.2)))):
             series = result.series[f"step_{sign}{size}"]
             _command(angle, series.run.excitation)
-            _line(angle, series, "fin_angle", 12, colors[size])
-            _error(error, series, color=colors[size], linestyle=line, linewidth=0.9)
-    _legend(angle, *((f"±{size} deg", {"color": colors[size]}) for size in sizes), _COMMAND_ENTRY,
-            *_reference(result, *names))
+            _line(angle, result, series, "fin_angle", 12, colors[size], f"±{size} deg")
+            _error(error, series, color=colors[size], linestyle=line, linewidth=0.9, label=f"±{size} deg")
+    plots.legend_above(angle)
     angle.set(yticks=(-20, -10, -5, -1, 1, 5, 10, 20))
     error.set(xlim=(0, 500))
     below = (" Below, fin angle minus reference in thousandths of a degree, negative steps dashed; the green band is "
@@ -139,7 +123,8 @@ def steps(result: Result, sizes: Sequence[int]) -> Drawing:
 
 def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
     """Draw the sweeps over time: whole, and two looks closer."""
-    figure, grid = plots.figure(len(names), 3, width=9.0, height=2.1, width_ratios=(2.2, 1, 1), sharey="row")
+    figure, grid = plots.figure(len(names), 3, height=2.1, width_ratios=(2.2, 1, 1), sharey="row", x="time [s]",
+                                y=["fin angle [deg]"] * len(names))
     for row, name, color in zip(grid, names, (plots.BLUE, plots.VERMILLION), strict=False):
         run = result.series[name].run
         command = run.excitation.command * _DEG
@@ -147,22 +132,19 @@ def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
             close = end < 12.0
             at = window(run.columns["time"], begin, end)
             time = run.columns["time"][at]
-            axes.plot(time, command[at], **{**COMMAND, "linewidth": 1.0 if close else 0.5, "linestyle": "-"})
-            axes.plot(time, run.columns["fin_angle"][at] * _DEG, color=color, linewidth=1.2 if close else 0.5)
+            axes.plot(time, command[at], label="command",
+                      **{**COMMAND, "linewidth": 1.0 if close else 0.5, "linestyle": "-"})
+            axes.plot(time, run.columns["fin_angle"][at] * _DEG, color=color, linewidth=1.2 if close else 0.5,
+                      label=f"{np.max(np.abs(command)):.1f} deg")
             axes.set_xlim(begin, min(end, float(run.excitation.time[-1])))
-        row[0].set_ylabel("fin angle [deg]")
-        _legend(row[0], ("command", {**COMMAND, "linestyle": "-"}),
-                (f"{np.max(np.abs(command)):.1f} deg", {"color": color}))
-    for axes in grid[-1]:
-        axes.set_xlabel("time [s]")
+        plots.legend_above(row[0])
     return Drawing("Sine sweeps", figure,
                    "Logarithmic sweeps from 0.5 to 30 Hz; on the right about 2 to 3 Hz, and 11 Hz.")
 
 
 def bode(result: Result, names: Sequence[str]) -> Drawing:
     """Draw gain and phase of the sweeps beside the linear model's, where there is one."""
-    figure, grid = plots.figure(2, height=2.6, sharex=True)
-    gain, phase = grid[:, 0]
+    figure, (gain, phase) = plots.column("", "", height=2.6)
     curves: list[tuple[metrics.FrequencyResponse, str, str, Any]] = [
         (metrics.sweep_response(result.series[name].run), f"{name[6:-3].replace('p', '.')} deg", color, "-")
         for name, color in zip(names, (plots.BLUE, plots.VERMILLION), strict=False)]
@@ -171,18 +153,14 @@ def bode(result: Result, names: Sequence[str]) -> Drawing:
         response = LinearModel(result.parameters).frequency_response(frequency)
         model = metrics.FrequencyResponse(frequency, np.abs(response), np.unwrap(np.angle(response)), np.ones(300))
         curves.insert(0, (model, "linear model", plots.GREEN, (0, (5, 1.5))))
-    entries = []
-    marks: list[str] = []
     for curve, label, color, line in curves:
-        look: dict[str, Any] = {"color": color, "linestyle": line}
         plots.bode(gain, phase, curve.frequency, curve.gain_db, np.degrees(curve.phase),
-                   (curve.bandwidth, curve.phase_bandwidth), **look)
-        marks.append(f"{label}: {curve.bandwidths}")
-        entries.append((label, look))
+                   (curve.bandwidth, curve.phase_bandwidth), color=color, linestyle=line, label=label)
+    marks = [f"{label}: {curve.bandwidths}" for curve, label, _, _ in curves]
     plots.bode_axes(gain, phase)
     for axes in (gain, phase):
-        axes.axvline(10.0, **LIMIT)
-    _legend(gain, *entries, ("-3 dB, -90 deg; 10 Hz required", LIMIT))
+        plots.limits(axes, 10.0, across=False, label="-3 dB, -90 deg; 10 Hz required")
+    plots.legend_above(gain)
     phase.set_xlim(metrics.SWEPT)
     plots.frequency_axis(phase, (0.5, 1, 2, 5, 10, 20))
     gain.minorticks_off()
@@ -198,37 +176,34 @@ def _panels(result: Result, name: str, without: str = "") -> list[str]:
     return [panel for panel in _PANELS if panel in result.series[name].run.columns and panel != without]
 
 
-def _column_of_panels(result: Result, grid: Any, series: Series, panels: Sequence[str], color: str, begin: float,
+def _column_of_panels(result: Result, grid: Any, case: str, panels: Sequence[str], color: str, label: str, begin: float,
                       end: float, dots: int) -> None:
-    """Draw a run's variables under each other, with their limits, shaded where one is active."""
+    """Draw a case's variables under each other, with their limits, shaded where one is active."""
+    series = result.series[case]
     columns, excitation = (series.exact or series.run).columns, series.run.excitation
     at, given = window(columns["time"], begin, end), window(excitation.time, begin, end)
     for axes, name in zip(grid, panels, strict=True):
-        plots.shade(axes, columns["time"][at] * 1e3, columns["saturated"][at] > 0.5)
-        _line(axes, series, name, dots, color, begin, end)
+        plots.shade(axes, columns["time"][at] * 1e3, columns["saturated"][at] > 0.5, "a limit is active")
+        _line(axes, result, series, name, dots, color, label, begin, end)
         if name == "fin_angle":
             _command(axes, excitation, begin, end)
         elif name == "motor_voltage" and "supply_voltage" in excitation.columns:
             supply = excitation.columns["supply_voltage"][given]
             for limit in (supply, -supply):
-                axes.step(excitation.time[given] * 1e3, limit, where="post", **LIMIT)
+                axes.step(excitation.time[given] * 1e3, limit, where="post", label="limit", **LIMIT)
         elif (parameter := _LIMITED.get(name, "")) in result.parameters:
-            for sign in (1.0, -1.0):
-                axes.axhline(sign * result.parameters[parameter], **LIMIT)
-        axes.set_ylabel(_PANELS[name])
+            plots.limits(axes, result.parameters[parameter], sides=True, label="limit")
         axes.set_xlim(begin * 1e3, end * 1e3)
-    grid[-1].set_xlabel("time [ms]")
 
 
 def slew(result: Result) -> Drawing:
     """Draw what happens inside the largest step."""
-    series, panels = result.series["step_plus20"], _panels(result, "step_plus20")
-    figure, grid = plots.figure(len(panels), height=1.55, sharex=True)
-    _column_of_panels(result, grid[:, 0], series, panels, plots.BLUE, 0.04, 0.2, 4)
-    grid[1, 0].axhline(220.0, **_REQUIRED)
-    _legend(grid[0, 0], ("fin", {"color": plots.BLUE}), _COMMAND_ENTRY, *_reference(result, "step_plus20"),
-            _LIMIT_ENTRY, ("220 deg/s required", _REQUIRED), _SHADE_ENTRY, columns=6)
-    rate = metrics.motion(series.run)
+    panels = _panels(result, "step_plus20")
+    figure, column = plots.column(*map(_PANELS.__getitem__, panels), x="time [ms]", height=1.55)
+    _column_of_panels(result, column, "step_plus20", panels, plots.BLUE, "fin", 0.04, 0.2, 4)
+    plots.limits(column[1], 220.0, color=plots.GREEN, label="220 deg/s required")
+    plots.legend_above(figure)
+    rate = metrics.motion(result.series["step_plus20"].run)
     return Drawing(
         "Rate and saturation", figure, f"A step to 20 deg: {degrees(rate['peak_rate']):.0f} deg/s at the peak, "
         f"{degrees(rate['sustained_rate']):.0f} deg/s in the mean over the middle 60 % of the travel. A limit that is "
@@ -238,15 +213,13 @@ def slew(result: Result) -> Drawing:
 def loaded(result: Result) -> Drawing:
     """Draw the slews against and with 100 N.m."""
     panels = _panels(result, "load_opposing", "drive_reference")
-    figure, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row")
+    figure, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row", x="time [ms]",
+                                y=map(_PANELS.__getitem__, panels))
     for column, name, color in ((0, "load_opposing", plots.BLUE), (1, "load_aiding", plots.VERMILLION)):
-        _column_of_panels(result, grid[:, column], result.series[name], panels, color, 0.3, 0.75, 12)
         what = "against 100 N.m" if column == 0 else "with 100 N.m"
-        entries = (_COMMAND_ENTRY, *_reference(result, name)) if column == 0 else (_LIMIT_ENTRY, _SHADE_ENTRY)
-        _legend(grid[0, column], (what, {"color": color}), *entries, columns=3)
-    for axes in grid[:, 1]:
-        axes.set_ylabel("")
-    grid[1, 0].axhline(200.0, **_REQUIRED)
+        _column_of_panels(result, grid[:, column], name, panels, color, what, 0.3, 0.75, 12)
+    plots.legend_above(figure)
+    plots.limits(grid[1, 0], 200.0, color=plots.GREEN)
     grid[1, 0].text(745, 200.0, "200 deg/s required", fontsize=7, ha="right", va="bottom")
     against, along = (degrees(metrics.motion(result.series[name].run, 1)["sustained_rate"])
                       for name in ("load_opposing", "load_aiding"))
@@ -261,9 +234,9 @@ def _angle_and_error(result: Result, name: str, title: str, color: str, caption:
     series = result.series[name]
     figure, angle, error = _angle_panels(result, 2.0, name)
     _command(angle, series.run.excitation)
-    _line(angle, series, "fin_angle", dots, color)
-    _error(error, series, color=color, linewidth=0.9)
-    _legend(angle, ("fin", {"color": color}), _COMMAND_ENTRY, *_reference(result, name))
+    _line(angle, result, series, "fin_angle", dots, color, "fin")
+    _error(error, series, color=color, linewidth=0.9, label="fin")
+    plots.legend_above(angle)
     error.set(xlim=(0, float(series.run.excitation.time[-1]) * 1e3))
     return Drawing(title, figure, caption + (
         " Below, fin angle minus reference." if _compared(result, name) else ""))
@@ -272,10 +245,9 @@ def _angle_and_error(result: Result, name: str, title: str, color: str, caption:
 def sag(result: Result) -> Drawing:
     """Draw a slew during which the supply sags."""
     panels = _panels(result, "sag", "drive_reference")
-    figure, grid = plots.figure(len(panels), height=1.6, sharex=True)
-    _column_of_panels(result, grid[:, 0], result.series["sag"], panels, plots.ORANGE, 0.3, 0.699, 8)
-    _legend(grid[0, 0], ("fin", {"color": plots.ORANGE}), _COMMAND_ENTRY, *_reference(result, "sag"), _LIMIT_ENTRY,
-            _SHADE_ENTRY)
+    figure, column = plots.column(*map(_PANELS.__getitem__, panels), x="time [ms]", height=1.6)
+    _column_of_panels(result, column, "sag", panels, plots.ORANGE, "fin", 0.3, 0.699, 8)
+    plots.legend_above(figure)
     shipped = result.of_thesis and not result.differences
     brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" if shipped else ""
     supply = result.series["sag"].run.excitation.columns["supply_voltage"]
@@ -285,22 +257,20 @@ def sag(result: Result) -> Drawing:
 
 def linear(result: Result) -> Drawing:
     """Draw normalised steps beside the linear model's."""
-    figure, grid = plots.figure(2, height=2.4, sharex=True, height_ratios=(2.0, 1.0))
-    response, difference = grid[:, 0]
-    entries: list[tuple[str, Mapping[str, Any]]] = []
+    figure, (response, difference) = plots.column("fin angle / command", "difference [%]", x="time [ms]", height=2.4,
+                                                  height_ratios=(2.0, 1.0))
     for (amplitude, (run, angle)), color in zip(result.linear_series.items(), plots.COLORS, strict=False):
         time = run.columns["time"]
         share = run.columns["fin_angle"] * _DEG / amplitude
         expected = angle[:len(time)] * _DEG / amplitude
-        response.plot(time * 1e3, share, color=color)
-        difference.plot(time * 1e3, 100.0 * (share - expected), color=color, linewidth=1.0)
-        entries.append((f"{amplitude:g} deg", {"color": color}))
+        look = {"color": color, "label": f"{amplitude:g} deg"}
+        response.plot(time * 1e3, share, **look)
+        difference.plot(time * 1e3, 100.0 * (share - expected), linewidth=1.0, **look)
         drawn_linear = (time * 1e3, expected)
-    dashed = {"color": plots.INK, "linestyle": (0, (5, 1.5)), "linewidth": 1.0}
-    response.plot(*drawn_linear, **dashed)
-    _legend(response, *entries, ("linear model, any step", dashed))
-    response.set_ylabel("fin angle / command")
-    difference.set(ylabel="difference [%]", xlabel="time [ms]", xlim=(40, 200))
+    response.plot(*drawn_linear, color=plots.INK, linestyle=(0, (5, 1.5)), linewidth=1.0,
+                  label="linear model, any step")
+    plots.legend_above(response)
+    difference.set(xlim=(40, 200))
     return Drawing(
         "Linear and nonlinear", figure, "Steps divided by their size. The linear model's response is the same for all; "
         "this model has quantisation and friction, which show in the small, and limits, which show in the large.")
