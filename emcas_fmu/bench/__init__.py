@@ -3,6 +3,7 @@
     subject.py      an FMU or a parameter set of any actuator, behind one way to run it
     excitation.py   what is done to it: rows of inputs
     metrics.py      what is read off a response, SI, each figure defined once
+    linear/         the actuator linearised: responses, margins (extra `analysis`)
     verdict.py      figures against requirements
     writers.py      JSON, JUnit and pages, all pages out of base.html.j2, figures drawn by curves.js with uPlot
     provenance.py   how a result came about: command, files, hashes, date; conditions

@@ -352,8 +352,8 @@ def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
 
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
     """Return the margins of the loop broken at the drive's reference; none where the closed loop is unstable."""
-    from ..studies.analysis.frequency import highest, margins
-    from ..studies.analysis.linear import LinearActuator, sound
+    from .linear.actuator import LinearActuator, sound
+    from .linear.frequency import highest, margins
 
     plain = sound(parameters)
     try:

@@ -20,15 +20,16 @@ from typer.testing import CliRunner
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.actuators.capabilities import POSITION_LOOP
 from emcas_fmu.actuators.declaration import State
+from emcas_fmu.bench.linear import frequency
+from emcas_fmu.bench.linear.actuator import LinearActuator, sound
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import heat
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.analysis import frequency, sweep
+from emcas_fmu.studies.analysis import sweep
 from emcas_fmu.studies.analysis.analyse import _left_out, analyse
-from emcas_fmu.studies.analysis.linear import LinearActuator, sound
 from emcas_fmu.studies.analysis.steps import compare
 from tests.own_actuator.example import changed
 
@@ -71,7 +72,7 @@ def test_gains_left_open_are_those_given(model: str, monkeypatch: pytest.MonkeyP
     gains = [v.name for v in get(model).parameters if v.variability == "tunable" and v.name.startswith("controller.")]
     changed = {**values, **{name: 0.9 * values[name] for name in gains}}
     before, opened = response(values, model, 0.1), response(changed, model, 0.1)
-    monkeypatch.setattr("emcas_fmu.studies.analysis.linear.gains_of", lambda *_: {})
+    monkeypatch.setattr("emcas_fmu.bench.linear.actuator.gains_of", lambda *_: {})
     np.testing.assert_allclose(opened, response(changed, model, 0.1), rtol=1e-9)  # of exact Jacobians, rounding
     assert np.max(np.abs(opened / before - 1.0)) > 1e-3
 
@@ -214,8 +215,8 @@ def test_a_sampled_state_acts_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
                     derivatives=lambda ops, p, x, u: base(ops, p, x, u.replace(reference=u.held)))
     values = load_parameters(model=DIRECT_DRIVE).values
     expected = response(values, DIRECT_DRIVE)
-    for module in ("linear", "smooth"):
-        monkeypatch.setattr(f"emcas_fmu.studies.analysis.{module}.get", lambda name: other)
+    for module in ("actuator", "smooth"):
+        monkeypatch.setattr(f"emcas_fmu.bench.linear.{module}.get", lambda name: other)
     # Two ways to the same matrices, one through the held input.
     np.testing.assert_allclose(response(values, "other"), expected, rtol=1e-9)
 

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.linear import frequency
+from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics.loads import NONE
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.analysis import frequency, sweep
+from emcas_fmu.studies.analysis import sweep
 from emcas_fmu.studies.analysis.capability import steady_rate
-from emcas_fmu.studies.analysis.linear import LinearActuator
 from emcas_fmu.studies.analysis.steps import compare
 from tests.default_actuator import namespace
 

@@ -142,8 +142,8 @@ def test_the_fundamental_of_a_slow_sine_is_one() -> None:
 
 
 def test_margins_are_those_of_the_analysis() -> None:
-    from emcas_fmu.studies.analysis.frequency import margins
-    from emcas_fmu.studies.analysis.linear import LinearActuator
+    from emcas_fmu.bench.linear.actuator import LinearActuator
+    from emcas_fmu.bench.linear.frequency import margins
 
     values = dict(load_parameters().values)
     expected = margins(LinearActuator(values).loop("reference"))
@@ -618,8 +618,8 @@ def test_what_an_actuator_lacks_is_said(tmp_path: Path, model: str, study: str |
 
 @pytest.mark.parametrize("model", ["elastic+heat+homing+faults", MODEL])
 def test_margins_are_of_the_actuator_at_hand(model: str) -> None:
-    from emcas_fmu.studies.analysis.frequency import margins
-    from emcas_fmu.studies.analysis.linear import LinearActuator, sound
+    from emcas_fmu.bench.linear.actuator import LinearActuator, sound
+    from emcas_fmu.bench.linear.frequency import margins
 
     base = load_parameters(model=model)
     plain, name = sound(base), "controller.kp" if model == MODEL else "controller.position.kp"

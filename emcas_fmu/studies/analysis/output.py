@@ -10,14 +10,14 @@ import numpy as np
 
 from ... import __version__, plots
 from ...bench import writers
+from ...bench.linear.frequency import continuous_poles
+from ...bench.linear.systems import System
 from ...reference.cases import LOAD
 from . import final_values
 from .analyse import Analysis, ClosedLoop
-from .frequency import continuous_poles
 from .modes import Modes
 from .pictures import drawings, unseen
 from .sweep import LIMITS
-from .systems import System
 
 
 def figures(analysis: Analysis) -> dict[str, Any]:

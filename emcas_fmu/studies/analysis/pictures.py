@@ -15,13 +15,13 @@ from matplotlib.lines import Line2D
 from ... import plots
 from ...actuators import capabilities
 from ...actuators.declaration import Actuator
+from ...bench.linear import frequency
+from ...bench.linear.systems import System
 from ...bench.metrics import FrequencyResponse
 from ...plots import LIMIT, Drawing
-from . import frequency
 from .analyse import Analysis
 from .steps import STOP
 from .sweep import LIMITS, shared
-from .systems import System
 
 Look = dict[str, Any]
 """How a line is drawn, by matplotlib's names."""

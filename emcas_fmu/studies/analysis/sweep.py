@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...actuators import NONLINEAR, capabilities, get
+from ...bench.linear.frequency import of_ratio
+from ...bench.linear.systems import Array
 from ...bench.metrics import CREPT, FrequencyResponse
 from ...control import command as bus
 from ...control import controllers, sensors
@@ -28,8 +30,6 @@ from ...physics import drive
 from ...progress import Progress, silent
 from ...runtime.compiled import parameter_row
 from ...simulation import respond_all
-from .frequency import of_ratio
-from .systems import Array
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
 LIMITS = ("rate", "current", "voltage", "dac")

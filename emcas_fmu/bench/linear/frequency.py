@@ -9,7 +9,7 @@ from math import inf, nan, pi
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ...bench.metrics import FrequencyResponse
+from ..metrics import FrequencyResponse
 from .systems import Array, System
 
 LOWEST = 1e-3  # Hz
