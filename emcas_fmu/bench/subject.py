@@ -32,7 +32,7 @@ from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, check_combinations, load_parameters, require_sound
 from ..reference.files import parameters_hash
 from ..reference.stored import Stored
-from ..runtime.compiled import Tables, parameter_row, table_shape
+from ..runtime.compiled import parameter_row
 from ..simulation import Array, SteppedUnit, respond_all
 from ..variables import Variable
 from .excitation import LOAD, Excitation
@@ -141,7 +141,6 @@ class Runs:
         steps = max((rows - 1) * self.substeps + 1, 0)
         columns = {name: column[:rows if len(column) == len(time) else steps] for name, column in columns.items()}
         return Run(self.excitation.of(place), columns, float(np.max(columns["time"], initial=0.0)), messages, taken)
-
 
     def finished(self) -> tuple[Any, Run]:
         """Return the places of the runs that ended well, and these as one."""
@@ -331,64 +330,56 @@ class ParameterSubject(Subject):
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
+        if excitation.spring:
+            return self._sprung(excitation, start_values or {}, outputs, substeps, fine)
         return self.run_all(excitation, start_values or {}, outputs, substeps, fine)[0]
 
     def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
                 substeps: int = 1, fine: Sequence[str] = ()) -> Runs:
-        begin = perf_counter()
-        count, changes = _spread(excitation, self._changes(excitation, changes))
+        begin, changed = perf_counter(), self._changes(excitation, changes)
+        if np.any(excitation.spring):
+            return super().run_all(excitation, changes, outputs, substeps, fine)
+        count, changed = _spread(excitation, changed)
         names = tuple(self.outputs if outputs is None else outputs)
         inputs = [excitation.columns[v.name] if v.name in excitation.columns
-                  else np.asarray(v.initial({**self.values, **changes}), dtype=float)[..., np.newaxis]
+                  else np.asarray(v.initial({**self.values, **changed}), dtype=float)[..., np.newaxis]
                   for v in self.inputs.values()]
         sets = np.repeat(self._numbers[np.newaxis], count, axis=0)
-        for name in changes.keys() & self._places.keys():
-            sets[:, self._places[name]] = changes[name]
+        for name in changed.keys() & self._places.keys():
+            sets[:, self._places[name]] = changed[name]
         step = excitation.step / substeps
-        if np.any(excitation.spring):
-            tables = self._sprung(sets, inputs, step, names, substeps, fine, excitation.spring)
-        else:
-            tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
-        time = np.arange((len(excitation.time) - 1) * substeps + 1) * step
+        tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
         # A run has the rows that it began, each of `substeps` points.
         stopped = {run: (-(-int(tables.reached[run]) // substeps), (str(error),))
                    for run, error in tables.failures.items() if isinstance(error, ArithmeticError)}
         refused = {run: error for run, error in tables.failures.items() if run not in stopped}
-        return Runs(excitation, {"time": time[::substeps], **tables.columns}, count, substeps, refused, stopped,
+        time = np.arange(len(excitation.time)) * substeps * step
+        return Runs(excitation, {"time": time, **tables.columns}, count, substeps, refused, stopped,
                     perf_counter() - begin)
 
-    def _sprung(self, sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], held: int,
-                fine: Sequence[str], springs: Any) -> Tables:
-        """Return what `respond_all` does, under springs [N.m/rad], one for all runs or an array with that of each.
-
-        A spring's moment is that of the fin angle at the last row.
-        """
-        count, rows, points = table_shape(sets, inputs, self.model, held)
-        springs = np.broadcast_to(springs, count).tolist()
-        columns = {name: np.full((count, points if name in fine else rows), np.nan) for name in outputs}
-        reached, failures = np.zeros(count, dtype=np.int64), dict[int, ValueError | ArithmeticError]()
-        for run, spring in enumerate(springs):
-            values = {**self.values, **dict(zip(self._places, sets[run].tolist(), strict=True))}
-            table = np.stack([np.broadcast_to(column, (count, rows))[run] for column in inputs], axis=1).tolist()
-            at_rows = [dict(zip(self.inputs, row, strict=True)) for row in table]
-            unit = None
-            try:
-                unit = SteppedUnit(values, step, self.model, at_rows[0])
-                angle = unit.place("fin_angle")
-                for row in at_rows[:-1]:
-                    unit.run(**{**row, LOAD: row[LOAD] - spring * unit.now[angle]})
-                    for _ in range(held - 1):
-                        unit.run()
-            except (ValueError, ArithmeticError) as error:
-                failures[run] = error
-            if unit is None:
-                continue
-            given = unit.columns()
-            reached[run] = len(given["time"])
-            for name, column in columns.items():
-                moved = given[name][::1 if name in fine else held]
-                column[run, :len(moved)] = moved
-        return Tables(columns, reached, failures)
+    def _sprung(self, excitation: Excitation, changes: Mapping[str, Any], outputs: Iterable[str] | None,
+                substeps: int, fine: Sequence[str]) -> Run:
+        """Return a response under a spring, whose moment is that of the fin angle at the last row."""
+        begin, values = perf_counter(), {**self.values, **self._changes(excitation, changes)}
+        table = [np.broadcast_to(excitation.columns.get(v.name, v.initial(values)), excitation.time.shape).tolist()
+                 for v in self.inputs.values()]
+        rows = [dict(zip(self.inputs, row, strict=True)) for row in zip(*table, strict=True)]
+        unit, messages = None, tuple[str, ...]()
+        try:
+            unit = SteppedUnit(values, excitation.step / substeps, self.model, rows[0])
+            angle = unit.place("fin_angle")
+            for row in rows[:-1]:
+                unit.run(**{**row, LOAD: row[LOAD] - excitation.spring * unit.now[angle]})
+                for _ in range(substeps - 1):
+                    unit.run()
+        except ArithmeticError as error:
+            messages = (str(error),)
+        given = unit.columns() if unit else dict.fromkeys(("time", *self.outputs), np.empty(0))
+        count = -(-len(given["time"]) // substeps)
+        columns = {name: given[name][:max((count - 1) * substeps + 1, 0):1 if name in fine else substeps]
+                   for name in ("time", *(self.outputs if outputs is None else outputs))}
+        stopped = float(np.max(columns["time"], initial=0.0)) if messages else None
+        return Run(excitation, columns, stopped, messages, perf_counter() - begin)
 
     @cached_property
     def _places(self) -> Mapping[str, int]:
