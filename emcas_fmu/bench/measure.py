@@ -21,7 +21,8 @@ from ..parameters import ParameterError, ParameterSet
 from ..simulation import Array
 from .excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to, times
 from .metrics import FIGURES, MOTION, PURE, RESTING, USAGE, fundamental_weights, motion, rest, usage
-from .subject import Run, Runs, Subject
+from .runs import Run, Runs
+from .subject import Subject
 
 _MARGINS = ("gain_margin", "phase_margin", "delay_margin")
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")

@@ -87,7 +87,8 @@ def test_bandwidth_is_that_of_small_sines(model: str) -> None:
     values, at = smooth(model), radians(8.0)
     linear = frequency.response(LinearActuator(values, at, model=model).command_to_angle)
     near = np.concatenate([width + np.arange(-1.0, 1.1, 0.5) for width in (linear.bandwidth, linear.phase_bandwidth)])
-    measured = sweep.sweep(values, radians(0.02), np.unique(np.round(2.0 * near)) / 2.0, at, model=model).response
+    (swept,) = sweep.sines(values, [(radians(0.02), at, np.unique(np.round(2.0 * near)) / 2.0)], model=model)
+    measured = swept.response
     # 4e-4 at most are found: lines between frequencies 0.5 Hz apart, the lever's curvature, the kernel's ticks.
     assert linear.bandwidth == pytest.approx(measured.bandwidth, rel=1e-3)
     assert linear.phase_bandwidth == pytest.approx(measured.phase_bandwidth, rel=1e-3)
@@ -144,8 +145,9 @@ def test_observer_and_velocity_integral_behind_the_encoder(model: str, at: float
 
 
 def test_a_response_of_zero_has_no_phase() -> None:
-    measured = sweep.sweep(load_parameters(model="elastic").values, radians(0.1), np.array([5.0, 60.0]),
-                           model="elastic").response
+    (swept,) = sweep.sines(load_parameters(model="elastic").values, [(radians(0.1), 0.0, np.array([5.0, 60.0]))],
+                           model="elastic")
+    measured = swept.response
     assert measured.gain[1] == 0.0
     assert np.isnan(measured.phase[1])
     assert -90.0 < np.degrees(measured.phase[0]) < 0.0

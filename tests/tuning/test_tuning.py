@@ -96,8 +96,8 @@ def test_figures_of_a_step_are_those_of_the_response() -> None:
         command = np.where(np.arange(651) > 49, sign * radians(5), 0.0)
         result = simulate(values, 0.65, fin_command=command)
         found = step_metrics(result["time"] - 0.05, result["fin_angle"], 0.0, sign * radians(5))
-        worst_rise = max(worst_rise, found.rise_time)
-        worst_overshoot = max(worst_overshoot, found.overshoot)
+        worst_rise = max(worst_rise, found["rise_time"])
+        worst_overshoot = max(worst_overshoot, found["overshoot"])
     assert rise == pytest.approx(worst_rise, rel=1e-9)  # the same response but for the rounding of times
     assert overshoot == pytest.approx(worst_overshoot, rel=1e-9)
 

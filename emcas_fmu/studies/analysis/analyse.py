@@ -13,7 +13,7 @@ from ...bench.linear import frequency
 from ...bench.linear.actuator import LinearActuator, sound
 from ...bench.linear.systems import ROUNDING, Array, System, cleared, decays, largest_pole
 from ...bench.metrics import FrequencyResponse
-from ...bench.subject import Columns
+from ...bench.runs import Columns
 from ...errors import EmcasError
 from ...parameters import ParameterSet
 from ...progress import Progress, silent

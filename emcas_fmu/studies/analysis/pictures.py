@@ -188,7 +188,7 @@ def steps(analysis: Analysis) -> Drawing:
     figure, (row,) = plots.figure(1, max(len(analysis.steps), 1), height=2.6, sharex=True, sharey=True)
     entries = {} if "thesis_linear" in analysis.left_out else {"thesis's linear model": _THESIS}
     entries |= {"linearised here": {"color": plots.BLUE}, "simulated": {"color": plots.GREEN}}
-    settled = [s.metrics_nonlinear.settling_time for s in analysis.steps]
+    settled = [s.metrics_nonlinear["settling_time"] for s in analysis.steps]
     end = 1e3 * float(np.clip(1.15 * np.max(settled, initial=0.0), 0.15, STOP))
     for axes, s in zip(row, analysis.steps, strict=False):
         plots.shade(axes, s.time * 1e3, s.active)

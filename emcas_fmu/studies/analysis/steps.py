@@ -12,7 +12,7 @@ import numpy as np
 
 from ...bench.linear.actuator import LinearActuator
 from ...bench.linear.systems import Array
-from ...bench.metrics import StepMetrics, step_metrics
+from ...bench.metrics import step_metrics
 from ...reference.linear import LinearModel
 from ...simulation import simulate
 
@@ -35,8 +35,8 @@ class StepComparison:
     thesis: Array | None
     nonlinear: Array
     active: Array
-    metrics_linear: StepMetrics
-    metrics_nonlinear: StepMetrics
+    metrics_linear: Mapping[str, Any]
+    metrics_nonlinear: Mapping[str, Any]
 
     @property
     def difference(self) -> float:

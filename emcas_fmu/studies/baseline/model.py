@@ -19,7 +19,8 @@ from ...bench.measure import KINDS as KINDS_OF_TEST
 from ...bench.measure import Test, measure
 from ...bench.measure import excitation as measured
 from ...bench.metrics import FIGURES, shown
-from ...bench.subject import Run, Subject
+from ...bench.runs import Run
+from ...bench.subject import Subject
 from ...errors import EmcasError
 from ...reference.files import supply_start
 from ...schema import In, Table, each, parameter_of, unknown

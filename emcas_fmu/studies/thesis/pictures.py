@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ... import plots
-from ...bench.subject import Run
+from ...bench.runs import Run
 from ...plots import COMMAND
 from .rigs import Columns
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...actuators import NONLINEAR
 from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case, times
-from ...bench.subject import ParameterSubject, Run
+from ...bench.runs import Run
+from ...bench.subject import ParameterSubject
 from ...parameters import ParameterSet, load_parameters
 from ...reference.cases import LEAD_IN, LOAD_RISE
 from ...reference.cases import LOAD as RATED
