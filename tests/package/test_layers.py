@@ -1,10 +1,11 @@
-"""The layers of the package, as the architecture page lists them: nothing imports what is above it."""
+"""The layers of the package, as the architecture page lists them: nothing imports what is above it, or in a circle."""
 
 from __future__ import annotations
 
 import ast
 import re
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -60,3 +61,36 @@ def test_an_import_from_above_is_found(source: str) -> None:
 def test_every_line_of_the_list_is_there() -> None:
     missing = [name for line in LAYERS for name in line if name not in MODULES]
     assert not missing
+
+
+def run(tree: ast.AST) -> ast.AST:
+    """Return a module without what only a type checker reads."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            node.body = [ast.Pass()]
+    return tree
+
+
+def circle(sources: dict[str, str]) -> list[str]:
+    """Return modules that import each other when they run, inside functions too; none where there is no such circle.
+
+    A module that asks the package it is in for something is none.
+    """
+    graph = {name: {each for each in imported(name, run(ast.parse(source)))
+                    if each in MODULES and not f"{name}.".startswith(f"{each}.")} for name, source in sources.items()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_modules_import_each_other() -> None:
+    assert circle({name: file.read_text(encoding="utf-8") for name, file in MODULES.items()}) == []
+
+
+def test_a_circle_is_found() -> None:
+    one, other = "emcas_fmu.bench.measure", "emcas_fmu.bench.subject"
+    assert circle({one: "from .subject import Subject", other: "def f():\n    from . import measure"})
+    assert not circle({one: "from .subject import Subject",
+                       other: "if TYPE_CHECKING:\n    from .measure import Test"})
