@@ -20,7 +20,19 @@ from ..actuators import capabilities
 from ..parameters import ParameterError, ParameterSet
 from ..simulation import Array
 from .excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to, times
-from .metrics import FIGURES, MOTION, PURE, RESTING, USAGE, fundamental_weights, motion, rest, usage
+from .metrics import (
+    FIGURES,
+    MOTION,
+    PURE,
+    RESTING,
+    USAGE,
+    FrequencyResponse,
+    fundamental_weights,
+    motion,
+    rest,
+    swept,
+    usage,
+)
 from .runs import Run, Runs
 from .subject import Subject
 
@@ -291,6 +303,13 @@ def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any
         for unit, (low, high) in between.items():
             crossings[unit, column] = (low * high) ** 0.5
     return crossings
+
+
+def sweep_figures(response: FrequencyResponse, subject: Subject, amplitude: float,
+                  changes: Mapping[str, Any]) -> dict[str, float]:
+    """Return the figures of a sweep of `amplitude` [rad]; its bandwidths are those under steady sines of it."""
+    (found,) = measure(Test("sine", amplitude), subject, [changes], _BANDWIDTHS, ("minimum",) * len(_BANDWIDTHS))
+    return {**swept(response), **dict(zip(_BANDWIDTHS, found.tolist(), strict=True))}
 
 
 def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], amplitude: float,
