@@ -21,8 +21,9 @@ from . import actuators, extras
 from .arguments import brief, checked
 from .bench import excitation as excitations
 from .bench.excitation import COMMAND, STEP, Excitation, check_span
+from .bench.fmu_subject import open_subject
 from .bench.requirements import load_requirements
-from .bench.subject import ParameterSubject, Subject, open_subject
+from .bench.subject import ParameterSubject, Subject
 from .errors import EmcasError, EmcasWarning, hint
 from .fmi.interface import FmuInterface, fin_sets, require_shared
 from .fmi.package import Built, build

@@ -23,7 +23,7 @@ from .arguments import checked
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
 from .bench.provenance import ESTIMATE, conditions, resting_on
-from .bench.subject import Columns, Run
+from .bench.runs import Columns, Run
 from .bench.writers import code, number, stated, write_page
 from .errors import EmcasError, hint
 from .fmi.interface import MIXING, FmuInterface

@@ -30,9 +30,9 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate, simulate_fins
-from emcas_fmu.studies.baseline.read import read
+from emcas_fmu.studies.baseline.files import read
+from emcas_fmu.studies.baseline.output import HEADER, cells, selected, verdict
 from emcas_fmu.studies.baseline.study import TEMPLATE, compare, record
-from emcas_fmu.studies.baseline.table import HEADER, cells, selected, verdict
 from emcas_fmu.studies.compare import study as comparison
 from emcas_fmu.studies.fitting import fit
 from emcas_fmu.studies.identification.current_loop import response

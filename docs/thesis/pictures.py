@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from emcas_fmu import plots
-from emcas_fmu.bench.subject import Run
+from emcas_fmu.bench.runs import Run
 from emcas_fmu.plots import COMMAND
 
 from .rigs import Columns

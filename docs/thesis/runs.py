@@ -11,7 +11,8 @@ import numpy as np
 
 from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case, times
-from emcas_fmu.bench.subject import ParameterSubject, Run
+from emcas_fmu.bench.runs import Run
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.reference.cases import LEAD_IN, LOAD_RISE
 from emcas_fmu.reference.cases import LOAD as RATED

@@ -7,7 +7,7 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
     sample(ops, p, x, asked)     what the sampled controllers do, every controller.sample_time
     step(ops, p, x, u, h)        the plant after h [s] or at the first event before, and the time that took; or
     derivatives(ops, p, x, u)    d/dt of the states where the equations are smooth: enabled, without dry friction, gaps
-                                 and limits. Linear analysis takes these (:mod:`emcas_fmu.studies.analysis.linear`), and
+                                 and limits. Linear analysis takes these (:mod:`emcas_fmu.bench.linear.actuator`), and
                                  stepping where there is no `step` (:mod:`emcas_fmu.steppers.smooth`)
     output_values(ops, p, x, u)  every output
 

@@ -1,8 +1,11 @@
 """The test bench of every study: subject, excitations, metrics, verdicts, and ways to write results.
 
-    subject.py      an FMU or a parameter set of any actuator, behind one way to run it
+    subject.py      an actuator behind one way to run it; a parameter set of any
+    fmu_subject.py  the same of an FMU, and opening either kind
+    runs.py         responses, of one run and of many
     excitation.py   what is done to it: rows of inputs
     metrics.py      what is read off a response, SI, each figure defined once
+    linear/         the actuator linearised: responses, margins (extra `analysis`)
     verdict.py      figures against requirements
     writers.py      JSON, JUnit and pages of the blocks in macros.html.j2 over base.html.j2; curves.js draws with uPlot
     provenance.py   how a result came about: command, files, hashes, date; conditions

@@ -6,11 +6,12 @@ from here, so that a figure of a test is the same number wherever it shows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from math import degrees, isnan, nan
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +20,21 @@ from ..actuators import capabilities
 from ..parameters import ParameterError, ParameterSet
 from ..simulation import Array
 from .excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to, times
-from .metrics import FIGURES, MOTION, PURE, RESTING, USAGE, fundamental_weights, motion, rest, usage
-from .subject import Run, Runs, Subject
-
-T = TypeVar("T")
+from .metrics import (
+    FIGURES,
+    MOTION,
+    PURE,
+    RESTING,
+    USAGE,
+    FrequencyResponse,
+    fundamental_weights,
+    motion,
+    rest,
+    swept,
+    usage,
+)
+from .runs import Run, Runs
+from .subject import Subject
 
 _MARGINS = ("gain_margin", "phase_margin", "delay_margin")
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
@@ -249,72 +261,55 @@ def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[
 # -- sine ------------------------------------------------------------------------
 
 
-def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> Array:
-    """Return the frequencies where gain and lag pass their levels, by bisection of the describing function.
-
-    Every unit follows its own bisection; what they all need next is simulated together. nan where a response on the way
-    to a figure is not a sine, as that of a unit that hunts.
-    """
-    crossings, searches = np.full((len(changes), len(figures)), nan), [_search(figures) for _ in changes]
-    due = {unit: next(search) for unit, search in enumerate(searches)}
-    while due:
-        responses = describing_function(subject, [changes[unit] for unit in due], test.amplitude, list(due.values()))
-        for unit, response in zip(list(due), responses.tolist(), strict=True):
-            try:
-                due[unit] = searches[unit].send(response)
-            except StopIteration as end:
-                crossings[unit] = end.value
-                del due[unit]
-    return crossings
-
-
 _LEVELS: Mapping[str, Callable[[complex], float]] = {
     "bandwidth_3db": lambda h: abs(h) - 10.0 ** (-3.0 / 20.0),
     "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from none: it is 90 deg where this first vanishes
 }
-_Search = Generator[float, complex, T]  # yields frequencies [Hz], is sent the responses there, and returns a T
 
 
-def _search(figures: Sequence[str]) -> _Search[list[float]]:
-    """Return where gain and lag pass their levels; each frequency is yielded once."""
-    known: dict[float, complex] = {}
+def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> Array:
+    """Return the frequencies where gain and lag pass their levels, by bisection of the describing function.
 
-    def at(frequency: float) -> _Search[complex]:
-        if frequency not in known:
-            known[frequency] = yield frequency
-        return known[frequency]
+    Every unit follows its own bisection; what they all need next is simulated together, each frequency once. The
+    highest looked at where a level is not passed; nan where a response on the way to it is not a sine, as that of a
+    unit that hunts.
+    """
+    known: list[dict[float, complex]] = [{} for _ in changes]
 
-    crossings = []
-    for name in figures:
-        crossings.append((yield from _crossing(_LEVELS[name], at)))
+    def levels(name: str, at: Mapping[int, float]) -> dict[int, float]:
+        new = {unit: f for unit, f in at.items() if f not in known[unit]}
+        if new:
+            found = describing_function(subject, [changes[unit] for unit in new], test.amplitude, list(new.values()))
+            for (unit, f), response in zip(new.items(), found.tolist(), strict=True):
+                known[unit][f] = response
+        return {unit: _LEVELS[name](known[unit][f]) for unit, f in at.items()}
+
+    crossings = np.full((len(changes), len(figures)), BANDWIDTHS[1])
+    for column, name in enumerate(figures):
+        searching, between = list(range(len(changes))), dict[int, tuple[float, float]]()
+        for low, high in pairwise((GRID[0], *GRID)):
+            there = levels(name, dict.fromkeys(searching, high))
+            between |= {unit: (low, high) for unit, level in there.items() if level <= 0.0}
+            crossings[[unit for unit, level in there.items() if isnan(level)], column] = nan
+            searching = [unit for unit, level in there.items() if level > 0.0]
+        for _ in range(BISECTIONS):
+            middle = {unit: (low * high) ** 0.5 for unit, (low, high) in between.items()}
+            for unit, level in levels(name, middle).items():
+                low, high = between.pop(unit)
+                if isnan(level):
+                    crossings[unit, column] = nan
+                else:
+                    between[unit] = (middle[unit], high) if level > 0.0 else (low, middle[unit])
+        for unit, (low, high) in between.items():
+            crossings[unit, column] = (low * high) ** 0.5
     return crossings
 
 
-def _crossing(level: Callable[[complex], float], at: Callable[[float], _Search[complex]]) -> _Search[float]:
-    """Return where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere.
-
-    nan where the level is nan on the way.
-    """
-    lowest, highest = BANDWIDTHS
-    low = lowest
-    for high in GRID:
-        there = level((yield from at(high)))
-        if isnan(there):
-            return nan
-        if there <= 0.0:
-            break
-        low = high
-    else:
-        return highest
-    if low == high:
-        return lowest
-    for _ in range(BISECTIONS):
-        middle = (low * high) ** 0.5
-        there = level((yield from at(middle)))
-        if isnan(there):
-            return nan
-        low, high = (middle, high) if there > 0.0 else (low, middle)
-    return float((low * high) ** 0.5)
+def sweep_figures(response: FrequencyResponse, subject: Subject, amplitude: float,
+                  changes: Mapping[str, Any]) -> dict[str, float]:
+    """Return the figures of a sweep of `amplitude` [rad]; its bandwidths are those under steady sines of it."""
+    (found,) = measure(Test("sine", amplitude), subject, [changes], _BANDWIDTHS, ("minimum",) * len(_BANDWIDTHS))
+    return {**swept(response), **dict(zip(_BANDWIDTHS, found.tolist(), strict=True))}
 
 
 def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], amplitude: float,
@@ -352,8 +347,8 @@ def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
 
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
     """Return the margins of the loop broken at the drive's reference; none where the closed loop is unstable."""
-    from ..studies.analysis.frequency import highest, margins
-    from ..studies.analysis.linear import LinearActuator, sound
+    from .linear.actuator import LinearActuator, sound
+    from .linear.frequency import highest, margins
 
     plain = sound(parameters)
     try:

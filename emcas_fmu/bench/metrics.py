@@ -9,7 +9,7 @@ FIGURES names them all, with their units and the standard or book a definition f
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import degrees, inf, isfinite, nan, pi, radians
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from ..variables import Variable
-    from .subject import Run
+    from .runs import Run
 
 Array = NDArray[np.floating[Any]]
 
@@ -201,32 +201,17 @@ def since(start: float, time: Array, *columns: Array) -> tuple[Array, ...]:
     return (time[begin:], *(column[..., begin:] for column in columns))
 
 
-@dataclass(frozen=True)
-class StepMetrics:
-    """Figures of a motion to a level, from the command on: see FIGURES; `steady_error` is signed.
-
-    nan where a level is never reached, inf for a time that does not end within the record.
-    """
-
-    rise_time: Any
-    settling_time: Any
-    time_to_accuracy: Any
-    time_to_90_percent: Any
-    overshoot: Any
-    steady_error: Any
-    held_error: Any
-    held_angle: Any
-    ripple: Any
-
-
 RESTING = ("rebound", "time_to_accuracy", "steady_error", "held_error", "held_angle", "ripple", "current_ripple")
 """The figures of `rest`."""
-MOTION = (*(field.name for field in fields(StepMetrics)), "current_ripple", "peak_rate", "sustained_rate")
+MOTION = ("rise_time", "settling_time", "time_to_accuracy", "time_to_90_percent", "overshoot", "steady_error",
+          "held_error", "held_angle", "ripple", "current_ripple", "peak_rate", "sustained_rate")
 """The figures of `motion`."""
 
 
-def step_metrics(time: Array, response: Array, start: float, command: Any) -> StepMetrics:
+def step_metrics(time: Array, response: Array, start: float, command: Any) -> dict[str, Any]:
     """Return the figures of the response [rad] to a command that jumps to a level at `start` [s] and stays there.
+
+    `steady_error` is signed; nan where a level is never reached, inf for a time that does not end within the record.
 
     All levels refer to the commanded change, from the response at `start`, and not to the value the
     response ends at: a servo is judged by where it is commanded to go. Otherwise as in Ogata,
@@ -236,13 +221,9 @@ def step_metrics(time: Array, response: Array, start: float, command: Any) -> St
     level = np.asarray(command)[..., np.newaxis]
     share = (response - response[..., :1]) / (level - response[..., :1])
     tenth, most = (crossing(time, share, reached) for reached in (0.1, 0.9))
-    return StepMetrics(
-        rise_time=most - tenth,
-        settling_time=settled(time, np.abs(share - 1.0), 0.02),
-        time_to_90_percent=most - start,
-        overshoot=np.maximum(np.max(share, axis=-1) - 1.0, 0.0),
-        **hold_figures(time, response, command),
-    )
+    return {"rise_time": most - tenth, "settling_time": settled(time, np.abs(share - 1.0), 0.02),
+            "time_to_90_percent": most - start, "overshoot": np.maximum(np.max(share, axis=-1) - 1.0, 0.0),
+            **hold_figures(time, response, command)}
 
 
 def hold_figures(time: Array, response: Array, command: Any) -> dict[str, Any]:
@@ -278,7 +259,7 @@ def motion(run: Run, number: int = 0) -> dict[str, Any]:
     upto = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
     of_move = {name: column[..., :upto] for name, column in columns.items()}
     time, angle = of_move["time"], of_move["fin_angle"]
-    return {**vars(step_metrics(time, angle, move.start, move.level)), **_current_ripple(of_move, move.start),
+    return {**step_metrics(time, angle, move.start, move.level), **_current_ripple(of_move, move.start),
             "peak_rate": np.max(np.abs(since(move.start, time, of_move["fin_rate"])[1]), axis=-1),
             "sustained_rate": sustained_rate(time, angle, move.start, move.level)}
 
@@ -468,22 +449,10 @@ def breakaway(moment: Array, angle: Array) -> float:
     return float(abs(moment[moved[0]])) if len(moved) else nan
 
 
-@dataclass(frozen=True)
-class Bidirectional:
-    """Figures of a bidirectional grid, in the unit of the errors; `means` (side, target), `reversal` of each target,
-    nan where a target is not approached from a side."""
+def bidirectional(below: Array, above: Array) -> dict[str, Any]:
+    """Return the figures of errors (target, cycle) of approaches from below and from above, in the unit of the errors.
 
-    largest_error: float
-    hysteresis: float
-    repeatability: float
-    bidirectional_accuracy: float
-    mean_error: float
-    means: Array
-    reversal: Array
-
-
-def bidirectional(below: Array, above: Array) -> Bidirectional:
-    """Return the figures of errors (target, cycle) of approaches from below and from above.
+    `means` (side, target), and the `reversal` of each target, nan where a target is not approached from a side.
 
     ISO 230-2 (2014), "Determination of accuracy and repeatability of positioning of numerically
     controlled axes". A target that has no approach from one side has nan there.
@@ -495,7 +464,8 @@ def bidirectional(below: Array, above: Array) -> Bidirectional:
     spreads[approached] = errors[approached].std(axis=1, ddof=1) if errors.shape[2] > 1 else 0.0
     reversal = means[0] - means[1]
     both = ~np.isnan(reversal)
-    return Bidirectional(
-        float(np.nanmax(np.abs(errors))), float(np.max(np.abs(reversal[both]), initial=0.0)),
-        float(4.0 * np.nanmax(spreads)), float(np.nanmax(means + 2.0 * spreads) - np.nanmin(means - 2.0 * spreads)),
-        float(np.nanmean(errors)), means, reversal)
+    return {"largest_error": float(np.nanmax(np.abs(errors))),
+            "hysteresis": float(np.max(np.abs(reversal[both]), initial=0.0)),
+            "repeatability": float(4.0 * np.nanmax(spreads)),
+            "bidirectional_accuracy": float(np.nanmax(means + 2.0 * spreads) - np.nanmin(means - 2.0 * spreads)),
+            "mean_error": float(np.nanmean(errors)), "means": means, "reversal": reversal}

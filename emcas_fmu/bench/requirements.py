@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PlainValidator, ValidationInfo, create_model, field_validator, model_validator
 
 from ..errors import EmcasError
 from ..files import models_directory
@@ -39,15 +39,6 @@ def _amplitude(entry: Any, info: ValidationInfo) -> float:
     return amplitude
 
 
-class _Linear(Table):
-    kind: str
-
-
-class _Timed(_Linear):
-    duration: Annotated[float, In("s", _SHORTEST, 100.0)] = 0.6
-    supply: Annotated[float, In("1", 0.1, 2.0)] = 1.0
-
-
 def _torque(entry: Any) -> float:
     torque = float(In("N.m").number(entry))
     if not torque:
@@ -55,34 +46,17 @@ def _torque(entry: Any) -> float:
     return torque
 
 
-class _Load(_Timed):
-    torque: Annotated[float, PlainValidator(_torque)]
-
-
-class _Release(_Load):
-    settle: Annotated[float, In("s", STEP, 100.0)] = SETTLE
-
-
-class _Sine(_Linear):
-    amplitude: Annotated[float, PlainValidator(_amplitude)]
-
-
-class _Move(_Timed):
-    amplitude: Annotated[float, PlainValidator(_amplitude)]
-    torque: Annotated[float, In("N.m")] = 0.0
-
-
-class _Slew(_Move):
-    settle: Annotated[float, In("s", STEP, 100.0)] = SETTLE
-
-
-class _Repeat(_Sine):
-    duration: Annotated[float, In("s", _SHORTEST, 100.0)] = 0.6
-    torque: Annotated[float, PlainValidator(_torque)]
-
-
-_TESTS: Mapping[str, type[_Linear]] = {"step": _Move, "slew": _Slew, "load": _Load, "release": _Release, "sine": _Sine,
-                                       "linear": _Linear, "repeat": _Repeat}
+_AMPLITUDE: Any = (Annotated[float, PlainValidator(_amplitude)], ...)
+_TORQUE: Any = (Annotated[float, PlainValidator(_torque)], ...)
+_DURATION: Any = (Annotated[float, In("s", _SHORTEST, 100.0)], 0.6)
+_SETTLE: Any = (Annotated[float, In("s", STEP, 100.0)], SETTLE)
+_TIMED: Any = {"duration": _DURATION, "supply": (Annotated[float, In("1", 0.1, 2.0)], 1.0)}
+_MOVE = {**_TIMED, "amplitude": _AMPLITUDE, "torque": (Annotated[float, In("N.m")], 0.0)}
+_TESTS: Mapping[str, type[Table]] = {
+    kind: create_model(kind, __base__=Table, kind=(str, ...), **fields) for kind, fields in (
+    ("step", _MOVE), ("slew", {**_MOVE, "settle": _SETTLE}), ("load", {**_TIMED, "torque": _TORQUE}),
+    ("release", {**_TIMED, "torque": _TORQUE, "settle": _SETTLE}), ("sine", {"amplitude": _AMPLITUDE}), ("linear", {}),
+    ("repeat", {"amplitude": _AMPLITUDE, "duration": _DURATION, "torque": _TORQUE}))}
 
 
 def _unit(figure: str) -> str:

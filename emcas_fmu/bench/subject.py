@@ -8,48 +8,36 @@ from __future__ import annotations
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from math import radians
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import fmpy
 import numpy as np
-from fmpy.fmi1 import FMICallException
 
-from ..actuators import NONLINEAR, full_name, get
+from ..actuators import NONLINEAR, get
 from ..actuators.declaration import Actuator
 from ..errors import EmcasError
 from ..namespace import with_values
 from ..ops.arrays import ARRAYS
 from ..ops.floats import FLOATS
-from ..parameters import ParameterSet, check_combinations, load_parameters, require_sound
+from ..parameters import ParameterSet, check_combinations, load_parameters
 from ..reference.files import parameters_hash
 from ..reference.stored import Stored
-from ..runtime.compiled import Tables, parameter_row, table_shape
+from ..runtime.compiled import parameter_row
 from ..simulation import Array, SteppedUnit, respond_all
 from ..variables import Variable
 from .excitation import LOAD, Excitation
-from .fmu import OpenedFmu, chosen_model, opened
 from .metrics import Figure
 from .provenance import shipped
-from .references import carried
-
-Columns = Mapping[str, Array]
+from .runs import Run, Runs, spread
 
 COMMAND_RANGE = radians(20.0)  # Table 2's; of an actuator that does not say its own
 _LAST_MESSAGES = 20  # kept of a run's log
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-
-
-class StoppedError(EmcasError):
-    """A run that is needed did not reach its end."""
 
 
 @dataclass(frozen=True)
@@ -73,87 +61,6 @@ class Identification:
     estimates: tuple[str, ...]
     model: str = NONLINEAR
     fin: int | None = None
-
-
-@dataclass(frozen=True)
-class Run:
-    """The response to an excitation: `columns` by name, `time` [s] first, and those that were asked for between rows.
-
-    Of many runs that ended well the columns are arrays [runs, rows], but for ``time``.
-    ``stopped`` is the time [s] the subject went no further than, None where it ran to the end;
-    ``messages`` what it logged; ``wall_time`` [s].
-    """
-
-    excitation: Excitation = field(repr=False)
-    columns: Columns = field(repr=False)
-    stopped: float | None
-    messages: tuple[str, ...]
-    wall_time: float
-
-    @property
-    def reason(self) -> str:
-        """Why the run ended early; empty where it did not."""
-        if self.stopped is None:
-            return ""
-        return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no reason given'}"
-
-    def of(self, run: int) -> Run:
-        """Return one run of many."""
-        return replace(self, excitation=self.excitation.of(run), columns=_of(self.columns, run))
-
-    def finished(self) -> Columns:
-        """Return the columns. Raises StoppedError, saying why, where the run ended early."""
-        if self.stopped is not None:
-            raise StoppedError(f"the subject {self.reason}")
-        return self.columns
-
-
-@dataclass(frozen=True)
-class Runs:
-    """The responses of many runs to excitations with the same rows.
-
-    `columns` by name are arrays [runs, rows], but ``time`` [rows]; those that are fine have `substeps` to each row. In
-    rows that a run did not get to they are NaN. By a run's place: `refused` is what a single run would raise, `stopped`
-    the rows it has and what it logged. A run of it is what it is alone, its columns are views.
-    """
-
-    excitation: Excitation = field(repr=False)
-    columns: Columns = field(repr=False)
-    number: int
-    substeps: int
-    refused: Mapping[int, Exception]
-    stopped: Mapping[int, tuple[int, tuple[str, ...]]]
-    wall_time: float
-
-    def __len__(self) -> int:
-        return self.number
-
-    def __getitem__(self, place: int) -> Run:
-        """Return a run. Raises what it was refused with."""
-        place = range(self.number)[place]
-        if place in self.refused:
-            raise self.refused[place]
-        time, taken = self.columns["time"], self.wall_time / self.number
-        columns = _of(self.columns, place)
-        if place not in self.stopped:
-            return Run(self.excitation.of(place), columns, None, (), taken)
-        rows, messages = self.stopped[place]
-        steps = max((rows - 1) * self.substeps + 1, 0)
-        columns = {name: column[:rows if len(column) == len(time) else steps] for name, column in columns.items()}
-        return Run(self.excitation.of(place), columns, float(np.max(columns["time"], initial=0.0)), messages, taken)
-
-
-    def finished(self) -> tuple[Any, Run]:
-        """Return the places of the runs that ended well, and these as one."""
-        if not self.refused and not self.stopped:
-            return np.arange(self.number), Run(self.excitation, self.columns, None, (), self.wall_time)
-        places = np.setdiff1d(np.arange(self.number), [*self.refused, *self.stopped])
-        return places, Run(self.excitation.of(places), _of(self.columns, places), None, (), self.wall_time)
-
-
-def _of(columns: Columns, runs: Any) -> dict[str, Array]:
-    """Return the columns of one run, or of some."""
-    return {name: column if name == "time" else column[runs] for name, column in columns.items()}
 
 
 class Subject(ABC):
@@ -191,7 +98,7 @@ class Subject(ABC):
         not.
         """
         begin = perf_counter()
-        count, changes = _spread(excitation, changes)
+        count, changes = spread(excitation, changes)
         names = tuple(self.outputs if outputs is None else outputs)
         rows, steps = len(excitation.time), (len(excitation.time) - 1) * substeps + 1
         columns = {name: np.full((count, steps if name in fine else rows), np.nan) for name in names}
@@ -279,13 +186,6 @@ class Subject(ABC):
         return excitation.start_values
 
 
-def _spread(excitation: Excitation, changes: Mapping[str, Any]) -> tuple[int, dict[str, Array]]:
-    """Return how many runs there are, and for each parameter that differs an array with its value in each."""
-    of_runs = [len(column) for column in excitation.columns.values() if column.ndim == 2]
-    (count,) = np.broadcast_shapes((1,), *of_runs, *map(np.shape, changes.values()))
-    return count, {name: np.broadcast_to(values, count) for name, values in changes.items()}
-
-
 def lacking(outputs: Iterable[str], present: Collection[str]) -> str:
     """Return which of these outputs are not present, in words; empty where all are."""
     return _without([name for name in outputs if name not in present])
@@ -326,69 +226,61 @@ class ParameterSubject(Subject):
             "parameter set", ", ".join(file.name for file in self.files) or shipped(self.model),
             hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest() if self.files else "",
             self.actuator.name if source else "EMCAS", "", "",
-            parameters_hash(self.values), "the kernel of emcas", _differences(self.values, self.model),
+            parameters_hash(self.values), "the kernel of emcas", differences(self.values, self.model),
             self.parameters.estimates, self.actuator.name)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
+        if excitation.spring:
+            return self._sprung(excitation, start_values or {}, outputs, substeps, fine)
         return self.run_all(excitation, start_values or {}, outputs, substeps, fine)[0]
 
     def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
                 substeps: int = 1, fine: Sequence[str] = ()) -> Runs:
-        begin = perf_counter()
-        count, changes = _spread(excitation, self._changes(excitation, changes))
+        begin, changed = perf_counter(), self._changes(excitation, changes)
+        if np.any(excitation.spring):
+            return super().run_all(excitation, changes, outputs, substeps, fine)
+        count, changed = spread(excitation, changed)
         names = tuple(self.outputs if outputs is None else outputs)
         inputs = [excitation.columns[v.name] if v.name in excitation.columns
-                  else np.asarray(v.initial({**self.values, **changes}), dtype=float)[..., np.newaxis]
+                  else np.asarray(v.initial({**self.values, **changed}), dtype=float)[..., np.newaxis]
                   for v in self.inputs.values()]
         sets = np.repeat(self._numbers[np.newaxis], count, axis=0)
-        for name in changes.keys() & self._places.keys():
-            sets[:, self._places[name]] = changes[name]
+        for name in changed.keys() & self._places.keys():
+            sets[:, self._places[name]] = changed[name]
         step = excitation.step / substeps
-        if np.any(excitation.spring):
-            tables = self._sprung(sets, inputs, step, names, substeps, fine, excitation.spring)
-        else:
-            tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
-        time = np.arange((len(excitation.time) - 1) * substeps + 1) * step
+        tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
         # A run has the rows that it began, each of `substeps` points.
         stopped = {run: (-(-int(tables.reached[run]) // substeps), (str(error),))
                    for run, error in tables.failures.items() if isinstance(error, ArithmeticError)}
         refused = {run: error for run, error in tables.failures.items() if run not in stopped}
-        return Runs(excitation, {"time": time[::substeps], **tables.columns}, count, substeps, refused, stopped,
+        time = np.arange(len(excitation.time)) * substeps * step
+        return Runs(excitation, {"time": time, **tables.columns}, count, substeps, refused, stopped,
                     perf_counter() - begin)
 
-    def _sprung(self, sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], held: int,
-                fine: Sequence[str], springs: Any) -> Tables:
-        """Return what `respond_all` does, under springs [N.m/rad], one for all runs or an array with that of each.
-
-        A spring's moment is that of the fin angle at the last row.
-        """
-        count, rows, points = table_shape(sets, inputs, self.model, held)
-        springs = np.broadcast_to(springs, count).tolist()
-        columns = {name: np.full((count, points if name in fine else rows), np.nan) for name in outputs}
-        reached, failures = np.zeros(count, dtype=np.int64), dict[int, ValueError | ArithmeticError]()
-        for run, spring in enumerate(springs):
-            values = {**self.values, **dict(zip(self._places, sets[run].tolist(), strict=True))}
-            table = np.stack([np.broadcast_to(column, (count, rows))[run] for column in inputs], axis=1).tolist()
-            at_rows = [dict(zip(self.inputs, row, strict=True)) for row in table]
-            unit = None
-            try:
-                unit = SteppedUnit(values, step, self.model, at_rows[0])
-                angle = unit.place("fin_angle")
-                for row in at_rows[:-1]:
-                    unit.run(**{**row, LOAD: row[LOAD] - spring * unit.now[angle]})
-                    for _ in range(held - 1):
-                        unit.run()
-            except (ValueError, ArithmeticError) as error:
-                failures[run] = error
-            if unit is None:
-                continue
-            given = unit.columns()
-            reached[run] = len(given["time"])
-            for name, column in columns.items():
-                moved = given[name][::1 if name in fine else held]
-                column[run, :len(moved)] = moved
-        return Tables(columns, reached, failures)
+    def _sprung(self, excitation: Excitation, changes: Mapping[str, Any], outputs: Iterable[str] | None,
+                substeps: int, fine: Sequence[str]) -> Run:
+        """Return a response under a spring, whose moment is that of the fin angle at the last row."""
+        begin, values = perf_counter(), {**self.values, **self._changes(excitation, changes)}
+        table = [np.broadcast_to(excitation.columns.get(v.name, v.initial(values)), excitation.time.shape).tolist()
+                 for v in self.inputs.values()]
+        rows = [dict(zip(self.inputs, row, strict=True)) for row in zip(*table, strict=True)]
+        unit, messages = None, tuple[str, ...]()
+        try:
+            unit = SteppedUnit(values, excitation.step / substeps, self.model, rows[0])
+            angle = unit.place("fin_angle")
+            for row in rows[:-1]:
+                unit.run(**{**row, LOAD: row[LOAD] - excitation.spring * unit.now[angle]})
+                for _ in range(substeps - 1):
+                    unit.run()
+        except ArithmeticError as error:
+            messages = (str(error),)
+        given = unit.columns() if unit else dict.fromkeys(("time", *self.outputs), np.empty(0))
+        count = -(-len(given["time"]) // substeps)
+        columns = {name: given[name][:max((count - 1) * substeps + 1, 0):1 if name in fine else substeps]
+                   for name in ("time", *(self.outputs if outputs is None else outputs))}
+        stopped = float(np.max(columns["time"], initial=0.0)) if messages else None
+        return Run(excitation, columns, stopped, messages, perf_counter() - begin)
 
     @cached_property
     def _places(self) -> Mapping[str, int]:
@@ -399,169 +291,6 @@ class ParameterSubject(Subject):
         return parameter_row(self.values, self.model)
 
 
-class _Recorder:
-    """Values of variables of an FMU, a row for each time they are read."""
-
-    def __init__(self, fmu: Any, variables: Sequence[Variable], references: Mapping[str, int]) -> None:
-        self.rows: list[list[Any]] = []
-        self._variables, self._getters = sorted(variables, key=lambda v: v.kind), []
-        for kind, group in groupby(self._variables, key=lambda v: v.kind):
-            get_values = getattr(fmu, f"get{'Integer' if kind == 'Enumeration' else kind}")
-            self._getters.append((get_values, [references[v.name] for v in group]))
-
-    def sample(self) -> None:
-        """Read the variables."""
-        self.rows.append([value for get_values, references in self._getters for value in get_values(references)])
-
-    def columns(self, count: int) -> dict[str, Array]:
-        """Return the first `count` values of each variable."""
-        table = np.array(self.rows, dtype=float).reshape(len(self.rows), len(self._variables))[:count]
-        return {v.name: table[:, i] for i, v in enumerate(self._variables)}
-
-
-class FmuSubject(Subject):
-    """An FMU, run by fmpy: one instance, reset between runs and made anew after one that failed."""
-
-    def __init__(self, unit: OpenedFmu, model: str, fin: int = 1) -> None:
-        self.unit, self.model, self.fin = unit, model, fin
-        for variables, causality in ((self.inputs.values(), "input"), (self.outputs.values(), "output")):
-            unit.require([v.name for v in variables], causality)
-        self._messages: deque[str] = deque(maxlen=_LAST_MESSAGES)
-        self._instance: Any = None
-
-    @cached_property
-    def values(self) -> Mapping[str, Any]:
-        self.unit.require([v.name for v in get(self.model).parameters], "parameter")
-        starts = self.unit.starts
-        return {**{v.name: starts[v.name] for v in get(self.model).parameters},
-                **{v.key: starts[v.name] for v in self.inputs.values() if v.key}}
-
-    @cached_property
-    def identification(self) -> Identification:
-        description, changed = self.unit.description, _differences(self.values, self.model)
-        estimates = load_parameters(model=self.model).estimates
-        return Identification(
-            "FMU", self.unit.path.name, self.unit.sha256,
-            f"{description.modelName} {description.version or ''}".strip(), description.guid,
-            description.generationTool or "", parameters_hash(self.values), f"fmpy {fmpy.__version__}", changed,
-            tuple(name for name in estimates if name not in changed), self.actuator.name, self.fin)
-
-    @cached_property
-    def references(self) -> Sequence[Stored]:
-        return carried(self.unit.folder, self.unit.path, self.unit.names_in_files, self.actuator.name)
-
-    def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
-            outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        begin, changes = perf_counter(), self._changes(excitation, start_values or {})
-        names = list(self.outputs if outputs is None else outputs)
-        if changes:  # an FMU refuses, too, in words of its own or by not stepping
-            _check({**self.values, **changes}, self.model)
-        self._messages.clear()
-        if self._instance is None:
-            self._instance = self.unit.instance(self._log)
-        else:
-            self._instance.reset()
-        at_rows, at_steps = (_Recorder(self._instance, [self.outputs[name] for name in group], self.unit.references)
-                             for group in (names, fine))
-        complete = True
-        try:
-            self._follow(self._instance, excitation, changes, substeps, at_rows, at_steps)
-        except FMICallException as error:
-            if not self._messages:  # what the FMU says tells more
-                self._messages.append(str(error))
-            self.close()
-            complete = False
-        count = len(at_rows.rows)
-        recorded = at_rows.columns(count) | at_steps.columns((count - 1) * substeps + 1)
-        columns = {"time": np.arange(count) * substeps * (excitation.step / substeps),
-                   **{name: recorded[name] for name in names}}
-        stopped = None if complete else float(np.max(columns["time"], initial=0.0))
-        return Run(excitation, columns, stopped, tuple(self._messages), perf_counter() - begin)
-
-    def _follow(self, fmu: Any, excitation: Excitation, changes: Mapping[str, Any], substeps: int, at_rows: _Recorder,
-                at_steps: _Recorder) -> None:
-        """Step through an excitation, recording at its rows and at every one of their `substeps`.
-
-        Raises FMICallException where the FMU goes no further.
-        """
-        references, step = self.unit.references, excitation.step / substeps
-        started = {v.name: changes[v.key] for v in self.inputs.values() if v.key and v.key in changes}
-        self.unit.set_starts(fmu, {
-            name: value for name, value in {**changes, **started}.items()
-            if name in references})  # the start of an input goes by another name in a parameter file
-        setters = {"Real": (fmu.setReal, float), "Boolean": (fmu.setBoolean, bool), "Integer": (fmu.setInteger, int)}
-        columns = [(setters[self.inputs[name].kind][0], references[name],
-                    column.astype(setters[self.inputs[name].kind][1]).tolist())
-                   for name, column in excitation.columns.items()]
-        moment = excitation.columns.get(LOAD, np.zeros(len(excitation.time)))
-        fmu.setupExperiment(startTime=0.0)
-
-        def apply(k: int) -> None:
-            for set_values, reference, column in columns:
-                if k == 0 or column[k] != column[k - 1]:
-                    set_values([reference], [column[k]])
-
-        apply(0)
-        fmu.enterInitializationMode()
-        fmu.exitInitializationMode()
-        at_rows.sample()
-        at_steps.sample()
-        for k in range(len(excitation.time) - 1):
-            if k:
-                apply(k)
-            if excitation.spring:
-                (angle,) = fmu.getReal([references["fin_angle"]])
-                fmu.setReal([references[LOAD]], [float(moment[k]) - excitation.spring * angle])
-            for now in range(k * substeps, (k + 1) * substeps):
-                fmu.doStep(now * step, (now + 1) * step - now * step)
-                at_steps.sample()
-            at_rows.sample()
-        fmu.terminate()
-
-    def _log(self, _component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
-        label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
-        if label != "ok":
-            self._messages.append(f"{label}: {message.decode(errors='replace').strip()}")
-
-    def close(self) -> None:
-        """Let go of the instance."""
-        instance, self._instance = self._instance, None
-        if instance is not None:
-            instance.freeInstance()
-
-
-def _check(values: Mapping[str, Any], model: str) -> None:
-    require_sound({v.name: values[v.name] for v in get(model).parameters}, model)
-
-
-def _differences(values: Mapping[str, Any], model: str) -> tuple[str, ...]:
+def differences(values: Mapping[str, Any], model: str) -> tuple[str, ...]:
+    """Return the names of the parameters that are not the shipped ones."""
     return tuple(e.variable.name for e in load_parameters(model=model).entries if values[e.variable.name] != e.value)
-
-
-@contextmanager
-def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
-                 parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
-    """Open the subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
-
-    `model` names the actuator and its extensions; an FMU tells its own. `fin` from 1 on chooses one of a unit of
-    several, the first unless given. The files of `parameters` go over those of the subject, which then cannot be an
-    FMU. Raises EmcasError or ParameterError where it cannot be used.
-    """
-    if path is None or path.suffix.lower() == ".toml":
-        if fin is not None:
-            raise EmcasError(f"--fin {fin}: {path or 'a parameter set'} is one fin; leave --fin out")
-        files = [*([path] if path else []), *(parameters or ())]
-        yield ParameterSubject(load_parameters(files, model=model or NONLINEAR), files)
-        return
-    if path.suffix.lower() != ".fmu":
-        raise EmcasError(f"{path}: is neither an FMU nor a parameter file by its name; give a file that ends in .fmu "
-                         "or .toml")
-    if parameters:
-        raise EmcasError(f"--parameters {parameters[0]}: {path} has its parameters in it; build an FMU of these")
-    model = model and full_name(model)
-    with opened(path, fin, model) as unit:
-        subject = FmuSubject(unit, chosen_model(str(path), unit.description.modelName, model), fin or 1)
-        try:
-            yield subject
-        finally:
-            subject.close()

@@ -16,6 +16,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
 from markupsafe import Markup, escape
+from rich.box import SIMPLE_HEAD
+from rich.table import Column, Table
 
 from .. import __version__
 from ..writing import whole, write
@@ -68,6 +70,12 @@ def write_junit(name: str, suites: Mapping[str, Iterable[TestCase]], path: Path)
     document.update_statistics()  # type: ignore[no-untyped-call]
     with whole(path) as file:
         document.write(file, pretty=True)
+
+
+def terminal_table(*header: str | Column, title: str = "") -> Table:
+    """Return a table for the terminal, without lines but one below its header."""
+    return Table(*header, title=title or None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
+                 pad_edge=False)
 
 
 def rounded(value: float, form: str) -> str:

@@ -55,10 +55,11 @@ def analyse(
         chosen = parameter_set(parameters, model)
         with progress_bar() as progress:
             analysis = run(chosen, radians(at), torque, locus, rod, stepper(progress, "analyse"))
+        from ..bench.writers import write_json
         from ..studies.analysis import output  # needs the extra
 
         if as_json:
-            output.write_json(analysis, as_json)
+            write_json(output.figures(analysis), as_json)
         if report:
             output.write_report(analysis, report)
     for table in _tables(output.figures(analysis), analysis.actuator.reference_name):

@@ -56,11 +56,10 @@ def record(
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
 ) -> None:
     """Approve the present response: write its figures and trajectories as text to commit."""
+    from ..studies.baseline.files import read, write
     from ..studies.baseline.model import FILE
-    from ..studies.baseline.read import read
     from ..studies.baseline.study import TEMPLATE, first
     from ..studies.baseline.study import record as run
-    from ..studies.baseline.write import write
 
     with failures():
         check_outputs(output / FILE, folders=(output,), inputs=(subject, *(parameters or ())))
@@ -107,10 +106,9 @@ def check(
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
     from ..bench.writers import write_json
-    from ..studies.baseline.output import append_markdown, as_dict, write_junit
-    from ..studies.baseline.read import read
+    from ..studies.baseline.files import read
+    from ..studies.baseline.output import append_markdown, as_dict, remedy, summary, write_junit
     from ..studies.baseline.study import compare
-    from ..studies.baseline.table import remedy, summary
 
     with failures():
         check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))

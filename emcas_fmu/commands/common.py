@@ -185,10 +185,10 @@ def parameter_set(files: Iterable[Path] | None, model: str = NONLINEAR) -> Param
 @contextmanager
 def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
                  parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
-    """Open the subject as `bench.subject` does, and print its warnings. Raises EmcasError or ParameterError."""
-    from ..bench import subject
+    """Open the subject as `bench.fmu_subject` does, and print its warnings. Raises EmcasError or ParameterError."""
+    from ..bench import fmu_subject
 
-    with subject.open_subject(path, model, fin, parameters) as opened:
+    with fmu_subject.open_subject(path, model, fin, parameters) as opened:
         warn(opened.warnings)
         yield opened
 

@@ -33,7 +33,8 @@ def compare(
     Exit code 0 whether the requirements are met or not (emcas validate judges); 2: it cannot be carried out.
     Files of --parameters lie below every set.
     """
-    from ..studies.compare.output import summary, write_json, write_report
+    from ..bench.writers import write_json
+    from ..studies.compare.output import as_dict, summary, write_report
     from ..studies.compare.study import DRIVES, load_sets
     from ..studies.compare.study import compare as run
 
@@ -44,9 +45,10 @@ def compare(
         common.warn(warning for each in chosen.values() for warning in each.warnings)
         with common.progress_bar() as progress:
             result = run(chosen, common.stepper(progress, "compare"), requirements)
-        for path, write in ((as_json, write_json), (report, write_report)):
-            if path:
-                write(result, path)
+        if as_json:
+            write_json(as_dict(result), as_json)
+        if report:
+            write_report(result, report)
     for part in summary(result):
         common.out.print(part, highlight=False)
     common.print_written(as_json, report)

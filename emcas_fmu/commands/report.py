@@ -37,8 +37,9 @@ def report(
     """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report to sign."""
     from ..bench.excitation import csv_file
     from ..bench.requirements import load_requirements
+    from ..bench.writers import write_json
     from ..reference.cases import LOAD
-    from ..studies.report.output import summary, write_json, write_junit, write_report
+    from ..studies.report.output import as_dict, summary, write_junit, write_report
     from ..studies.report.study import carry_out
 
     with common.failures():
@@ -53,7 +54,7 @@ def report(
                                progress=common.stepper(progress, "test"))
         write_report(result, output, printed, document, revision)
         if as_json:
-            write_json(result, as_json, printed)
+            write_json(as_dict(result, printed), as_json)
         if junit:
             write_junit(result, junit)
     for part in summary(result):

@@ -41,7 +41,8 @@ def validate(
     In a gate leave --case out: with it no requirement is judged.
     """
     from ..api import validate as run
-    from ..studies.validate.output import summary, write_json, write_junit, write_report
+    from ..bench.writers import write_json
+    from ..studies.validate.output import as_dict, summary, write_junit, write_report
 
     with common.failures():
         if case and requirements:
@@ -51,7 +52,9 @@ def validate(
         common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
         with common.progress_bar() as progress, common.open_subject(article, model, fin) as subject:
             result = run(subject, case, directory, common.stepper(progress, "validate"), inside, requirements)
-        for path, write in ((as_json, write_json), (junit, write_junit), (report, write_report)):
+        if as_json:
+            write_json(as_dict(result), as_json)
+        for path, write in ((junit, write_junit), (report, write_report)):
             if path:
                 write(result, path)
     for part in summary(result):

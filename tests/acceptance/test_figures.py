@@ -11,7 +11,8 @@ import pytest
 
 from emcas_fmu.bench import metrics
 from emcas_fmu.bench.metrics import unit_of
-from emcas_fmu.bench.subject import ParameterSubject, StoppedError
+from emcas_fmu.bench.runs import StoppedError
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report import mission, responses, static_accuracy, stiffness, threshold
 from emcas_fmu.studies.report.outcome import Outcome, Quantity
@@ -30,13 +31,13 @@ def test_bidirectional_figures_by_hand() -> None:
     above = np.array([[0.0, 0.0], [-1.0, -1.0], [nan, nan]])
     found = metrics.bidirectional(below, above)
     # Means 2 and -1 at the middle target; the sample standard deviation of 1 and 3 is the square root of 2.
-    assert found.hysteresis == pytest.approx(3.0)
-    assert found.largest_error == 3.0
-    assert found.repeatability == pytest.approx(4.0 * 2**0.5)
-    assert found.bidirectional_accuracy == pytest.approx((2.0 + 2.0 * 2**0.5) - -1.0)
-    assert found.mean_error == pytest.approx((1.0 + 3.0 + 2.0 + 2.0 + 0.0 + 0.0 - 1.0 - 1.0) / 8.0)
-    assert isnan(found.reversal[0])
-    assert isnan(found.reversal[2])
+    assert found["hysteresis"] == pytest.approx(3.0)
+    assert found["largest_error"] == 3.0
+    assert found["repeatability"] == pytest.approx(4.0 * 2**0.5)
+    assert found["bidirectional_accuracy"] == pytest.approx((2.0 + 2.0 * 2**0.5) - -1.0)
+    assert found["mean_error"] == pytest.approx((1.0 + 3.0 + 2.0 + 2.0 + 0.0 + 0.0 - 1.0 - 1.0) / 8.0)
+    assert isnan(found["reversal"][0])
+    assert isnan(found["reversal"][2])
 
 
 def test_course_approaches_every_inner_target_from_both_sides() -> None:

@@ -17,8 +17,9 @@ from typer.testing import CliRunner
 from typer.testing import Result as Done
 
 from emcas_fmu.actuators import NAMES, NONLINEAR
+from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.bench.requirements import Specification, load_requirements
-from emcas_fmu.bench.subject import ParameterSubject, Subject, open_subject
+from emcas_fmu.bench.subject import ParameterSubject, Subject
 from emcas_fmu.bench.verdict import in_words, judge
 from emcas_fmu.bench.writers import number, plain
 from emcas_fmu.cli import app
@@ -351,7 +352,7 @@ def test_article_that_stops_is_a_failure_and_not_a_crash(tmp_path: Path) -> None
 
 
 def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emcas_fmu.bench.subject.open_subject", lambda *_, **__: _handing(Broken()))
+    monkeypatch.setattr("emcas_fmu.bench.fmu_subject.open_subject", lambda *_, **__: _handing(Broken()))
     found = emcas("-o", tmp_path / "report.html", "--junit", tmp_path / "junit.xml")
     assert found.exit_code == 1
     assert "Mission profile was not finished" in found.output

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.reference.simulate import simulate as reference_of
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import thesis
-from emcas_fmu.studies.analysis.linear import LinearActuator
 
 MODELS = ["nonlinear", "elastic+faults", "nonlinear+homing", "second-order", "tests/actuators/driven.py"]
 TIMES = np.arange(301) * 1e-3

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
+from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.analysis.linear import LinearActuator
 
 MODEL = "electrohydraulic"
 VALUES = dict(load_parameters(model=MODEL).values)

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import ParameterError
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.analysis.linear import LinearActuator
 
 from .electrohydrostatic import BASE, DRY, EXACT, MODEL, lever, run_of, values_of
 

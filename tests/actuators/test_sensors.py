@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.simulate import simulate as reference_of
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.analysis.linear import LinearActuator
 
 ON_FIN = {"encoder.on_fin": True}
 TIMES = np.arange(301) * 1e-3

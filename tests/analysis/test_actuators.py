@@ -20,15 +20,16 @@ from typer.testing import CliRunner
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.actuators.capabilities import POSITION_LOOP
 from emcas_fmu.actuators.declaration import State
+from emcas_fmu.bench.linear import frequency
+from emcas_fmu.bench.linear.actuator import LinearActuator, sound
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import heat
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.analysis import frequency, sweep
+from emcas_fmu.studies.analysis import sweep
 from emcas_fmu.studies.analysis.analyse import _left_out, analyse
-from emcas_fmu.studies.analysis.linear import LinearActuator, sound
 from emcas_fmu.studies.analysis.steps import compare
 from tests.own_actuator.example import changed
 
@@ -71,7 +72,7 @@ def test_gains_left_open_are_those_given(model: str, monkeypatch: pytest.MonkeyP
     gains = [v.name for v in get(model).parameters if v.variability == "tunable" and v.name.startswith("controller.")]
     changed = {**values, **{name: 0.9 * values[name] for name in gains}}
     before, opened = response(values, model, 0.1), response(changed, model, 0.1)
-    monkeypatch.setattr("emcas_fmu.studies.analysis.linear.gains_of", lambda *_: {})
+    monkeypatch.setattr("emcas_fmu.bench.linear.actuator.gains_of", lambda *_: {})
     np.testing.assert_allclose(opened, response(changed, model, 0.1), rtol=1e-9)  # of exact Jacobians, rounding
     assert np.max(np.abs(opened / before - 1.0)) > 1e-3
 
@@ -86,7 +87,8 @@ def test_bandwidth_is_that_of_small_sines(model: str) -> None:
     values, at = smooth(model), radians(8.0)
     linear = frequency.response(LinearActuator(values, at, model=model).command_to_angle)
     near = np.concatenate([width + np.arange(-1.0, 1.1, 0.5) for width in (linear.bandwidth, linear.phase_bandwidth)])
-    measured = sweep.sweep(values, radians(0.02), np.unique(np.round(2.0 * near)) / 2.0, at, model=model).response
+    (swept,) = sweep.sines(values, [(radians(0.02), at, np.unique(np.round(2.0 * near)) / 2.0)], model=model)
+    measured = swept.response
     # 4e-4 at most are found: lines between frequencies 0.5 Hz apart, the lever's curvature, the kernel's ticks.
     assert linear.bandwidth == pytest.approx(measured.bandwidth, rel=1e-3)
     assert linear.phase_bandwidth == pytest.approx(measured.phase_bandwidth, rel=1e-3)
@@ -143,8 +145,9 @@ def test_observer_and_velocity_integral_behind_the_encoder(model: str, at: float
 
 
 def test_a_response_of_zero_has_no_phase() -> None:
-    measured = sweep.sweep(load_parameters(model="elastic").values, radians(0.1), np.array([5.0, 60.0]),
-                           model="elastic").response
+    (swept,) = sweep.sines(load_parameters(model="elastic").values, [(radians(0.1), 0.0, np.array([5.0, 60.0]))],
+                           model="elastic")
+    measured = swept.response
     assert measured.gain[1] == 0.0
     assert np.isnan(measured.phase[1])
     assert -90.0 < np.degrees(measured.phase[0]) < 0.0
@@ -214,8 +217,8 @@ def test_a_sampled_state_acts_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
                     derivatives=lambda ops, p, x, u: base(ops, p, x, u.replace(reference=u.held)))
     values = load_parameters(model=DIRECT_DRIVE).values
     expected = response(values, DIRECT_DRIVE)
-    for module in ("linear", "smooth"):
-        monkeypatch.setattr(f"emcas_fmu.studies.analysis.{module}.get", lambda name: other)
+    for module in ("actuator", "smooth"):
+        monkeypatch.setattr(f"emcas_fmu.bench.linear.{module}.get", lambda name: other)
     # Two ways to the same matrices, one through the held input.
     np.testing.assert_allclose(response(values, "other"), expected, rtol=1e-9)
 

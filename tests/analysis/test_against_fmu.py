@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 
-from emcas_fmu.studies.analysis import frequency
-from emcas_fmu.studies.analysis.linear import LinearActuator
+from emcas_fmu.bench.linear import frequency
+from emcas_fmu.bench.linear.actuator import LinearActuator
 
 from .conftest import growth
 

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.linear import frequency
+from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics.loads import NONE
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.analysis import frequency, sweep
+from emcas_fmu.studies.analysis import sweep
 from emcas_fmu.studies.analysis.capability import steady_rate
-from emcas_fmu.studies.analysis.linear import LinearActuator
 from emcas_fmu.studies.analysis.steps import compare
 from tests.default_actuator import namespace
 
@@ -26,7 +27,7 @@ ANGLES = [0.0, radians(-9.0), radians(15.0)]
 
 def swept(values: Values, amplitude: float, at: float) -> sweep.Sweep:
     grid = sweep.frequencies(values["controller.sample_time"], 80.0)
-    return sweep.sweep(values, amplitude, grid, at)
+    return sweep.sines(values, [(amplitude, at, grid)])[0]
 
 
 @pytest.mark.parametrize("at", ANGLES)
@@ -91,10 +92,10 @@ def test_limits_slow_large_steps(values: Values) -> None:
     p = {**values, **LOOP}
     linear = LinearActuator(p)
     small, large = compare(p, linear, 1.0), compare(p, linear, 20.0)
-    assert large.metrics_nonlinear.rise_time > 2.0 * large.metrics_linear.rise_time
+    assert large.metrics_nonlinear["rise_time"] > 2.0 * large.metrics_linear["rise_time"]
     assert large.difference > 3.0 * small.difference
     assert np.mean(large.active) > np.mean(small.active)
-    assert large.metrics_linear.rise_time == pytest.approx(small.metrics_linear.rise_time, rel=1e-9)
+    assert large.metrics_linear["rise_time"] == pytest.approx(small.metrics_linear["rise_time"], rel=1e-9)
 
 
 @pytest.mark.parametrize("changes", [
@@ -155,7 +156,7 @@ def test_bandwidth_is_that_of_sines_close_together(model: str) -> None:
 def test_limits_begin_to_act_where_they_first_do(values: Values) -> None:
     (made,) = sweep.sweeps(values, 45.0, amplitudes=(6.0,))
     near = np.linspace(0.97, 1.03, 31) * made.onset("current")
-    dense = sweep.sweep(values, radians(6.0), near)
+    (dense,) = sweep.sines(values, [(radians(6.0), 0.0, near)])
     # Either has the first of its own frequencies at which the limit acts, 0.3 % and 0.2 % apart.
     assert made.onset("current") == pytest.approx(dense.onset("current"), rel=5e-3)
 

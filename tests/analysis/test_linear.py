@@ -13,6 +13,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from emcas_fmu.actuators.electromechanical import nonlinear
+from emcas_fmu.bench.linear import frequency
+from emcas_fmu.bench.linear.actuator import LinearActuator
+from emcas_fmu.bench.linear.systems import decays, sampled, shown, wire
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
@@ -21,11 +24,9 @@ from emcas_fmu.physics.loads import NONE
 from emcas_fmu.reference.cases import LOAD
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.analysis import frequency, thesis
+from emcas_fmu.studies.analysis import thesis
 from emcas_fmu.studies.analysis.final_values import final_values
-from emcas_fmu.studies.analysis.linear import LinearActuator
 from emcas_fmu.studies.analysis.locus import locus
-from emcas_fmu.studies.analysis.systems import decays, sampled, shown, wire
 from tests.default_actuator import namespace
 
 Values = Mapping[str, Any]

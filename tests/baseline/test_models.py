@@ -10,7 +10,7 @@ from emcas_fmu.actuators import get
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.baseline.read import read
+from emcas_fmu.studies.baseline.files import read
 from emcas_fmu.studies.baseline.study import TEMPLATE
 
 from .conftest import SHORT, check, edit, record

@@ -10,7 +10,8 @@ import numpy as np
 from scipy import signal
 
 from emcas_fmu.bench.excitation import Excitation
-from emcas_fmu.bench.subject import Identification, Run, Subject
+from emcas_fmu.bench.runs import Run
+from emcas_fmu.bench.subject import Identification, Subject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.variables import Variable
 

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench.excitation import Excitation, reference_case, slew_to, step_to
-from emcas_fmu.bench.subject import ParameterSubject, Run, Subject, open_subject
+from emcas_fmu.bench.fmu_subject import open_subject
+from emcas_fmu.bench.runs import Run
+from emcas_fmu.bench.subject import ParameterSubject, Subject
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.interface import fin_sets

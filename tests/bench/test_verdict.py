@@ -19,7 +19,8 @@ from emcas_fmu.bench.excitation import Excitation, step_to
 from emcas_fmu.bench.measure import BANDWIDTHS, KINDS, Test, describing_function, measure
 from emcas_fmu.bench.metrics import FIGURES, Array, hold_figures
 from emcas_fmu.bench.requirements import Requirement, Specification, load_requirements
-from emcas_fmu.bench.subject import ParameterSubject, Run, Subject
+from emcas_fmu.bench.runs import Run
+from emcas_fmu.bench.subject import ParameterSubject, Subject
 from emcas_fmu.bench.verdict import Judged, all_passed, in_words, judge, judged, summary_table
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from emcas_fmu.bench.subject import FmuSubject
+from emcas_fmu.bench.fmu_subject import FmuSubject
 from emcas_fmu.studies.campaign import sample
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import identity

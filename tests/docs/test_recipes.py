@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench.excitation import Excitation
-from emcas_fmu.bench.subject import open_subject
+from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 from tests.hosts.host import missing, tool

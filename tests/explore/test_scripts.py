@@ -17,7 +17,8 @@ from emcas_fmu.bench import excitation as excitations
 from emcas_fmu.bench import measure, metrics
 from emcas_fmu.bench.excitation import Excitation, csv_file
 from emcas_fmu.bench.requirements import load_requirements
-from emcas_fmu.bench.subject import ParameterSubject, Run
+from emcas_fmu.bench.runs import Run
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.verdict import Judged, judge
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters

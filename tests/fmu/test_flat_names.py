@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from emcas_fmu.actuators import get
 from emcas_fmu.bench.excitation import reference_case, step_to
-from emcas_fmu.bench.subject import FmuSubject, open_subject
+from emcas_fmu.bench.fmu_subject import FmuSubject, open_subject
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.description import terminals_and_icons

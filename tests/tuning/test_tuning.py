@@ -96,8 +96,8 @@ def test_figures_of_a_step_are_those_of_the_response() -> None:
         command = np.where(np.arange(651) > 49, sign * radians(5), 0.0)
         result = simulate(values, 0.65, fin_command=command)
         found = step_metrics(result["time"] - 0.05, result["fin_angle"], 0.0, sign * radians(5))
-        worst_rise = max(worst_rise, found.rise_time)
-        worst_overshoot = max(worst_overshoot, found.overshoot)
+        worst_rise = max(worst_rise, found["rise_time"])
+        worst_overshoot = max(worst_overshoot, found["overshoot"])
     assert rise == pytest.approx(worst_rise, rel=1e-9)  # the same response but for the rounding of times
     assert overshoot == pytest.approx(worst_overshoot, rel=1e-9)
 
@@ -142,8 +142,8 @@ def test_the_fundamental_of_a_slow_sine_is_one() -> None:
 
 
 def test_margins_are_those_of_the_analysis() -> None:
-    from emcas_fmu.studies.analysis.frequency import margins
-    from emcas_fmu.studies.analysis.linear import LinearActuator
+    from emcas_fmu.bench.linear.actuator import LinearActuator
+    from emcas_fmu.bench.linear.frequency import margins
 
     values = dict(load_parameters().values)
     expected = margins(LinearActuator(values).loop("reference"))
@@ -618,8 +618,8 @@ def test_what_an_actuator_lacks_is_said(tmp_path: Path, model: str, study: str |
 
 @pytest.mark.parametrize("model", ["elastic+heat+homing+faults", MODEL])
 def test_margins_are_of_the_actuator_at_hand(model: str) -> None:
-    from emcas_fmu.studies.analysis.frequency import margins
-    from emcas_fmu.studies.analysis.linear import LinearActuator, sound
+    from emcas_fmu.bench.linear.actuator import LinearActuator, sound
+    from emcas_fmu.bench.linear.frequency import margins
 
     base = load_parameters(model=model)
     plain, name = sound(base), "controller.kp" if model == MODEL else "controller.position.kp"

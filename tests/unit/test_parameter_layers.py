@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.bench.subject import open_subject
+from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import Entry, load_parameters, write_parameters

@@ -14,7 +14,7 @@ from click.testing import CliRunner as ClickRunner
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from emcas_fmu.bench.subject import open_subject
+from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.cli import app
 from emcas_fmu.commands.common import parameter_arguments
 from emcas_fmu.files import named_sets

@@ -261,7 +261,7 @@ ALLOWED = {
     ("plots.py", "savefig"): "to a string, and to a file that `whole` gives",
     ("response.py", "savetxt"): "to a file that `whole` gives",
     ("commands/envelope.py", "savetxt"): "to a file that `whole` gives",
-    ("studies/baseline/write.py", "savetxt"): "to memory",
+    ("studies/baseline/files.py", "savetxt"): "to memory",
     ("studies/campaign/store.py", "write_table"): "to memory",
     ("commands/group.py", "open"): "/dev/null, in place of a standard output that cannot be written",
 }

@@ -20,16 +20,19 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES, NONLINEAR, get
 from emcas_fmu.bench.excitation import Excitation
+from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.bench.measure import BANDWIDTHS
 from emcas_fmu.bench.requirements import load_requirements
-from emcas_fmu.bench.subject import ParameterSubject, Run, open_subject
+from emcas_fmu.bench.runs import Run
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.bench.writers import write_json
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
-from emcas_fmu.studies.validate.output import as_dict, summary, write_json, write_junit, write_report
+from emcas_fmu.studies.validate.output import as_dict, summary, write_junit, write_report
 from emcas_fmu.studies.validate.study import RECORDED, Series, _case_result, _trajectory, validate
 from emcas_fmu.studies.validate.study import Result as Validation
 
@@ -89,7 +92,7 @@ def test_linear_model_is_compared_not_assumed(whole: Validation) -> None:
 
 
 def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:
-    write_json(whole, tmp_path / "result.json")
+    write_json(as_dict(whole), tmp_path / "result.json")
     document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert document["schema"] == "emcas-validation/2"
     assert document["passed"] == whole.passed
@@ -99,7 +102,7 @@ def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:
     assert document["cases"][0]["errors"]["fin_angle"]["unit"] == "deg"
     assert document["fmu"]["differences"] == []
     unfinished = replace(whole, trajectory=(), requirements=(replace(whole.criteria[0], measured=float("nan")),))
-    write_json(unfinished, tmp_path / "nan.json")
+    write_json(as_dict(unfinished), tmp_path / "nan.json")
     document = json.loads((tmp_path / "nan.json").read_text(encoding="utf-8"))
     assert (document["criteria"][0]["measured"], document["passed"]) == (None, False)
 

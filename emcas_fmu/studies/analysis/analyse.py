@@ -9,16 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators import capabilities, get, parts
+from ...bench.linear import frequency
+from ...bench.linear.actuator import LinearActuator, sound
+from ...bench.linear.systems import ROUNDING, Array, System, cleared, decays, largest_pole
 from ...bench.metrics import FrequencyResponse
-from ...bench.subject import Columns
+from ...bench.runs import Columns
 from ...errors import EmcasError
 from ...parameters import ParameterSet
 from ...progress import Progress, silent
 from ...reference.linear import obstacle
-from . import capability, final_values, frequency, locus, steps, sweep, thesis
-from .linear import LinearActuator, sound
+from . import capability, final_values, locus, steps, sweep, thesis
 from .modes import Modes, load_rod, modes_at, thesis_modes
-from .systems import ROUNDING, Array, System, cleared, decays, largest_pole
 
 # Swept to this many times the linear bandwidth, to show what the gain does beyond it.
 _BEYOND = 3.0

@@ -18,7 +18,8 @@ import numpy as np
 
 from ...actuators import NONLINEAR, capabilities, get
 from ...bench.excitation import reference_case
-from ...bench.subject import Columns, ParameterSubject
+from ...bench.runs import Columns
+from ...bench.subject import ParameterSubject
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet

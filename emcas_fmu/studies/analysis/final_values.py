@@ -12,9 +12,9 @@ from math import degrees, inf, log, nan
 from typing import Any
 
 from ...actuators import NONLINEAR, capabilities, get
+from ...bench.linear.actuator import LinearActuator
+from ...bench.linear.systems import cleared, largest_pole
 from ...reference.cases import LOAD
-from .linear import LinearActuator
-from .systems import cleared, largest_pole
 
 COMMAND = 1.0  # deg; the load is that of the thesis's Table 2
 

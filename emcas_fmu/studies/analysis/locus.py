@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import get
+from ...bench.linear.actuator import LinearActuator
+from ...bench.linear.frequency import continuous_poles
+from ...bench.linear.systems import Array
 from ...errors import EmcasError, hint
 from ...parameters import ParameterSet
-from .frequency import continuous_poles
-from .linear import LinearActuator
-from .systems import Array
 
 _POINTS = 81
 _DECADES = 1.0

@@ -10,14 +10,14 @@ import numpy as np
 
 from ... import __version__, plots
 from ...bench import writers
+from ...bench.linear.frequency import continuous_poles
+from ...bench.linear.systems import System
 from ...reference.cases import LOAD
 from . import final_values
 from .analyse import Analysis, ClosedLoop
-from .frequency import continuous_poles
 from .modes import Modes
 from .pictures import drawings, unseen
 from .sweep import LIMITS
-from .systems import System
 
 
 def figures(analysis: Analysis) -> dict[str, Any]:
@@ -52,10 +52,10 @@ def figures(analysis: Analysis) -> dict[str, Any]:
         "locus": {"parameter": locus.name, "unit": locus.unit, "value": locus.nominal,
                   "tried": [locus.values[0], locus.values[-1]], "stable": locus.stable_range},
         "steps": [{"step_deg": s.size, "largest_difference_percent": s.difference,
-                   "rise_time_linear_s": s.metrics_linear.rise_time,
-                   "rise_time_nonlinear_s": s.metrics_nonlinear.rise_time,
-                   "overshoot_linear_percent": 100.0 * s.metrics_linear.overshoot,
-                   "overshoot_nonlinear_percent": 100.0 * s.metrics_nonlinear.overshoot} for s in analysis.steps],
+                   "rise_time_linear_s": s.metrics_linear["rise_time"],
+                   "rise_time_nonlinear_s": s.metrics_nonlinear["rise_time"],
+                   "overshoot_linear_percent": 100.0 * s.metrics_linear["overshoot"],
+                   "overshoot_nonlinear_percent": 100.0 * s.metrics_nonlinear["overshoot"]} for s in analysis.steps],
     })
     return plain
 
@@ -107,11 +107,6 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
     return {"fin_angle_deg": np.degrees(c.fin_angle), "ratio": c.ratio, "load_nm": LOAD,
             **{name: np.min(both, axis=0) for name, both in moments.items()},
             **{f"{name}_deg_per_s": np.degrees(np.min(both, axis=0)) for name, both in rates.items()}}
-
-
-def write_json(analysis: Analysis, path: Path) -> None:
-    """Write the figures."""
-    writers.write_json(figures(analysis), path)
 
 
 def write_report(analysis: Analysis, path: Path) -> None:

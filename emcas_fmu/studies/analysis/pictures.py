@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from ... import plots
 from ...actuators import capabilities
 from ...actuators.declaration import Actuator
+from ...bench.linear import frequency
+from ...bench.linear.systems import System
 from ...bench.metrics import FrequencyResponse
 from ...plots import LIMIT, Drawing
-from . import frequency
 from .analyse import Analysis
 from .steps import STOP
 from .sweep import LIMITS, shared
-from .systems import System
 
 Look = dict[str, Any]
 """How a line is drawn, by matplotlib's names."""
@@ -177,7 +177,7 @@ def steps(analysis: Analysis) -> Drawing:
     looks: list[Look] = [{**_THESIS, "label": "thesis's linear model"},
                          {"color": plots.BLUE, "label": "linearised here"},
                          {"color": plots.GREEN, "label": "simulated"}]
-    settled = [s.metrics_nonlinear.settling_time for s in analysis.steps]
+    settled = [s.metrics_nonlinear["settling_time"] for s in analysis.steps]
     end = 1e3 * float(np.clip(1.15 * np.max(settled, initial=0.0), 0.15, STOP))
     for axes, s in zip(row, analysis.steps, strict=False):
         plots.shade(axes, s.time * 1e3, s.active, "a limit is active")

@@ -10,11 +10,11 @@ from typing import Any
 import control as ct
 import numpy as np
 
-from ...bench.metrics import StepMetrics, step_metrics
+from ...bench.linear.actuator import LinearActuator
+from ...bench.linear.systems import Array
+from ...bench.metrics import step_metrics
 from ...reference.linear import LinearModel
 from ...simulation import simulate
-from .linear import LinearActuator
-from .systems import Array
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg
 STOP = 0.6  # s, past the settling of the slowest step
@@ -35,8 +35,8 @@ class StepComparison:
     thesis: Array | None
     nonlinear: Array
     active: Array
-    metrics_linear: StepMetrics
-    metrics_nonlinear: StepMetrics
+    metrics_linear: Mapping[str, Any]
+    metrics_nonlinear: Mapping[str, Any]
 
     @property
     def difference(self) -> float:

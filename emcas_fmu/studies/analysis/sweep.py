@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...actuators import NONLINEAR, capabilities, get
+from ...bench.linear.frequency import of_ratio
+from ...bench.linear.systems import Array
 from ...bench.metrics import CREPT, FrequencyResponse
 from ...control import command as bus
 from ...control import controllers, sensors
@@ -28,8 +30,6 @@ from ...physics import drive
 from ...progress import Progress, silent
 from ...runtime.compiled import parameter_row
 from ...simulation import respond_all
-from .frequency import of_ratio
-from .systems import Array
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
 LIMITS = ("rate", "current", "voltage", "dac")
@@ -70,38 +70,24 @@ def frequencies(period: float, highest: float) -> Array:
     return np.unique(np.round(grid * window)) / window
 
 
-def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: float = 0.0,
-          aero_torque: float = 0.0, model: str = NONLINEAR) -> Sweep:
-    """Return the response to steady sines of an `amplitude` [rad] about a fin angle [rad].
+def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]], aero_torque: float = 0.0,
+          model: str = NONLINEAR) -> list[Sweep]:
+    """Return the responses to steady sines, each of an amplitude [rad] about a fin angle [rad] at frequencies [Hz].
 
-    At the frequencies [Hz] nearest to `frequency` that :func:`_whole` leaves.
+    At the frequencies nearest to those that :func:`_whole` leaves. All are run side by side; :func:`replay` takes as
+    long for one as for a hundred.
     """
-    (made,) = _measured(values, [_Sines(amplitude, at, frequency)], aero_torque, model)
-    return made
-
-
-@dataclass(frozen=True)
-class _Sines:
-    """Sines of an ``amplitude`` [rad] ``about`` a fin angle [rad], of each ``frequency`` [Hz]."""
-
-    amplitude: float
-    about: float
-    frequency: Array
-
-
-def _measured(values: Mapping[str, Any], chosen: Sequence[_Sines], aero_torque: float, model: str) -> list[Sweep]:
-    """Return a sweep of each, all run side by side; :func:`replay` takes as long for one as for a hundred."""
     period = float(values["controller.sample_time"])
-    sizes = [len(c.frequency) for c in chosen]
-    frequency, samples = _whole(np.concatenate([c.frequency for c in chosen]), period)
-    amplitude, about = (np.repeat([getattr(c, name) for c in chosen], sizes) for name in ("amplitude", "about"))
+    sizes = [len(frequency) for *_, frequency in chosen]
+    frequency, samples = _whole(np.concatenate([frequency for *_, frequency in chosen]), period)
+    amplitude, about = (np.repeat([each[k] for each in chosen], sizes) for k in range(2))
     settle, window = round(_SETTLE / period), round(_WINDOW / period)
     time = np.arange(settle + window + 1) * period
     command = about + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
     actuator, given = get(model), {"fin_command": command.T, "aero_torque": aero_torque}
     inputs = [np.atleast_1d(given.get(v.name, v.initial(values))) for v in actuator.inputs]
     read = [v.name for v in actuator.outputs if v.name in _READ]
-    sets = np.repeat([parameter_row({**values, "fin.start_angle": c.about}, model) for c in chosen], sizes, axis=0)
+    sets = np.repeat([parameter_row({**values, "fin.start_angle": at}, model) for _, at, _ in chosen], sizes, axis=0)
     runs = respond_all(sets, inputs, period, read, model=model).finished()
     outputs = {name: column.T for name, column in runs.items()}
     steady = slice(settle, settle + window)
@@ -121,8 +107,8 @@ def _measured(values: Mapping[str, Any], chosen: Sequence[_Sines], aero_torque: 
                            np.abs(u) >= p.drive.reference_limit])
         active = np.mean(acting[:, steady], axis=1, where=counts)
     ends = np.cumsum(sizes)
-    return [Sweep(c.amplitude, of_ratio(frequency[end - size:end], ratio[end - size:end]), active[:, end - size:end])
-            for c, size, end in zip(chosen, sizes, ends, strict=True)]
+    return [Sweep(each[0], of_ratio(frequency[end - size:end], ratio[end - size:end]), active[:, end - size:end])
+            for each, size, end in zip(chosen, sizes, ends, strict=True)]
 
 
 def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
@@ -218,12 +204,11 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
     def measure(places: Sequence[tuple[int, Array]]) -> list[Sweep]:
         made: list[Sweep] = []
         for first in range(0, len(places), together):
-            sines = [_Sines(chosen[k], about[k], where) for k, where in places[first:first + together]]
-            sizes = np.degrees([each.amplitude for each in sines])
-            where = np.concatenate([each.frequency for each in sines])
+            some = [(chosen[k], about[k], where) for k, where in places[first:first + together]]
+            sizes, where = np.degrees([each[0] for each in some]), np.concatenate([each[2] for each in some])
             progress(f"sines of {sizes[0]:g} to {sizes[-1]:g} deg, {np.min(where):.3g} to {np.max(where):.3g} Hz",
                      first, len(places))
-            made += _measured(values, sines, aero_torque, model)
+            made += sines(values, some, aero_torque, model)
         return made
 
     grid = frequencies(period, highest)

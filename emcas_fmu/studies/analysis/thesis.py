@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ...bench.linear.systems import System, moving, waiting, wire
 from ...reference.linear import LinearModel
-from .systems import System, moving, waiting, wire
 
 
 def closed(values: Mapping[str, Any]) -> System:

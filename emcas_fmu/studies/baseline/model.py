@@ -15,11 +15,11 @@ from pydantic import Field, PlainValidator, ValidationInfo, field_validator
 from ...actuators import get
 from ...bench import metrics
 from ...bench.excitation import Excitation, csv_file, reference_case, step_to, sweep
-from ...bench.measure import KINDS as KINDS_OF_TEST
-from ...bench.measure import Test, measure
+from ...bench.measure import Test, sweep_figures
 from ...bench.measure import excitation as measured
 from ...bench.metrics import FIGURES, shown
-from ...bench.subject import Run, Subject
+from ...bench.runs import Run
+from ...bench.subject import Subject
 from ...errors import EmcasError
 from ...reference.files import supply_start
 from ...schema import In, Table, each, parameter_of, unknown
@@ -202,11 +202,8 @@ class Sweep(Case):
         return sweep(radians(self.command), self.duration)
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
-        names = KINDS_OF_TEST["sine"]
-        (found,) = measure(Test("sine", abs(radians(self.command))), subject, [self.start], names,
-                           ["minimum"] * len(names))
-        return {**metrics.usage(run), **metrics.swept(metrics.sweep_response(run)),
-                **dict(zip(names, found.tolist(), strict=True))}
+        response = metrics.sweep_response(run)
+        return {**metrics.usage(run), **sweep_figures(response, subject, abs(radians(self.command)), self.start)}
 
 
 class Step(Sweep):

@@ -12,7 +12,8 @@ import numpy as np
 
 from ... import __version__
 from ...bench.metrics import FIGURES, shown
-from ...bench.subject import Identification, Run, Subject, left_out
+from ...bench.runs import Run
+from ...bench.subject import Identification, Subject, left_out
 from ...errors import EmcasError
 from ...progress import Progress
 from .model import ALL, Array, Baseline, Case, rounded, start_entries, unit_of

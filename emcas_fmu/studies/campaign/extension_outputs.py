@@ -14,7 +14,7 @@ import numpy as np
 
 from ...actuators import extension_outputs
 from ...bench.metrics import Figure, since
-from ...bench.subject import Run
+from ...bench.runs import Run
 from ...simulation import Array
 from ...variables import Variable
 from .experiments import Experiment

@@ -13,7 +13,8 @@ import numpy as np
 from ...actuators import get
 from ...bench.excitation import Excitation
 from ...bench.metrics import FIGURES, Figure, leap_weights, leaping_power, motion, sweep_response, swept, usage
-from ...bench.subject import Run, Subject, left_out
+from ...bench.runs import Run
+from ...bench.subject import Subject, left_out
 from ...simulation import Array
 from .experiments import Experiment
 

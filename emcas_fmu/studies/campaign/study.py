@@ -13,8 +13,9 @@ from pydantic import Field, PlainValidator
 
 from ... import schema
 from ...actuators import NONLINEAR, full_name, get
+from ...bench.fmu_subject import open_subject
 from ...bench.requirements import load_requirements
-from ...bench.subject import ParameterSubject, open_subject
+from ...bench.subject import ParameterSubject
 from ...bench.verdict import Judged, judged
 from ...errors import EmcasError
 from ...fmi.interface import MOST_FINS, FmuInterface, start_values

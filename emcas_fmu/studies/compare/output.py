@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Column as Heading
-from rich.table import Table
 
 from ... import __version__
 from ...bench import writers
@@ -27,9 +25,10 @@ _WINDOW = -0.02, 0.35  # s about the command
 
 def summary(result: Result) -> Iterator[RenderableType]:
     """Give the figures as a table with a column for each set, what differs between the sets, and who meets all."""
-    table = Table(Heading("requirement", no_wrap=True), Heading("required", justify="right", no_wrap=True),
-                  *(Heading(escape(column.name), justify="right", overflow="fold") for column in result.columns),
-                  title="Requirements", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table = writers.terminal_table(
+        Heading("requirement", no_wrap=True), Heading("required", justify="right", no_wrap=True),
+        *(Heading(escape(column.name), justify="right", overflow="fold") for column in result.columns),
+        title="Requirements")
     for row in result.rows:
         first = row[0]
         table.add_row(first.name, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, row))
@@ -56,11 +55,6 @@ def as_dict(result: Result) -> dict[str, Any]:
             "sets": [{"name": column.name, "model": column.parameters.actuator.name, "passed": column.passed,
                       "requirements": [j.as_dict() for j in column.judged]}
                      for column in result.columns]}
-
-
-def write_json(result: Result, path: Path) -> None:
-    """Write every set's figures and verdicts."""
-    writers.write_json(as_dict(result), path)
 
 
 def write_report(result: Result, path: Path) -> None:

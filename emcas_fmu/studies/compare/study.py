@@ -12,7 +12,8 @@ from ...actuators import NAMES, split
 from ...bench import verdict
 from ...bench.measure import Test, excitation
 from ...bench.requirements import load_requirements
-from ...bench.subject import ParameterSubject, Run
+from ...bench.runs import Run
+from ...bench.subject import ParameterSubject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file

@@ -7,10 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
 from rich.console import RenderableType
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column
 
 from ... import __version__
 from ...bench import writers
@@ -28,8 +27,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
     about = result.about
     yield escape(f"{about.kind} {about.name}  {about.file}  {about.guid}".rstrip())
     yield summary_table("requirement", result.judged)
-    figures = Table("test", "figure", "measured", "unit", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    figures.columns[2].justify = "right"
+    figures = writers.terminal_table("test", "figure", Column("measured", justify="right"), "unit")
     for outcome in result.outcomes.values():
         first = outcome.title
         for group, q, sign, value in outcome.headlines():
@@ -62,11 +60,6 @@ def as_dict(result: Result, date: str = "") -> dict[str, Any]:
                            "notes": o.notes, "not_applicable": o.not_applicable,
                            "figures": {q.key: q.how for q in o.columns(o.figures)}} for name, o in outcomes.items()},
     }
-
-
-def write_json(result: Result, path: Path, date: str = "") -> None:
-    """Write figures, curves, methods and requirements."""
-    writers.write_json(as_dict(result, date), path)
 
 
 def write_junit(result: Result, path: Path) -> None:

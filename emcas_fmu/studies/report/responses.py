@@ -7,8 +7,8 @@ from math import isfinite, isnan, radians
 import numpy as np
 
 from ...bench.excitation import HOLD, SETTLE, step_to, sweep
-from ...bench.measure import BANDWIDTHS, Test, excitation, measure
-from ...bench.metrics import SWEPT, motion, since, sweep_response, swept
+from ...bench.measure import BANDWIDTHS, Test, excitation, sweep_figures
+from ...bench.metrics import SWEPT, motion, since, sweep_response
 from ...reference.cases import LOAD_RISE, SWEEP
 from .outcome import Outcome, displayed, quantity
 from .rig import Rig
@@ -61,12 +61,13 @@ def frequency(rig: Rig) -> Outcome:
     for (group, label), amplitude in zip(labels.items(), (1.0, 3.5), strict=True):
         run = rig.run(sweep(radians(amplitude), 12.0))
         response = sweep_response(run)
-        ((at, lag),) = measure(Test("sine", radians(amplitude)), rig.subject, [{}], _BANDWIDTHS, ("minimum",) * 2)
+        found = sweep_figures(response, rig.subject, radians(amplitude), {})
+        at, lag = (found[name] for name in _BANDWIDTHS)
         if at <= lowest:
             notes.append(f"At {label} the gain is below -3 dB from {lowest:g} Hz on.")
         elif isnan(at):
             notes.append(f"At {label} there is no bandwidth: what comes out is no sine of the command's frequency.")
-        figures[group] = displayed({**swept(response), "bandwidth_3db": at, "bandwidth_90deg": lag}, FREQUENCY)
+        figures[group] = displayed(found, FREQUENCY)
         beyond |= {f"{group}.{name}_hz": highest for name, each in zip(_BANDWIDTHS, (at, lag), strict=True)
                    if isfinite(each) and each >= highest}
         curves[group] = {"frequency_hz": response.frequency, "gain_db": response.gain_db,

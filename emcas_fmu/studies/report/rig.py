@@ -8,7 +8,8 @@ from math import cos, degrees, pi
 
 from ...bench.excitation import Excitation
 from ...bench.metrics import ACCURACY
-from ...bench.subject import Run, Subject
+from ...bench.runs import Run
+from ...bench.subject import Subject
 from ...reference.cases import LOAD
 
 RECORDED = ("fin_angle", "fin_rate", "motor_current", "supply_power", "saturated", "at_stop")

@@ -76,7 +76,7 @@ def measure(rig: Rig) -> Outcome:
     cases = {"grid": {}, **{case.name: case.values for case in tolerances() if case.values.keys() <= there}}
     errors = {name: _errors(rig, targets, visits, values) for name, values in cases.items()}
     accuracy = {name: bidirectional(*sides) for name, sides in errors.items()}
-    figures = {name: {q.key: getattr(measured, q.key.removesuffix("_deg")) for q in QUANTITIES}
+    figures = {name: {q.key: measured[q.key.removesuffix("_deg")] for q in QUANTITIES}
                for name, measured in accuracy.items()}
     labels = {name: name.replace("_", " ") + " (estimates)" for name in cases}
     return Outcome(
@@ -87,6 +87,6 @@ def measure(rig: Rig) -> Outcome:
         (*(f"grid.{key}" for key in ("largest_error_deg", "hysteresis_deg", "repeatability_deg")),
          *(f"{name}.largest_error_deg" for name in cases if name != "grid")),
         {**labels, "grid": f"{len(targets)} angles"},
-        {"grid": {"command_deg": targets, "error_from_below_deg": accuracy["grid"].means[0],
-                  "error_from_above_deg": accuracy["grid"].means[1], "reversal_deg": accuracy["grid"].reversal}},
+        {"grid": {"command_deg": targets, "error_from_below_deg": accuracy["grid"]["means"][0],
+                  "error_from_above_deg": accuracy["grid"]["means"][1], "reversal_deg": accuracy["grid"]["reversal"]}},
         {"below": {"errors_deg": errors["grid"][0]}, "above": {"errors_deg": errors["grid"][1]}})

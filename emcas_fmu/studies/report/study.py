@@ -14,7 +14,8 @@ from ...bench import verdict
 from ...bench.excitation import STEP, Excitation
 from ...bench.provenance import conditions
 from ...bench.requirements import Requirement, Specification, load_requirements
-from ...bench.subject import Identification, StoppedError, Subject
+from ...bench.runs import StoppedError
+from ...bench.subject import Identification, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...parameters import load_parameters

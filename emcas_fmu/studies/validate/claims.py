@@ -9,7 +9,7 @@ from math import radians
 import numpy as np
 
 from ...bench import metrics
-from ...bench.subject import Run
+from ...bench.runs import Run
 from ...bench.writers import rounded
 from ...reference.cases import LEAD_IN
 
@@ -47,7 +47,7 @@ def compare(amplitude: float, run: Run, linear: metrics.Array) -> Comparison:
     time, angle, level = run.columns["time"], run.columns["fin_angle"], radians(amplitude)
     after = time >= LEAD_IN - 1e-9
     difference = metrics.errors(angle[after] / level, linear[after] / level)
-    expected, rise = (metrics.step_metrics(time, y, LEAD_IN, level).rise_time for y in (linear, angle))
+    expected, rise = (metrics.step_metrics(time, y, LEAD_IN, level)["rise_time"] for y in (linear, angle))
     return Comparison(amplitude, 100.0 * difference.maximum, 100.0 * difference.rms, expected, rise,
                       float(np.trapezoid(run.columns["saturated"], time)))
 

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
-from rich.box import SIMPLE_HEAD
 from rich.console import RenderableType
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from ...bench import writers
 from ...bench.verdict import remarks, summary_table
@@ -30,10 +29,9 @@ def _cases(result: Result) -> Table:
     """Return the errors of the cases as a table."""
     shown = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
              "motor_voltage": "voltage [V]"}
-    table = Table("case", *map(escape, shown.values()), box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False,
-                  title_justify="left", title=f"largest error to {result.compared_with}")
-    for k, column in enumerate(table.columns):
-        column.no_wrap, column.justify = True, "right" if k else "left"
+    table = writers.terminal_table(
+        Column("case", no_wrap=True), *(Column(escape(each), justify="right", no_wrap=True) for each in shown.values()),
+        title=f"largest error to {result.compared_with}")
     for case in result.cases:
         found = [case.errors.get(name) for name in shown]
         table.add_row(case.name, *(writers.number(error.maximum) if error else "–" for error in found))
@@ -72,11 +70,6 @@ def as_dict(result: Result) -> dict[str, Any]:
             "reference_independent": result.independent if result.reference else None, "notes": result.notes,
             **{key: [asdict(item) for item in getattr(result, key)] for key in ("cases", "comparisons", "findings")},
             "criteria": criteria}
-
-
-def write_json(result: Result, path: Path) -> None:
-    """Write everything but the time series."""
-    writers.write_json(as_dict(result), path)
 
 
 def write_junit(result: Result, path: Path) -> None:

@@ -13,7 +13,8 @@ from ...arguments import checked
 from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, step_to, with_encoder
 from ...bench.requirements import Specification, load_requirements
-from ...bench.subject import Columns, Identification, Run, Subject
+from ...bench.runs import Columns, Run
+from ...bench.subject import Identification, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError
 from ...files import models_directory

@@ -9,7 +9,7 @@ from math import inf, nan, pi
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ...bench.metrics import FrequencyResponse
+from ..metrics import FrequencyResponse
 from .systems import Array, System
 
 LOWEST = 1e-3  # Hz
@@ -88,11 +88,7 @@ def margins(loop: System, grid: Array | None = None) -> Margins:
     `grid` are frequencies [Hz] to look between, fine ones unless given: by cubic splines of L.
     """
     grid = frequencies(highest(loop)) if grid is None else grid
-    return margins_of(evaluate(loop, grid), grid)
-
-
-def margins_of(response: Array, grid: Array) -> Margins:
-    """Return the margins of a loop from its response at frequencies [Hz]."""
+    response = evaluate(loop, grid)
     omega = 2.0 * pi * grid
     between = CubicSpline(omega, response)
     behind, larger = np.angle(-response), np.abs(response) - 1.0

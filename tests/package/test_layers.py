@@ -1,0 +1,96 @@
+"""The layers of the package, as the architecture page lists them: nothing imports what is above it, or in a circle."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULES = {".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): file
+           for file in (ROOT / "emcas_fmu").rglob("*.py")}
+PAGE = (ROOT / "docs/develop/architecture.md").read_text(encoding="utf-8")
+LISTED = re.search(r"```layers\n(.*?)```", PAGE, re.DOTALL)
+assert LISTED is not None
+LAYERS = [[f"emcas_fmu.{name.strip()}" for name in line.split(",")] for line in LISTED[1].strip().splitlines()]
+
+
+def layer(module: str) -> int:
+    """Return a module's layer, 0 at the top: that of the longest name listed which it is or is in."""
+    names = [(len(name), k) for k, line in enumerate(LAYERS) for name in line if f"{module}.".startswith(f"{name}.")]
+    assert names, f"{module} is in no layer of docs/develop/architecture.md"
+    return max(names)[1]
+
+
+def imported(module: str, tree: ast.AST) -> Iterator[str]:
+    """Yield the package's modules that a module imports anywhere, for types alone too."""
+    file = MODULES[module]
+    package = module.split(".")[:None if file.name == "__init__.py" else -1]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            base = [*package[:len(package) - node.level + 1]] * bool(node.level) + (node.module or "").split(".")
+            name = ".".join(filter(None, base))
+            yield from (each if (each := f"{name}.{alias.name}") in MODULES else name for alias in node.names)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def upward(module: str, source: str) -> list[str]:
+    """Return what a module imports from above it."""
+    return [name for name in imported(module, ast.parse(source))
+            if name.startswith("emcas_fmu.") and layer(name) < layer(module)]
+
+
+@pytest.mark.parametrize("module", sorted(MODULES.keys() - {"emcas_fmu", "emcas_fmu.__main__"}))
+def test_nothing_imports_what_is_above_it(module: str) -> None:
+    assert upward(module, MODULES[module].read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize("source", [
+    "from ..studies.report import study", "from .. import studies", "import emcas_fmu.api",
+    "def f():\n    from ..studies import tuning", "if TYPE_CHECKING:\n    from emcas_fmu.commands import root"])
+def test_an_import_from_above_is_found(source: str) -> None:
+    assert upward("emcas_fmu.bench.measure", source)
+    assert not upward("emcas_fmu.cli", source)
+
+
+def test_every_line_of_the_list_is_there() -> None:
+    missing = [name for line in LAYERS for name in line if name not in MODULES]
+    assert not missing
+
+
+def run(tree: ast.AST) -> ast.AST:
+    """Return a module without what only a type checker reads."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            node.body = [ast.Pass()]
+    return tree
+
+
+def circle(sources: dict[str, str]) -> list[str]:
+    """Return modules that import each other when they run, inside functions too; none where there is no such circle.
+
+    A module that asks the package it is in for something is none.
+    """
+    graph = {name: {each for each in imported(name, run(ast.parse(source)))
+                    if each in MODULES and not f"{name}.".startswith(f"{each}.")} for name, source in sources.items()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_modules_import_each_other() -> None:
+    assert circle({name: file.read_text(encoding="utf-8") for name, file in MODULES.items()}) == []
+
+
+def test_a_circle_is_found() -> None:
+    one, other = "emcas_fmu.bench.measure", "emcas_fmu.bench.subject"
+    assert circle({one: "from .subject import Subject", other: "def f():\n    from . import measure"})
+    assert not circle({one: "from .subject import Subject",
+                       other: "if TYPE_CHECKING:\n    from .measure import Test"})
