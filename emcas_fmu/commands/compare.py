@@ -48,5 +48,5 @@ def compare(
             if path:
                 write(result, path)
     for part in summary(result):
-        common.out.print(part, highlight=False)
+        common.out.print(part)
     common.print_written(as_json, report)

@@ -55,6 +55,6 @@ def validate(
             if path:
                 write(result, path)
     for part in summary(result):
-        common.out.print(part, highlight=False)
+        common.out.print(part)
     if not (result.passed or result.unjudged):
         raise typer.Exit(1)
