@@ -410,7 +410,10 @@ def _entries(
     """Return the sound entries of a document and the problems of the others."""
     entries: dict[str, Entry] = {}
     found: list[tuple[str, Mapping[str, Any], ValueError]] = []
-    for key, written in _leaves(document, known):
+    def is_group(name: str, table: Mapping[str, Any]) -> bool:
+        return name not in known.names and "value" not in table and bool(table or name in known.groups)
+
+    for key, written in schema.leaves(document, is_group):
         try:
             for name, fields in _scalars(key, written, known):
                 try:
@@ -423,17 +426,6 @@ def _entries(
             found.append((key, {"value": written}, error))
     problems = [f"{label}: {name} = {_text(fields)}: {error}" for name, fields, error in found[:schema.MOST_PROBLEMS]]
     return entries, problems + [f"{label}: {said}" for said in schema.further(found)]
-
-
-def _leaves(node: Mapping[str, Any], known: _Known, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield dotted keys with what is written there; tables that are no entry are descended into."""
-    for part, written in node.items():
-        key = f"{path}.{part}" if path else part
-        descend = isinstance(written, Mapping) and key not in known.names and "value" not in written
-        if descend and (written or key in known.groups):
-            yield from _leaves(written, known, key)
-        else:
-            yield key, written
 
 
 def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -45,10 +45,7 @@ def analyse(
             analysis = run(chosen, radians(at), torque, locus, rod, common.stepper(progress, "analyse"))
         from ..studies.analysis import output  # needs the extra
 
-        if as_json:
-            output.write_json(analysis, as_json)
-        if report:
-            output.write_report(analysis, report)
+        common.write_results(analysis, (as_json, output.write_json), (report, output.write_report))
     for table in _tables(output.figures(analysis), analysis.actuator.reference_name):
         common.out.print(table)
     lines = [f"{why}." for why in analysis.left_out.values()]

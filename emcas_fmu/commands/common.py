@@ -206,6 +206,13 @@ def right_aligned(table: Table, *columns: int) -> Table:
     return table
 
 
+def write_results(result: Any, *outputs: tuple[Path | None, Callable[[Any, Path], object]]) -> None:
+    """Write a result by each function to its path; None is one that was not asked for."""
+    for path, write in outputs:
+        if path:
+            write(result, path)
+
+
 def print_written(*paths: Path | None) -> None:
     """Print which files a command has written; None for one that was not asked for."""
     for path in filter(None, paths):

@@ -44,9 +44,7 @@ def compare(
         common.warn(warning for each in chosen.values() for warning in each.warnings)
         with common.progress_bar() as progress:
             result = run(chosen, common.stepper(progress, "compare"), requirements)
-        for path, write in ((as_json, write_json), (report, write_report)):
-            if path:
-                write(result, path)
+        common.write_results(result, (as_json, write_json), (report, write_report))
     for part in summary(result):
         common.out.print(part)
     common.print_written(as_json, report)

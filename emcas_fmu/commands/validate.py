@@ -51,9 +51,7 @@ def validate(
         common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
         with common.progress_bar() as progress, common.open_subject(article, model, fin) as subject:
             result = run(subject, case, directory, common.stepper(progress, "validate"), inside, requirements)
-        for path, write in ((as_json, write_json), (junit, write_junit), (report, write_report)):
-            if path:
-                write(result, path)
+        common.write_results(result, (as_json, write_json), (junit, write_junit), (report, write_report))
     for part in summary(result):
         common.out.print(part)
     if not (result.passed or result.unjudged):
