@@ -21,12 +21,11 @@ from ..parameters import Value, load_parameters
 from ..progress import Progress
 from ..writing import check_target, write
 from .archive import file_content, write_archive
-from .border import wires
 from .check import check
 from .findings import Report
 from .interface import Interface, read_interface, typed
 from .schema import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render
-from .sets import fmi_units, parameter_sets, started
+from .sets import fmi_units, parameter_sets, started, wires
 from .variants import Variant, derived, without_shipped
 
 
