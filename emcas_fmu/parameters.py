@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as dataclass_replace
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from itertools import groupby
-from math import inf, isclose
-from numbers import Integral, Real
+from math import inf
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -19,107 +17,36 @@ from typing import Any
 import numpy as np
 
 from . import schema
-from .actuators import (
-    EXTENSIONS,
-    NAMES,
-    NONLINEAR,
-    default_files,
-    extension_inputs,
-    fin_port,
-    full_name,
-    get,
-    get_extension,
-    parts,
-)
+from .actuators import NAMES, NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, parts
 from .actuators.declaration import Actuator
 from .arguments import checked
-from .errors import EmcasError, hint
+from .errors import hint
 from .files import as_given, models_directory, named_sets
 from .ops.arrays import ARRAYS
 from .ops.floats import FLOATS
+from .parameter_entries import (
+    Entry,
+    ParameterError,
+    Value,
+    as_text,
+    declared_names,
+    file_entry,
+    in_variables_unit,
+    known_names,
+    read_entries,
+)
 from .rules import SHARES, Check, Rule, check_ranges, check_rules
-from .units import describe, quantity
-from .variables import Variable
 from .writing import write
 
-Value = float | int | bool
+__all__ = ["MADE_FOR", "Entry", "ParameterError", "ParameterSet", "Value", "are_defaults", "broken_rules",
+           "check_combinations", "check_parameters", "file_entry", "load_parameters", "parameter_file",
+           "require_sound", "write_parameters"]
 
-_FIELDS = ("value", "unit", "source", "note")
-# A limit that reached the file through another unit is still that limit.
-_ROUNDING = 1e-12
-# What is meant by a name that was: a hint, no more.
-_RENAMED = {f"friction.cold_{kind}_ratio": f"friction.table.{kind}" for kind in ("viscous", "coulomb")}
 # Measured ones differ by saturation and by iron losses, a slip (rms for peak, phase for line to line) by 22 % or more.
 _APART = 1.2
 
-
-class ParameterError(EmcasError, ValueError):
-    """Parameters that cannot be used; `problems` has one message each, naming file, key, value and remedy."""
-
-    def __init__(self, problems: str | Iterable[str]) -> None:
-        each = (problems,) if isinstance(problems, str) else problems
-        self.problems = tuple(" ".join(str(problem).splitlines()) for problem in each)  # a name may have several lines
-        super().__init__("\n".join(self.problems))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.problems,)
-
-
 MADE_FOR = "made_for"
 """Of a parameter file: for which actuators, or with which +extensions, its values are meant."""
-
-
-class _Known:
-    """Names that may be given, and what to say of one that is none of them."""
-
-    def __init__(self, variables: Iterable[Variable], unknown: str = "unknown parameter") -> None:
-        self.unknown = unknown
-        self.variables = {v.name: v for v in variables}
-        self.lengths = Counter(name.partition("[")[0] for name in self.variables if "[" in name)  # of the arrays
-        self.names = [*self.variables, *self.lengths]
-        self.groups = {"", *(name.rsplit(".", i)[0] for name in self.names for i in range(1, name.count(".") + 1))}
-
-
-@cache
-def _shipped() -> tuple[Variable, ...]:
-    actuators = [get(name) for name in NAMES]
-    extensions = [get_extension(name) for name in EXTENSIONS]
-    return (*(v for actuator in actuators for v in actuator.file_entries),
-            *(v for extension in extensions for actuator in actuators for v in extension.parameters(actuator)))
-
-
-@cache
-def _known(model: str) -> _Known:
-    """Return the names a user's file may use. What an actuator declares, it means, whatever others mean by it.
-
-    Its parameter file gives the extensions' parameters that only it has, such as those of its faults.
-    """
-    extensions, plain = map(get_extension, EXTENSIONS), get(parts(model)[0])
-    return _Known((*_shipped(), *(v for each in extensions for v in each.parameters(plain)), *get(model).file_entries))
-
-
-@cache
-def _declared(model: str) -> _Known:
-    """Return the names of an actuator alone."""
-    return _Known(get(model).file_entries, f"the {get(model).name} actuator has no such parameter")
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One value in its variable's unit, and where it comes from.
-
-    `text` is the value as written; `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in
-    the default set, and ``user`` or what the user calls it elsewhere; `file` is the name of the
-    file, empty for values set in a program. `default` tells whether it is of the default set.
-    """
-
-    variable: Variable
-    value: Value
-    text: str
-    source: str
-    note: str
-    file: str
-    default: bool = field(default=False, compare=False)
 
 
 @checked
@@ -184,7 +111,7 @@ class ParameterSet:
         given whole. Nothing else changes, unlike with a file. Raises ParameterError.
         """
         given = {**(overrides or {}), **more}
-        document = {name: _in_variables_unit(name, value, self.model) for name, value in given.items()}
+        document = {name: in_variables_unit(name, value, self.model) for name, value in given.items()}
         return _overridden(self, document, "replaced value", "")
 
     def having(self, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -264,7 +191,7 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
     actuator, shipped = get(model), files[0]
     entries: dict[str, Entry] = {}
     for file in files:
-        given, problems = _entries(_document(file), str(file), file.name, "", _known(model))
+        given, problems = read_entries(_document(file), str(file), file.name, "", known_names(model))
         if problems:
             raise ParameterError(problems)
         # Of a user's actuator a motor's resistance, say, is not that of the thesis: only the fin port's are taken.
@@ -272,7 +199,7 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
             v.name: given[v.name] for v in fin_port.PARAMETERS}
     for v in actuator.parameters:
         if v.start is not None and v.name not in entries:
-            text = _text({"value": v.start, "unit": v.unit})
+            text = as_text({"value": v.start, "unit": v.unit})
             entries[v.name] = Entry(v, v.start, text, "derived", "As declared; no file gives it.", "")
     where = files[-1] if len(files) > 1 else files[0]
     if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
@@ -351,7 +278,8 @@ def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, fil
 
     A user's file may give what other actuators have; a program may not.
     """
-    entries, problems = _entries(document, label, file, "user", (_known if file else _declared)(base.model))
+    known = (known_names if file else declared_names)(base.model)
+    entries, problems = read_entries(document, label, file, "user", known)
     if file:
         _follow(entries, problems, label, base)
     have = {e.variable.name for e in base.entries}
@@ -404,117 +332,6 @@ def _apart(one: Entry, other: Entry) -> str:
             "line to line; or give only one in a file, and the other follows")
 
 
-def _entries(
-    document: Mapping[str, Any], label: str, file: str, source: str, known: _Known,
-) -> tuple[dict[str, Entry], list[str]]:
-    """Return the sound entries of a document and the problems of the others."""
-    entries: dict[str, Entry] = {}
-    found: list[tuple[str, Mapping[str, Any], ValueError]] = []
-    for key, written in _leaves(document, known):
-        try:
-            for name, fields in _scalars(key, written, known):
-                try:
-                    if name in entries:
-                        raise ValueError("given twice")
-                    entries[name] = _entry(known.variables[name], fields, source, file)
-                except ValueError as error:
-                    found.append((name, fields, error))
-        except ValueError as error:
-            found.append((key, {"value": written}, error))
-    problems = [f"{label}: {name} = {_text(fields)}: {error}" for name, fields, error in found[:schema.MOST_PROBLEMS]]
-    return entries, problems + [f"{label}: {said}" for said in schema.further(found)]
-
-
-def _leaves(node: Mapping[str, Any], known: _Known, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield dotted keys with what is written there; tables that are no entry are descended into."""
-    for part, written in node.items():
-        key = f"{path}.{part}" if path else part
-        descend = isinstance(written, Mapping) and key not in known.names and "value" not in written
-        if descend and (written or key in known.groups):
-            yield from _leaves(written, known, key)
-        else:
-            yield key, written
-
-
-def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield names and fields of a key's scalars: one, or one an element of an array."""
-    fields = written if isinstance(written, Mapping) else {"value": written}
-    if key in known.variables:
-        yield key, fields
-    elif key in known.lengths:
-        elements = fields.get("value")
-        if not isinstance(elements, (list, tuple)) or len(elements) != known.lengths[key]:
-            raise ValueError(f"expected an array of {known.lengths[key]} values")
-        for i, element in enumerate(elements):
-            yield f"{key}[{i}]", {**fields, "value": element}
-    elif key in known.groups:
-        raise ValueError("is a group of parameters; expected a table such as "
-                         f"{next(name for name in known.names if name.startswith(key + '.'))}")
-    else:
-        raise _UnknownNameError(key, known)
-
-
-class _UnknownNameError(ValueError):
-    """A name that is none of those known, with the nearest of them, which is looked for where it is printed."""
-
-    def __str__(self) -> str:
-        key, known = self.args
-        return f"{known.unknown}{hint(_RENAMED.get(key, key), known.names)}"
-
-
-def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:
-    """Return the entry of a scalar. Raises ValueError, saying what is wrong and what was expected."""
-    for key in fields:
-        if key not in _FIELDS:
-            raise ValueError(f"unknown field {key!r}{hint(key, _FIELDS)}; "
-                             f"an entry has {', '.join(_FIELDS)}")
-    if "value" not in fields:
-        raise ValueError("has no value")
-    for key in _FIELDS[1:]:
-        if not isinstance(fields.get(key, ""), str):
-            raise ValueError(f"{key} = {fields[key]!r}: expected a string")
-    if variable.kind == "Boolean":
-        value: Value = _boolean(fields)
-    else:
-        value = _number(variable, fields["value"], fields.get("unit", ""))
-    return Entry(variable, value, _text(fields), fields.get("source", source), fields.get("note", ""), file)
-
-
-def _boolean(fields: Mapping[str, Any]) -> bool:
-    if not isinstance(fields["value"], bool):
-        raise ValueError("expected true or false")
-    if "unit" in fields:
-        raise ValueError("true and false have no unit")
-    return fields["value"]
-
-
-def _number(variable: Variable, written: Any, written_unit: str) -> float | int:
-    # TOML floats are text here, see _document.
-    if not isinstance(written, (int, str)):
-        raise ValueError(f"expected {describe(variable.unit)}")
-    value = quantity(str(written), written_unit, variable.unit)
-    limits = (variable.minimum, variable.maximum)
-    value = next((limit for limit in limits if isclose(value, limit, rel_tol=_ROUNDING)), value)
-    if check_ranges({variable.name: value}, [(variable.name, *limits)]):
-        unit = "" if variable.unit == "1" else f" {variable.unit}"
-        raise ValueError(f"is {value:.6g}{unit}; it must be within {limits[0]:.6g} .. {limits[1]:.6g}{unit}")
-    if variable.kind == "Integer" and not float(value).is_integer():
-        raise ValueError("expected a whole number")
-    return int(value) if variable.kind == "Integer" else value
-
-
-def _in_variables_unit(name: str, value: object, model: str) -> object:
-    """Return what a parameter file would say for a value given in a program."""
-    if isinstance(value, (list, tuple)):
-        return [_in_variables_unit(f"{name}[{i}]", element, model) for i, element in enumerate(value)]
-    if isinstance(value, bool) or not isinstance(value, Real):
-        return value
-    variable = _known(model).variables.get(name)
-    unit = variable.unit if variable else ""
-    text = str(int(value)) if isinstance(value, Integral) else repr(float(value))
-    return f"{text} {unit}" if unit and unit != "1" else text
-
-
 def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[str]) -> None:
     """Write a parameter file of all that a set has changed from its model's default set, below lines of comment.
 
@@ -543,14 +360,3 @@ def _entry_line(key: str, entries: Sequence[Entry]) -> str:
     return f"{key} = {{ {', '.join(fields)} }}"
 
 
-def file_entry(values: Sequence[float], unit: str, source: str, note: str) -> dict[str, object]:
-    """Return what a parameter file would say of a value, or of an array, in the variable table's unit."""
-    texts = [repr(float(value)) for value in values]
-    return {"value": texts if len(texts) > 1 else texts[0], "unit": unit, "source": source, "note": note}
-
-
-def _text(fields: Mapping[str, Any]) -> str:
-    """Return a value as its file has it, with its unit."""
-    value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
-    text = str(value).lower() if isinstance(value, bool) else schema.shortened(value)
-    return text if unit in ("", "1") else f"{text} {unit}"

@@ -94,6 +94,17 @@ def named(tables: Any) -> Iterator[tuple[str, Any]]:
         yield str(table.get("name", f"[{i}]")) if isinstance(table, Mapping) else f"[{i}]", table
 
 
+def leaves(table: Mapping[str, Any], is_group: Callable[[str, Mapping[str, Any]], Any], prefix: str = "",
+           ) -> Iterator[tuple[str, Any]]:
+    """Yield dotted names with what is written there; a table, by its name, for which `is_group` holds is gone into."""
+    for key, written in table.items():
+        name = f"{prefix}{key}"
+        if isinstance(written, Mapping) and is_group(name, written):
+            yield from leaves(written, is_group, f"{name}.")
+        else:
+            yield name, written
+
+
 def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
     """Read the entries of a table, or of pairs of name and entry.
 

@@ -20,7 +20,7 @@ from tempfile import TemporaryFile
 from types import FrameType
 from typing import IO, Any, BinaryIO
 
-from .errors import writing
+from .errors import EmcasError, writing
 
 PARTIAL = ".partial"
 """How a file's name ends while it is written; only a process that was killed leaves one."""
@@ -98,6 +98,14 @@ def write_zip(contents: Mapping[str, bytes], target: Path, order: Callable[[str]
             info.create_system = 3
             info.external_attr = (0o755 if executable and name.startswith(executable) else 0o644) << 16
             archive.writestr(info, contents[name])
+
+
+def check_target(path: Path, ending: str, error: type[EmcasError]) -> None:
+    """Raise `error` where a file of this ending cannot be made: by its name, or for want of its folder."""
+    if path.suffix != ending:
+        raise error(f"{path}: the output must end in {ending}")
+    if path.is_dir() or not path.parent.is_dir():
+        raise error(f"{path}: {'is a folder' if path.is_dir() else f'there is no folder {path.parent}'}")
 
 
 def try_file(path: Path) -> None:

@@ -12,19 +12,7 @@ from rich.table import Table
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
-from .common import (
-    JsonOption,
-    ModelOption,
-    ParametersOption,
-    ReportOption,
-    check_outputs,
-    failures,
-    out,
-    parameter_set,
-    print_written,
-    progress_bar,
-    stepper,
-)
+from . import common
 
 EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report analysis.html "
           "--locus controller.velocity.kp"
@@ -33,45 +21,43 @@ EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report anal
 
 
 def analyse(
-    parameters: ParametersOption = None,
-    model: ModelOption = NONLINEAR,
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = NONLINEAR,
     at: Annotated[float, typer.Option(help="Fin angle of the operating point, in degrees.", metavar="ANGLE")] = 0.0,
     torque: Annotated[float, typer.Option(help="Constant hinge moment there, in N.m.", metavar="MOMENT")] = 0.0,
     locus: Annotated[str | None, typer.Option(help="Parameter of the root locus; the first gain of the controller "
                                                    "unless given.", metavar="NAME")] = None,
     rod: Annotated[Path | None, typer.Option(help="Shaft and screw for the natural frequencies (TOML); overrides any "
                                                   "subset of models/rod.toml.", metavar="FILE")] = None,
-    as_json: JsonOption = None,
-    report: ReportOption = None,
+    as_json: common.JsonOption = None,
+    report: common.ReportOption = None,
 ) -> None:
     """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
     from ..api import analyse as run
 
-    with failures():
-        check_outputs(as_json, report, inputs=(*(parameters or ()), rod))
+    with common.failures():
+        common.check_outputs(as_json, report, inputs=(*(parameters or ()), rod))
         for name, value in (("--at", at), ("--torque", torque)):
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")
-        chosen = parameter_set(parameters, model)
-        with progress_bar() as progress:
-            analysis = run(chosen, radians(at), torque, locus, rod, stepper(progress, "analyse"))
+        chosen = common.parameter_set(parameters, model)
+        with common.progress_bar() as progress:
+            analysis = run(chosen, radians(at), torque, locus, rod, common.stepper(progress, "analyse"))
         from ..bench.writers import write_json
         from ..studies.analysis import output  # needs the extra
 
-        if as_json:
-            write_json(output.figures(analysis), as_json)
-        if report:
-            output.write_report(analysis, report)
+        common.write_results(output.figures(analysis), (as_json, write_json))
+        common.write_results(analysis, (report, output.write_report))
     for table in _tables(output.figures(analysis), analysis.actuator.reference_name):
-        out.print(table)
+        common.out.print(table)
     lines = [f"{why}." for why in analysis.left_out.values()]
     if analysis.modes:
         thesis = analysis.modes[1]
         lines.append("The thesis's natural frequencies of {:.1f} and {:.1f} times the bandwidth divide rad/s by Hz; "
                      "the factors are {:.1f} and {:.1f}.".format(*thesis.slipped, *thesis.ratios))
     for line in lines:
-        out.print(escape(line), highlight=False, soft_wrap=True)
-    print_written(as_json, report)
+        common.say(escape(line))
+    common.print_written(as_json, report)
 
 
 def _tables(f: dict[str, Any], reference: str) -> list[Table]:
@@ -105,8 +91,4 @@ def _tables(f: dict[str, Any], reference: str) -> list[Table]:
     for s in f["sweep"]:
         swept.add_row(*map(number, (s["amplitude_deg"], s["bandwidth_3db_hz"], s["bandwidth_90deg_hz"],
                                     *s["limit_onset_hz"].values())))
-    tables = [first, loops, finals, swept]
-    for table in tables:
-        for column in table.columns[1:]:
-            column.justify = "right"
-    return tables
+    return [common.right_aligned(table) for table in (first, loops, finals, swept)]

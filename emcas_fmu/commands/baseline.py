@@ -11,23 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from ..files import as_given
-from .common import (
-    FinOption,
-    JunitOption,
-    ParametersOption,
-    ReportOption,
-    SubjectArgument,
-    SubjectModelOption,
-    check_outputs,
-    failures,
-    json_option,
-    open_subject,
-    out,
-    parameter_arguments,
-    progress_bar,
-    stepper,
-    warn,
-)
+from . import common
 
 _LOG_WIDTH = 110
 _RECORD = ("Examples:\n\n  emcas baseline record my_actuator.toml --output baseline"
@@ -46,13 +30,13 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help
 
 @app.command(epilog=_RECORD)
 def record(
-    subject: SubjectArgument = None,
+    subject: common.SubjectArgument = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write; limits and cases of a baseline "
                                                                 "that is there are kept.",
                                          metavar="DIR")] = Path("baseline"),
-    model: SubjectModelOption = None,
-    fin: FinOption = None,
-    parameters: ParametersOption = None,
+    model: common.SubjectModelOption = None,
+    fin: common.FinOption = None,
+    parameters: common.ParametersOption = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
 ) -> None:
     """Approve the present response: write its figures and trajectories as text to commit."""
@@ -61,21 +45,21 @@ def record(
     from ..studies.baseline.study import TEMPLATE, first
     from ..studies.baseline.study import record as run
 
-    with failures():
-        check_outputs(output / FILE, folders=(output,), inputs=(subject, *(parameters or ())))
-        with progress_bar() as progress, open_subject(subject, model, fin, parameters) as opened:
+    with common.failures():
+        common.check_outputs(output / FILE, folders=(output,), inputs=(subject, *(parameters or ())))
+        with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
             # Limits and cases alone: what was approved may be incomplete, as after a case was added by hand.
             kept = (output / FILE).exists() and not fresh
             plan, left_out = (read(output / FILE, opened.model), []) if kept else first(read(TEMPLATE), opened)
-            check_outputs(*(output / f"{name}.csv" for name, case in plan.cases.items() if case.kind != "sweep"),
-                          folders=(output,))
-            made = run(plan, opened, output, _command(subject, model, fin, parameters), stepper(progress, "record"))
+            common.check_outputs(*(output / f"{name}.csv" for name, case in plan.cases.items() if case.kind != "sweep"),
+                                 folders=(output,))
+            made = run(plan, opened, output, _command(subject, model, fin, parameters),
+                       common.stepper(progress, "record"))
         written = write(made, output)
         size = sum(path.stat().st_size for path in written)
-    warn(f"left out: {what}" for what in left_out)
-    out.print(f"written {escape(str(output))}  {len(written)} files, {size / 1024:.0f} KiB; "
-              f"{len(made.cases)} cases, limits and cases {'kept' if kept else 'as shipped'}",
-              highlight=False, soft_wrap=True)
+    common.warn(f"left out: {what}" for what in left_out)
+    common.say(f"written {escape(str(output))}  {len(written)} files, {size / 1024:.0f} KiB; "
+               f"{len(made.cases)} cases, limits and cases {'kept' if kept else 'as shipped'}")
 
 
 def _command(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:
@@ -85,24 +69,24 @@ def _command(subject: Path | None, model: str | None, fin: int | None, parameter
 
     which = [*([str(bare(subject))] if subject else []), *([] if model is None else ["--model", Path(model).name])]
     return shlex.join(["emcas", "baseline", "record", *which, *(["--fin", str(fin)] if fin else []),
-                       *parameter_arguments(map(bare, parameters or ()))])
+                       *common.parameter_arguments(map(bare, parameters or ()))])
 
 
 @app.command(epilog=_CHECK)
 def check(
-    subject: SubjectArgument = None,
+    subject: common.SubjectArgument = None,
     baseline: Annotated[Path, typer.Option("--baseline", "-b", help="Folder `emcas baseline record` wrote.",
                                            metavar="DIR")] = Path("baseline"),
-    model: SubjectModelOption = None,
-    fin: FinOption = None,
-    parameters: ParametersOption = None,
+    model: common.SubjectModelOption = None,
+    fin: common.FinOption = None,
+    parameters: common.ParametersOption = None,
     everything: Annotated[bool, typer.Option("--all", help="Show every comparison, not only what drifted and, of "
                                                            "other cases, what comes nearest.")] = False,
-    as_json: Annotated[Path | None, json_option("Write all comparisons to this file.")] = None,
-    junit: JunitOption = None,
+    as_json: Annotated[Path | None, common.json_option("Write all comparisons to this file.")] = None,
+    junit: common.JunitOption = None,
     markdown: Annotated[Path | None, typer.Option(help="Append the table to this file, as to $GITHUB_STEP_SUMMARY.",
                                                   metavar="FILE.md")] = None,
-    report: ReportOption = None,
+    report: common.ReportOption = None,
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
     from ..bench.writers import write_json
@@ -110,12 +94,12 @@ def check(
     from ..studies.baseline.output import append_markdown, as_dict, remedy, summary, write_junit
     from ..studies.baseline.study import compare
 
-    with failures():
-        check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
-        with progress_bar() as progress, open_subject(subject, model, fin, parameters) as opened:
-            result = compare(read(baseline, opened.model), opened, baseline, stepper(progress, "check"))
+    with common.failures():
+        common.check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
+        with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
+            result = compare(read(baseline, opened.model), opened, baseline, common.stepper(progress, "check"))
         which = [*([as_given(subject)] if subject else []), *([] if model is None else ["--model", model])]
-        advice = remedy(result, shlex.join([*which, *parameter_arguments(parameters)]), str(baseline))
+        advice = remedy(result, shlex.join([*which, *common.parameter_arguments(parameters)]), str(baseline))
         if as_json:
             write_json(as_dict(result), as_json)
         if junit:
@@ -127,9 +111,9 @@ def check(
 
             write_report(result, advice, report)
     # A log has no width of its own, and a folded table is hard to read there.
-    console = out if out.is_terminal else Console(width=_LOG_WIDTH)
+    console = common.out if common.out.is_terminal else Console(width=_LOG_WIDTH)
     for part in summary(result, everything):
         console.print(part, highlight=False)
     if not result.passed:
-        out.print(escape(advice), highlight=False, soft_wrap=True)
+        common.say(escape(advice))
         raise typer.Exit(1)

@@ -61,9 +61,9 @@ def build(
         built = build_fmu(chosen, target, backend, platform, cc,
                           common.stepper(progress, "build"), fins, layout, files, fmi, references, clock, names)
     common.warn(built.warnings)
-    common.out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
-               f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)
+    common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
+               f"({', '.join(built.platforms)})")
     if parameters:
         count = sum(len(estimate.names) for estimate in shipped_estimates(chosen))
-        common.out.print(f"{count} of {len(chosen.entries)} values are shipped estimates: emcas parameters, with the "
-                         "same options, says which", highlight=False, soft_wrap=True)
+        common.say(f"{count} of {len(chosen.entries)} values are shipped estimates: emcas parameters, with the "
+                         "same options, says which")

@@ -14,20 +14,7 @@ from rich.table import Table
 
 from .. import extras
 from ..errors import EmcasError
-from .common import (
-    INTERRUPTED,
-    check_outputs,
-    ends_in,
-    err,
-    failures,
-    json_option,
-    model_option,
-    out,
-    page_option,
-    print_written,
-    progress_bar,
-    warn,
-)
+from . import common
 
 _SHOWN = 5, 50, 95  # percentiles on the terminal
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
@@ -53,8 +40,9 @@ def campaign(
                                              metavar="FILE.fmu")] = None,
     fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
                                             metavar="N")] = None,
-    model: Annotated[str | None, model_option("Which actuator, instead of the file's", " Of an FMU it is the FMU's; "
-                                              "name it for one of a file of yours.")] = None,
+    model: Annotated[str | None, common.model_option(
+        "Which actuator, instead of the file's", " Of an FMU it is the FMU's; name it for one of a file of yours.")
+    ] = None,
     requirements: Annotated[str | None, typer.Option(
         help="Judge every sample's parameters by these requirements (TOML), or by the shipped ones, and give the "
              "probability that each is met; docs/use/requirements.md.", metavar="FILE.toml|shipped")] = None,
@@ -68,13 +56,13 @@ def campaign(
     plot: Annotated[Path | None, typer.Option(help="With --only, draw the sample's time history: .html, .svg, .png or "
                                                    ".pdf. Of several experiments each has a file, as in "
                                                    "FILE_step.html; those of --output too.", metavar="FILE")] = None,
-    report: Annotated[Path | None, page_option(
+    report: Annotated[Path | None, common.page_option(
         what="Write the summary page here; summary.html in the folder unless given.")] = None,
-    as_json: Annotated[Path | None, json_option(
+    as_json: Annotated[Path | None, common.json_option(
         "Write the summary here; summary.json in the folder unless given. With --only, the sample.")] = None,
 ) -> None:
     """Run samples over parameters, commands, loads and faults: percentiles, sensitivities, worst samples."""
-    with failures():
+    with common.failures():
         from ..studies.campaign.study import load_study
 
         if workers is not None and scheduler is not None:
@@ -83,19 +71,19 @@ def campaign(
         if only is not None:
             if report is not None:
                 raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
-            check_outputs(as_json, inputs=inputs)
-            ends_in(".csv")(output)
+            common.check_outputs(as_json, inputs=inputs)
+            common.ends_in(".csv")(output)
             study = load_study(file, fmu, fin, model, requirements)
-            warn(study.warnings)
+            common.warn(study.warnings)
             _one(study, only, as_json, output, plot, inputs)
             return
         if plot is not None:
             raise EmcasError(f"--plot {plot}: draws one sample; name it with --only")
         folder = output or Path(f"{file.stem}_results")
         page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
-        check_outputs(page, figures, folders=(folder,), inputs=inputs)
+        common.check_outputs(page, figures, folders=(folder,), inputs=inputs)
         study = load_study(file, fmu, fin, model, requirements)
-        warn(study.warnings)
+        common.warn(study.warnings)
         extras.require("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
         from ..studies.campaign.store import Store
         from ..studies.campaign.summary import as_dict, summarise
@@ -104,9 +92,9 @@ def campaign(
             stopped = _run(store, study, workers, scheduler, chunk)
             kept = study.samples - len(store.missing())
             if stopped:
-                err.print(f"stopped: {kept} of {study.samples} samples are kept in {escape(str(folder))}; the same "
-                          "command goes on", highlight=False, soft_wrap=True)
-                raise typer.Exit(INTERRUPTED)
+                common.err.print(f"stopped: {kept} of {study.samples} samples are kept in {escape(str(folder))}; the "
+                                 "same command goes on", soft_wrap=True)
+                raise typer.Exit(common.INTERRUPTED)
             from ..bench.writers import write_json
             from ..studies.campaign.report import write_report
 
@@ -116,20 +104,19 @@ def campaign(
                                   *(["--requirements", requirements] if requirements else [])])
             write_json(as_dict(summary, command), figures)
             write_report(summary, page, command)
-    out.print(_table(summary))
+    common.out.print(_table(summary))
     if summary.chances:
-        out.print(_chances(summary))
+        common.out.print(_chances(summary))
     if summary.findings:
-        out.print(_faults(summary))
+        common.out.print(_faults(summary))
     failed = f", {summary.failed} failed" if summary.failed else ""
-    out.print(f"{summary.done} samples{failed}; GUID {study.guid}", highlight=False)
+    common.out.print(f"{summary.done} samples{failed}; GUID {study.guid}")
     for reason, count, first in summary.failures:
-        out.print(f"{count} failed: {escape(reason)} (see --only {first})", highlight=False, soft_wrap=True)
-    for path in (folder, page, figures):
-        out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+        common.say(f"{count} failed: {escape(reason)} (see --only {first})")
+    common.print_written(folder, page, figures)
     if kept < study.samples:
-        err.print(f"[bold red]error:[/] {study.samples - kept} of {study.samples} samples are missing in "
-                  f"{escape(str(folder))}; run the same command again", highlight=False, soft_wrap=True)
+        common.err.print(f"[bold red]error:[/] {study.samples - kept} of {study.samples} samples are missing in "
+                         f"{escape(str(folder))}; run the same command again", soft_wrap=True)
         raise typer.Exit(1)
     if summary.failed == summary.done:
         raise typer.Exit(1)
@@ -142,7 +129,7 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
     missing = store.missing()
     if not len(missing):
         return False
-    with progress_bar() as progress:
+    with common.progress_bar() as progress:
         task = progress.add_task(f"campaign {study.path.name}", total=study.samples,
                                  completed=study.samples - len(missing))
 
@@ -179,7 +166,7 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
     check_ending(plot)
     files = {e: tuple(path and (path if len(plan.experiments) == 1 else path.with_stem(f"{path.stem}_{e.name}"))
                       for path in (output, plot)) for e in plan.experiments}
-    check_outputs(as_json, *(path for each in files.values() for path in each), inputs=inputs)
+    common.check_outputs(as_json, *(path for each in files.values() for path in each), inputs=inputs)
     drawn = Sampler(study).draw([index])
     (row,) = listed(rows(plan.packed(), [index], drawn))
     if as_json:
@@ -193,15 +180,14 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
     units = {**{v.name: v.unit for v in plan.actuator.file_entries}, **{f.name: f.unit for f in plan.factors},
              **{name: figure.unit for name, figure in columns(plan).items()}}
     table = Table("", "value", "unit", title=f"Sample {index} of {study.path.name}", title_justify="left")
-    table.columns[1].justify = "right"
     for name, value in row.items():
         if value != "":
             text = (rounded(value, ".8g") if isinstance(value, float) else
                     in_words(outputs[name], value) if name in outputs else str(value))
             unit = units.get(name, "1")
             table.add_row(escape(name), escape(text), "" if unit == "1" else unit)
-    out.print(table)
-    print_written(*(path for each in files.values() for path in each))
+    common.out.print(common.right_aligned(table, 1))
+    common.print_written(*(path for each in files.values() for path in each))
     if row["error"]:
         raise typer.Exit(1)
 
@@ -215,8 +201,6 @@ def _table(summary: Any) -> Table:
     table = Table("figure", "unit", *(f"{p} %" for p in _SHOWN), "depends most on", title_justify="left",
                   title="Percentiles over the samples")
     table.columns[0].no_wrap = True
-    for column in table.columns[2:5]:
-        column.justify = "right"
     for s in summary.spreads:
         if s.name.startswith(f"{REQUIREMENT}."):
             continue
@@ -224,7 +208,7 @@ def _table(summary: Any) -> Table:
         figures = [text(s.figure, s.percentiles[p]) for p in _SHOWN]
         table.add_row(s.name, shown(s.figure.unit)[0], *figures,
                       f"{_short(first.factor)} ({first.rank_correlation:+.2f})" if first and first.sure else "")
-    return table
+    return common.right_aligned(table, 2, 3, 4)
 
 
 def _chances(summary: Any) -> Table:
@@ -238,8 +222,6 @@ def _chances(summary: Any) -> Table:
                   title_justify="left", title="Samples that meet the requirements", box=SIMPLE_HEAD,
                   padding=(0, 1, 0, 0), pad_edge=False)
     table.columns[0].no_wrap = True
-    for column in table.columns[1:]:
-        column.justify = "right"
     *each, together = summary.chances
     for chance in each:
         r, s = chance.requirement, summary.by_name.get(f"{REQUIREMENT}.{chance.requirement.name}")
@@ -251,7 +233,7 @@ def _chances(summary: Any) -> Table:
     table.add_section()
     every = "all of them" if not summary.study.left_out else "all that were judged"
     table.add_row(every, "", "", "", f"{together.met} of {together.samples}", str(together))
-    return table
+    return common.right_aligned(table)
 
 
 def _faults(summary: Any) -> Table:

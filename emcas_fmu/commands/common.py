@@ -17,6 +17,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.segment import Segment
+from rich.table import Table
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError, EmcasWarning, in_words, writing
@@ -42,8 +43,8 @@ class _Plain(Console):
             yield Segment(text if control else _ACTS.sub(lambda found: ascii(found[0])[1:-1], text), style, control)
 
 
-out = _Plain()
-err = _Plain(stderr=True)
+out = _Plain(highlight=False)
+err = _Plain(stderr=True, highlight=False)
 
 INTERRUPTED = 130
 """Exit code of a run that was stopped by Ctrl-C."""
@@ -53,7 +54,7 @@ class _Notes(logging.Handler):
     """Prints what takes long as it begins, on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        err.print(escape(record.getMessage()), style="dim", highlight=False, soft_wrap=True)
+        err.print(escape(record.getMessage()), style="dim", soft_wrap=True)
 
 
 @contextmanager
@@ -70,7 +71,7 @@ def failures() -> Iterator[None]:
             yield
     except (EmcasError, OSError) as error:
         said = in_words(error) if isinstance(error, OSError) else str(error)
-        err.print(f"[bold red]error:[/] {escape(said)}", highlight=False, soft_wrap=True)
+        err.print(f"[bold red]error:[/] {escape(said)}", soft_wrap=True)
         raise typer.Exit(2) from error
 
 
@@ -170,7 +171,7 @@ def calendar_date(text: str) -> str:
 def warn(warnings: Iterable[str]) -> None:
     """Print warnings on standard error, each once, so that what a program reads from standard output stays clean."""
     for warning in dict.fromkeys(warnings):
-        err.print(f"[bold yellow]warning:[/] {escape(warning)}", highlight=False, soft_wrap=True)
+        err.print(f"[bold yellow]warning:[/] {escape(warning)}", soft_wrap=True)
 
 
 def parameter_set(files: Iterable[Path] | None, model: str = NONLINEAR) -> ParameterSet:
@@ -193,10 +194,29 @@ def open_subject(path: Path | None, model: str | None = None, fin: int | None = 
         yield opened
 
 
+def say(line: str) -> None:
+    """Print a line of text, which the terminal may wrap."""
+    out.print(line, soft_wrap=True)
+
+
+def right_aligned(table: Table, *columns: int) -> Table:
+    """Return a table with the numbers in some columns, or in all but the first, at their right."""
+    for place in columns or range(1, len(table.columns)):
+        table.columns[place].justify = "right"
+    return table
+
+
+def write_results(result: Any, *outputs: tuple[Path | None, Callable[[Any, Path], object]]) -> None:
+    """Write a result by each function to its path; None is one that was not asked for."""
+    for path, write in outputs:
+        if path:
+            write(result, path)
+
+
 def print_written(*paths: Path | None) -> None:
     """Print which files a command has written; None for one that was not asked for."""
     for path in filter(None, paths):
-        out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+        say(f"written {escape(str(path))}")
 
 
 def parameter_arguments(files: Iterable[Path] | None) -> list[str]:

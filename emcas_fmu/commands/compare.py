@@ -45,10 +45,8 @@ def compare(
         common.warn(warning for each in chosen.values() for warning in each.warnings)
         with common.progress_bar() as progress:
             result = run(chosen, common.stepper(progress, "compare"), requirements)
-        if as_json:
-            write_json(as_dict(result), as_json)
-        if report:
-            write_report(result, report)
+        common.write_results(as_dict(result), (as_json, write_json))
+        common.write_results(result, (report, write_report))
     for part in summary(result):
-        common.out.print(part, highlight=False)
+        common.out.print(part)
     common.print_written(as_json, report)

@@ -13,17 +13,7 @@ from rich.table import Table
 
 from ..errors import EmcasError
 from ..writing import whole
-from .common import (
-    ModelOption,
-    ParametersOption,
-    check_outputs,
-    csv_option,
-    failures,
-    json_option,
-    out,
-    parameter_set,
-    print_written,
-)
+from . import common
 
 if TYPE_CHECKING:
     from ..studies.analysis.envelope import Envelope
@@ -34,24 +24,24 @@ EPILOG = ("Examples:\n\n  emcas envelope"
 
 
 def envelope(
-    parameters: ParametersOption = None,
-    model: ModelOption = "nonlinear+heat",
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = "nonlinear+heat",
     duration: Annotated[str, typer.Option(help="How long the short-term torque is wanted, with its unit.",
                                           metavar="TIME")] = "10 s",
     preload: Annotated[float, typer.Option(help="Share of the continuous current, the least there is, that flowed "
                                                 "before, for long. 0: from ambient.", metavar="SHARE")] = 0.0,
-    output: Annotated[Path | None, csv_option("Write the curves to this CSV file, SI.")] = None,
+    output: Annotated[Path | None, common.csv_option("Write the curves to this CSV file, SI.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the envelopes: .html, .svg, .png or .pdf.",
                                               metavar="FILE")] = None,
-    as_json: Annotated[Path | None, json_option("Write currents, temperatures and speeds to this file.")] = None,
+    as_json: Annotated[Path | None, common.json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
     from ..bench.provenance import resting_on
     from ..bench.writers import write_json
     from ..units import UnitError, quantity
 
-    with failures():
-        check_outputs(output, plot, as_json, inputs=parameters or ())
+    with common.failures():
+        common.check_outputs(output, plot, as_json, inputs=parameters or ())
         try:
             seconds = quantity(duration, "", "s")
         except UnitError as error:
@@ -60,7 +50,7 @@ def envelope(
         from ..studies.analysis import envelope as study
 
         check_ending(plot)
-        chosen = parameter_set(parameters, model)
+        chosen = common.parameter_set(parameters, model)
         computed = study.envelope(chosen, seconds, preload)
         if output:
             _write_csv(computed, output)
@@ -68,10 +58,10 @@ def envelope(
             study.write_picture(computed, plot, chosen)
         if as_json:
             write_json(_figures(computed), as_json)
-    out.print(_table(computed))
+    common.out.print(_table(computed))
     for each in resting_on({"what is marked": tuple(dict.fromkeys(chain(*computed.estimates.values())))}):
-        out.print(escape(each), highlight=False, soft_wrap=True)
-    print_written(output, plot, as_json)
+        common.say(escape(each))
+    common.print_written(output, plot, as_json)
 
 
 def _figures(e: Envelope) -> dict[str, Any]:
@@ -115,6 +105,4 @@ def _table(e: Envelope) -> Table:
     for label, key, values in rows:
         table.add_row(label + ESTIMATE * (key in e.estimates),
                       *(value if isinstance(value, str) else number(value) for value in values))
-    for column in table.columns[1:]:
-        column.justify = "right"
-    return table
+    return common.right_aligned(table)

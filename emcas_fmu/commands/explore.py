@@ -62,4 +62,4 @@ def explore(
         with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
             size = write(output, chosen, constants, about)
     common.print_written(output)
-    common.out.print(f"{size / 1000:.0f} kB; open it in a browser", highlight=False)
+    common.out.print(f"{size / 1000:.0f} kB; open it in a browser")

@@ -11,18 +11,7 @@ from rich.table import Table
 
 from ..actuators import NONLINEAR, full_name
 from ..errors import EmcasError
-from .common import (
-    JsonOption,
-    ParametersOption,
-    check_outputs,
-    failures,
-    out,
-    parameter_arguments,
-    parameter_set,
-    print_written,
-    toml_option,
-    warn,
-)
+from . import common
 
 if TYPE_CHECKING:
     from ..parameters import ParameterSet
@@ -32,31 +21,31 @@ EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output 
 
 
 def fit(
-    parameters: ParametersOption = None,
+    parameters: common.ParametersOption = None,
     model: Annotated[str, typer.Option(help="Only the nonlinear actuator is fitted.", metavar="NAME")] = NONLINEAR,
-    output: Annotated[Path | None, toml_option("Write a parameter file of the second-order model.")] = None,
-    as_json: JsonOption = None,
+    output: Annotated[Path | None, common.toml_option("Write a parameter file of the second-order model.")] = None,
+    as_json: common.JsonOption = None,
 ) -> None:
     """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
     from ..bench.writers import write_json
     from ..studies import fitting
 
-    with failures():
-        check_outputs(output, as_json, inputs=parameters or ())
+    with common.failures():
+        common.check_outputs(output, as_json, inputs=parameters or ())
         fitted = fitting.fit(_nonlinear(parameters, model))
-        warn(fitted.warnings)
+        common.warn(fitted.warnings)
         if output:
-            fitting.write_fitted(fitted, output, shlex.join(["emcas", "fit", *parameter_arguments(parameters)]))
+            fitting.write_fitted(fitted, output, shlex.join(["emcas", "fit", *common.parameter_arguments(parameters)]))
         if as_json:
             write_json(fitted.figures(), as_json)
     entries = {e.variable.name: e for e in fitted.parameters.entries}
     for name in fitting.NAMES:
-        out.print(f"{name} = {entries[name].value:.4g} {entries[name].variable.unit}", highlight=False)
+        common.out.print(f"{name} = {entries[name].value:.4g} {entries[name].variable.unit}")
     table = Table("step / deg", "largest difference / %", "rms / %")
     for size, largest, rms in zip(fitted.sizes, fitted.largest, fitted.rms, strict=True):
         table.add_row(f"{size:g}", f"{largest:.2g}", f"{rms:.2g}")
-    out.print(table)
-    print_written(output)
+    common.out.print(table)
+    common.print_written(output)
 
 
 def _nonlinear(files: list[Path] | None, model: str) -> ParameterSet:
@@ -67,7 +56,7 @@ def _nonlinear(files: list[Path] | None, model: str) -> ParameterSet:
     if full_name(model) != NONLINEAR:
         raise EmcasError(f"--model {model}: {needs}; leave --model out")
     try:
-        return parameter_set(files)
+        return common.parameter_set(files)
     except ParameterError as error:
         places = [problem.partition(" = ")[0].rpartition(": ") for problem in error.problems
                   if ": unknown parameter" in problem]

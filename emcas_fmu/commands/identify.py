@@ -10,16 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from .common import (
-    JsonOption,
-    ParametersOption,
-    ReportOption,
-    check_outputs,
-    failures,
-    out,
-    parameter_set,
-    toml_option,
-)
+from . import common
 
 if TYPE_CHECKING:
     from ..studies.identification.result import Identification
@@ -47,7 +38,7 @@ _EXPERIMENTS = {
 }
 
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV files of measurements.", metavar="FILE...")]
-OutputOption = Annotated[Path | None, toml_option(
+OutputOption = Annotated[Path | None, common.toml_option(
     "Write a parameter file: the identified values and what --parameters already changed.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich", epilog=EPILOG,
@@ -61,12 +52,12 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
     from ..bench.writers import write_json
     from ..studies.identification.parameter_file import write_identified
 
-    with failures():
+    with common.failures():
         # The set may be written over: experiments chain through one file.
-        check_outputs(report, as_json, inputs=(*files, *(parameters or ())))
-        check_outputs(output, report, as_json, inputs=files)
+        common.check_outputs(report, as_json, inputs=(*files, *(parameters or ())))
+        common.check_outputs(output, report, as_json, inputs=files)
         experiment = import_module(f"..studies.identification.{kind}", __package__)
-        result: Identification = experiment.identify(files, parameter_set(parameters), **choice)
+        result: Identification = experiment.identify(files, common.parameter_set(parameters), **choice)
         if output:
             write_identified(result, output, parameters or ())
         if report:
@@ -76,14 +67,13 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
     table = Table("name", "value", "1 sigma", "unit", "base set", title=result.title, title_justify="left")
     for column in table.columns:
         column.no_wrap = True
-    for place in (1, 2, 4):
-        table.columns[place].justify = "right"
     for e in result.estimates:
         table.add_row(escape(e.name), f"{e.value:.6g}", f"{e.sigma:.2g}", escape(e.unit),
                       "" if e.base is None else f"{e.base:.6g}")
-    out.print(table)
-    for line in (*result.notes, *(f"written {path}" for path in (output, report, as_json) if path)):
-        out.print(escape(line), highlight=False, soft_wrap=True)
+    common.out.print(common.right_aligned(table, 1, 2, 4))
+    for line in result.notes:
+        common.say(escape(line))
+    common.print_written(output, report, as_json)
 
 
 def _epilog(kind: str, arguments: str) -> str:
@@ -92,8 +82,8 @@ def _epilog(kind: str, arguments: str) -> str:
 
 @app.command(epilog=_epilog("friction", "sweep_*.csv -p base.toml -o identified.toml --report friction.html"))
 def friction(
-    files: FilesArgument, parameters: ParametersOption = None, output: OutputOption = None, report: ReportOption = None,
-    as_json: JsonOption = None,
+    files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
+    report: common.ReportOption = None, as_json: common.JsonOption = None,
     keep_cold_ratios: Annotated[bool, typer.Option(
         "--keep-cold-ratios", help="Take the ratios of cold to warm friction from the parameters: for sweeps at one "
                                    "temperature.")] = False,
@@ -108,8 +98,8 @@ def friction(
 def _add(kind: str, text: str, arguments: str) -> None:
     """Add the command of an experiment without options of its own."""
     @app.command(kind, help=text, epilog=_epilog(kind, arguments))
-    def command(files: FilesArgument, parameters: ParametersOption = None, output: OutputOption = None,
-                report: ReportOption = None, as_json: JsonOption = None) -> None:
+    def command(files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
+                report: common.ReportOption = None, as_json: common.JsonOption = None) -> None:
         _identify(kind, files, parameters, output, report, as_json)
 
 

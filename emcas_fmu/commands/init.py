@@ -43,4 +43,4 @@ def init(
     common.print_written(*paths)
     first = commands(base, files)[0][0]
     go = "" if folder.resolve() == Path().resolve() else f"cd {shlex.quote(str(folder))} && "
-    common.out.print(f"next: fill in what you have, then {escape(go + first)}", highlight=False, soft_wrap=True)
+    common.say(f"next: fill in what you have, then {escape(go + first)}")

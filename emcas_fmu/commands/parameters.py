@@ -15,7 +15,7 @@ from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..files import named_sets
 from ..parameters import ParameterSet
-from .common import ModelOption, ParametersOption, failures, out, parameter_set
+from . import common
 
 if TYPE_CHECKING:
     from ..studies.overview import Estimate
@@ -27,8 +27,8 @@ EPILOG = ("Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.
 
 
 def parameters(
-    parameters: ParametersOption = None,
-    model: ModelOption = NONLINEAR,
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = NONLINEAR,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
     sets: Annotated[bool, typer.Option("--sets", help="List the shipped sets that --parameters takes by "
                                                       "name.")] = False,
@@ -40,13 +40,13 @@ def parameters(
     from ..studies.overview import amounts_to, by_effect, shipped_estimates
 
     if sets:
-        with failures():
+        with common.failures():
             if parameters or model != NONLINEAR:
                 raise EmcasError("--sets lists all sets, of any actuator: leave --parameters and --model out")
         _show_sets(as_json)
         return
-    with failures():
-        chosen = parameter_set(parameters, model)
+    with common.failures():
+        chosen = common.parameter_set(parameters, model)
         if sensitivity is not None and not isfinite(sensitivity):
             raise EmcasError(f"--sensitivity {sensitivity:g}: give a hinge moment in N.m")
         estimates = shipped_estimates(chosen) if sensitivity is None else by_effect(chosen, sensitivity)
@@ -60,22 +60,21 @@ def parameters(
             record["effect_deg"] = degrees(estimate.effect) if estimate and estimate.effect is not None else None
         print(json.dumps(records, indent=1))
         return
-    notes = out.width >= 130
-    columns = ["name", "value", "unit", "source", *["as_written"] * (out.width >= 100), *["note"] * notes]
+    notes = common.out.width >= 130
+    columns = ["name", "value", "unit", "source", *["as_written"] * (common.out.width >= 100), *["note"] * notes]
     table = Table(*(name.replace("_", " ") for name in columns), title="EM-CAS parameters", title_justify="left")
     for column in table.columns[:4]:
         column.no_wrap = True
-    table.columns[1].justify = "right"
     for record in records:
         value = record["value"]
         record["value"] = f"{value:.6g}" if isinstance(value, float) else str(value).lower()
         table.add_row(*(escape(str(record[name])) for name in columns))
-    out.print(table)
+    common.out.print(common.right_aligned(table, 1))
     if not notes:
-        out.print("A wider terminal, or --json, shows what each value rests on.")
+        common.out.print("A wider terminal, or --json, shows what each value rests on.")
     if parameters:
         for what, amount in amounts_to(chosen).items():
-            out.print(f"{what}: {amount}", highlight=False)
+            common.out.print(f"{what}: {amount}")
     if sensitivity is not None:
         _show_effects(estimates, sensitivity)
     elif parameters:
@@ -87,14 +86,14 @@ def _show_estimates(chosen: ParameterSet, estimates: Iterable[Estimate]) -> None
     from ..studies.overview import by_group, offered
 
     count = sum(len(estimate.names) for estimate in estimates)
-    out.print(f"Still shipped estimates: {count} of {len(chosen.entries)} values, by --sensitivity in the order of "
-              "what they do", highlight=False, soft_wrap=True)
+    common.say(f"Still shipped estimates: {count} of {len(chosen.entries)} values, by --sensitivity in the order of "
+               "what they do")
     on_sheets = {e.variable.name for entries in offered(chosen).values() for e in entries}
     listed = [estimate for estimate in estimates if on_sheets.intersection(estimate.names)]
     for group, names in by_group(listed).items():
-        out.print(f"  {escape(group)}: {escape(', '.join(names))}", highlight=False, soft_wrap=True)
+        common.say(f"  {escape(group)}: {escape(', '.join(names))}")
     if others := count - sum(len(estimate.names) for estimate in listed):
-        out.print(f"  and {others} that are on no datasheet (--json has all)", highlight=False)
+        common.out.print(f"  and {others} that are on no datasheet (--json has all)")
 
 
 def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
@@ -104,15 +103,14 @@ def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
     for estimate in estimates:
         if estimate.effect is not None:
             table.add_row(escape(estimate.label), f"{degrees(estimate.effect):.3g}")
-    out.print(table)
+    common.out.print(table)
     if rest := [estimate.label for estimate in estimates if estimate.effect is None]:
-        out.print(f"Not varied, being 0, a switch, a count or a temperature: {escape(', '.join(rest))}",
-                  highlight=False, soft_wrap=True)
+        common.say(f"Not varied, being 0, a switch, a count or a temperature: {escape(', '.join(rest))}")
 
 
 def _show_sets(as_json: bool) -> None:
     """Print each set's name with the first line of its file, a comment that says what it is."""
-    with failures():
+    with common.failures():
         described = {name: path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
                      for name, path in named_sets().items()}
     if as_json:
@@ -121,4 +119,4 @@ def _show_sets(as_json: bool) -> None:
     table = Table("set", "what it is", title="Sets for --parameters", title_justify="left")
     for name, text in described.items():
         table.add_row(name, escape(text))
-    out.print(table)
+    common.out.print(table)

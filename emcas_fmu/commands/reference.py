@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
-from .common import ModelOption, ParametersOption, check_outputs, failures, out, parameter_set, progress_bar, stepper
+from . import common
 
 EPILOG = ("Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory ref"
           "\n\n  emcas reference --parameters my_actuator.toml --directory my_references"
@@ -23,15 +23,15 @@ def reference(
                                                                  "those shipped unless given.", metavar="DIR")] = None,
     case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).",
                                                    metavar="NAME")] = None,
-    parameters: ParametersOption = None,
-    model: ModelOption = NONLINEAR,
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = NONLINEAR,
     check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
 ) -> None:
     """Regenerate the reference responses by independent integration, or compare with those stored."""
     from ..files import models_directory
     from ..reference import files
 
-    with failures():
+    with common.failures():
         if not directory and not check:
             raise EmcasError("--directory is missing: give a folder to write the reference files to")
         if not directory and (parameters or model != NONLINEAR):
@@ -39,23 +39,23 @@ def reference(
                              "actuator with its default parameters")
         folder = directory or models_directory() / "reference"
         if not check:
-            check_outputs(folders=(folder,))
-        chosen = parameter_set(parameters, model)
+            common.check_outputs(folders=(folder,))
+        chosen = common.parameter_set(parameters, model)
         if not check:
-            check_outputs(*files.outputs(folder, case, chosen), folders=(folder,))
-        with progress_bar() as progress:
-            step = stepper(progress, "reference")
+            common.check_outputs(*files.outputs(folder, case, chosen), folders=(folder,))
+        with common.progress_bar() as progress:
+            step = common.stepper(progress, "reference")
             if not check:
                 files.regenerate(folder, names=case, progress=step, parameters=chosen)
             else:
                 rows = files.compare(folder, names=case, progress=step, parameters=chosen)
     if not check:
-        out.print(f"written to {escape(str(folder))}", highlight=False, soft_wrap=True)
+        common.say(f"written to {escape(str(folder))}")
         return
     table = Table("case", "variable", "largest difference", "allowed", "")
     for name, variable, difference, tolerance in rows:
         verdict = "ok" if difference <= tolerance else "FAIL"
         table.add_row(name, variable, f"{difference:.3g}", f"{tolerance:.3g}", verdict)
-    out.print(table)
+    common.out.print(table)
     if any(difference > tolerance for *_, difference, tolerance in rows):
         raise typer.Exit(1)

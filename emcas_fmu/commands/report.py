@@ -58,7 +58,7 @@ def report(
         if junit:
             write_junit(result, junit)
     for part in summary(result):
-        common.out.print(part, highlight=False)
+        common.out.print(part)
     common.print_written(output, as_json, junit)
     if not result.passed:
         raise typer.Exit(1)

@@ -138,8 +138,8 @@ def simulate(
         table.add_row(*map(escape, row))
     common.out.print(table)
     if unit.line:
-        common.out.print(f"{unit.line.group}: " + ", ".join(
-            f"{name} {number(value)}" for name, value in response.line.items()), highlight=False, soft_wrap=True)
+        common.say(f"{unit.line.group}: " + ", ".join(
+            f"{name} {number(value)}" for name, value in response.line.items()))
     for each in resting_on(response.estimates):
-        common.out.print(escape(each), highlight=False, soft_wrap=True)
+        common.say(escape(each))
     common.print_written(output, plot, as_json)

@@ -9,17 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from .common import (
-    ParametersOption,
-    SubjectModelOption,
-    check_outputs,
-    failures,
-    json_option,
-    out,
-    progress_bar,
-    stepper,
-    warn,
-)
+from . import common
 
 EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
           "\n\n  emcas ssp --model elastic+faults --variant jammed=jammed.toml"
@@ -40,8 +30,8 @@ def write(
                                              metavar="FMU")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),
-    model: SubjectModelOption = None,
-    parameters: ParametersOption = None,
+    model: common.SubjectModelOption = None,
+    parameters: common.ParametersOption = None,
     fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.", metavar="N")] = 4,
     layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "
                                              "on it.", metavar="cross|plus")] = "cross",
@@ -65,20 +55,19 @@ def write(
     from ..ssp.variants import variant_files
     from ..ssp.write import write_ssp
 
-    with failures(), progress_bar() as progress:
+    with common.failures(), common.progress_bar() as progress:
         of_fins, of_variants = fin_files(fin or []), variant_files(variant or [])
-        check_outputs(output, inputs=(fmu, *(parameters or ()), *of_fins.values(), *of_variants.values()))
+        common.check_outputs(output, inputs=(fmu, *(parameters or ()), *of_fins.values(), *of_variants.values()))
         written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=of_fins,
                             variant_files=of_variants, border=border, model=model,
-                            progress=stepper(progress, "compile"))
-    out.print(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
-              highlight=False, soft_wrap=True)
-    warn((*(f"left out: {what}" for what in written.left_out), *written.warnings))
+                            progress=common.stepper(progress, "compile"))
+    common.say(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, "
+               f"FMU {written.guid}")
+    common.warn((*(f"left out: {what}" for what in written.left_out), *written.warnings))
     files = ", ".join(f"{name} ({DEFAULT if name == NOMINAL else f'{name}.ssd'})" for name in written.variants)
-    out.print(f"variants {files}; schema and wiring checked", highlight=False,
-              soft_wrap=True)
+    common.say(f"variants {files}; schema and wiring checked")
     for finding in written.report.warnings:
-        out.print(f"[yellow]warning:[/] {escape(str(finding))}", highlight=False, soft_wrap=True)
+        common.say(f"[yellow]warning:[/] {escape(str(finding))}")
 
 
 @app.command(epilog=_CHECK)
@@ -88,18 +77,18 @@ def check(
     fmu: Annotated[Path | None, typer.Option(help="The FMU the archive should have; another one is an error.",
                                              metavar="FMU")] = None,
     guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.", metavar="GUID")] = None,
-    model: SubjectModelOption = None,
-    as_json: Annotated[Path | None, json_option("Write all findings to this file.")] = None,
+    model: common.SubjectModelOption = None,
+    as_json: Annotated[Path | None, common.json_option("Write all findings to this file.")] = None,
 ) -> None:
     """Check schema, wiring, units, parameters and FMU of an SSP; exit code 1 if there are errors."""
     from ..bench.writers import write_json
     from ..errors import EmcasError
     from ..ssp.check import check as run
 
-    with failures():
+    with common.failures():
         if fmu and guid:
             raise EmcasError("give one of --fmu and --guid")
-        check_outputs(as_json, inputs=(ssp, fmu))
+        common.check_outputs(as_json, inputs=(ssp, fmu))
         report = run(ssp, guid, fmu, model)
         if as_json:
             write_json(report.document(), as_json)
@@ -111,10 +100,10 @@ def check(
             place = f"{escape(finding.place)}\n[dim]{escape(finding.file)}[/]".strip()
             table.add_row(f"[{colour}]{finding.level}[/]", place,
                           f"{escape(finding.message)}\n[dim]{escape(finding.remedy)}[/]")
-        out.print(table)
+        common.out.print(table)
     verdict = f"[bold red]failed[/], {len(report.errors)} errors" if report.errors else "[bold green]passed[/]"
-    out.print(f"{verdict}, {len(report.warnings)} warnings: {escape(str(ssp))}, variants "
+    common.say(f"{verdict}, {len(report.warnings)} warnings: {escape(str(ssp))}, variants "
               f"{', '.join(map(escape, report.variants)) or 'none'}, {report.connections} connections, "
-              f"{report.parameters} parameters", highlight=False, soft_wrap=True)
+              f"{report.parameters} parameters")
     if report.errors:
         raise typer.Exit(1)

@@ -79,8 +79,8 @@ def tune(
             write_report(result, report, (pareto[0], pareto[1]) if pareto else None)
     common.out.print(summary(result))
     for line in filter(None, (verdict(result), objectives(result), at_bounds(result))):
-        common.out.print(line, highlight=False, soft_wrap=True)
-    common.out.print(f"{len(result.evaluated)} evaluations", highlight=False)
+        common.say(line)
+    common.out.print(f"{len(result.evaluated)} evaluations")
     common.print_written(output, as_json, report, journal)
     if result.stopped:
         raise typer.Exit(common.INTERRUPTED)

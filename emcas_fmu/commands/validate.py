@@ -52,12 +52,9 @@ def validate(
         common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
         with common.progress_bar() as progress, common.open_subject(article, model, fin) as subject:
             result = run(subject, case, directory, common.stepper(progress, "validate"), inside, requirements)
-        if as_json:
-            write_json(as_dict(result), as_json)
-        for path, write in ((junit, write_junit), (report, write_report)):
-            if path:
-                write(result, path)
+        common.write_results(as_dict(result), (as_json, write_json))
+        common.write_results(result, (junit, write_junit), (report, write_report))
     for part in summary(result):
-        common.out.print(part, highlight=False)
+        common.out.print(part)
     if not (result.passed or result.unjudged):
         raise typer.Exit(1)

@@ -16,7 +16,7 @@ which they begin; how much of them there is may change between samples.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -42,6 +42,8 @@ def _word(name: str, description: str, bits: tuple[str, ...]) -> Variable:
 FAULT_WORD = "fault_word"
 BUILT_IN_TEST = _word("built_in_test", "monitors tripped", tuple(monitor.name for monitor in monitors.MONITORS))
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
+# Faults that act on the plant and heal.
+_OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise")
 _HELD = tuple(f"fault_{name}" for name in Held._fields)
 _WAITING = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAND_DELAY))
 
@@ -74,96 +76,63 @@ def _picked(ops: Ops, samples: Value, values: Sequence[Value]) -> Value:
 
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with faults and monitors; see the module's docstring."""
-    has = actuator.provides.__contains__
-    geared = has(capabilities.SCREW_DRIVE)  # its encoder may sit on motor or fin, and its fin may break off
-    faults, watched, bits = fault_list.general(actuator), monitors.possible(actuator), fault_list.bits(actuator)
-    of_kind = {fault.name: f"plant_fault_{fault.name}" for fault in actuator.faults}  # whether each acts, a state
-    has_status = STATUS in actuator.outputs
-    angle_name, rate_name = actuator.encoder
-    counters, flags = (tuple(f"{monitor.name}_{kind}" for monitor in watched) for kind in ("counter", "flag"))
+    faulty = _Faulty(actuator)
+    word = _word(FAULT_WORD, "faults active", faulty.bits)
+    sampled = (*_KEPT, *faulty.counters, *faulty.flags, *_WAITING)
+    return replace(
+        actuator, states=(*actuator.states, *faulty.broken),
+        controller_states=(*actuator.controller_states, *map(State, sampled)),
+        sampled_states=(*actuator.sampled_states, *map(State, (*_HELD, *faulty.of_kind.values()))),
+        outputs=with_outputs(actuator.outputs, (STATUS, word, BUILT_IN_TEST)),
+        initial=faulty.initial, sample=faulty.sample, step=faulty.step, output_values=faulty.output_values)
 
-    def encoder(ops: Ops, p: Any, angle: Value) -> Value:
-        """Return what the encoder of position turns with, motor or fin, at the state of angle that it reads [rad]."""
-        return ops.where(p.encoder.on_fin, _fin(ops, p, angle), angle) if geared else angle
 
-    def read(ops: Ops, p: Any, counted: Value, bias: Value) -> Value:
-        """Return the angle [rad] that an encoder's counts mean, and too much by `bias` [rad] of the fin."""
-        if not geared:
-            return counted + bias
-        fin = ops.where(p.encoder.on_fin, counted, _fin(ops, p, counted)) + bias
-        at_motor = kinematics.motor_angle(ops, p, fin)
-        return ops.where(ops.both(ops.equal(bias, 0.0), ops.negate(p.encoder.on_fin)), counted, at_motor)
+class _Faulty:
+    """The functions of an actuator with faults and monitors, around those of the actuator without."""
 
-    def initial(ops: Ops, p: Any, start: Record) -> Values:
+    def __init__(self, actuator: Actuator) -> None:
+        self.actuator, self.has_status = actuator, STATUS in actuator.outputs
+        # Its encoder may be on motor or fin, and its fin may break off.
+        self.geared = capabilities.SCREW_DRIVE in actuator.provides
+        self.broken = _BROKEN if self.geared else ()
+        self.faults, self.watched = fault_list.general(actuator), monitors.possible(actuator)
+        self.bits = fault_list.bits(actuator)
+        # Names of states: whether each fault of the actuator's kind acts; counter and flag of each monitor.
+        self.of_kind = {fault.name: f"plant_fault_{fault.name}" for fault in actuator.faults}
+        self.counters, self.flags = (tuple(f"{monitor.name}_{kind}" for monitor in self.watched)
+                                     for kind in ("counter", "flag"))
+
+    def initial(self, ops: Ops, p: Any, start: Record) -> Values:
+        """Return the states at the start, without a fault."""
+        actuator = self.actuator
         begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
         measured = begun["measured_fin_angle"]
-        turned = encoder(ops, actuator.plant_parameters(ops, p), actuator.position(ops, p, Record(**begun)))
+        turned = self._encoder(ops, actuator.plant_parameters(ops, p), actuator.position(ops, p, Record(**begun)))
         kept = _Kept(0.0, turned, 0.0, p.fin.start_angle, measured, measured)
-        return {**begun, **dict(zip(_KEPT, kept, strict=True)), **dict.fromkeys(_WAITING, p.fin.start_angle),
-                **dict(zip(_HELD, SOUND, strict=True))}
+        return {**begun, **_named(_KEPT, kept), **dict.fromkeys(_WAITING, p.fin.start_angle), **_named(_HELD, SOUND)}
 
-    def held(u: Acting | Record) -> Held:
-        return Held(*(getattr(u, name) for name in _HELD))
-
-    def declared(u: Acting | Record) -> dict[str, Value]:
-        return {name: getattr(u, state) for name, state in of_kind.items()}
-
-    def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    def sample(self, ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+        """Return reference and states after a sample: of the controllers with what is faulty, and of the monitors."""
+        actuator = self.actuator
         q = actuator.equation_parameters(ops, p)
-        k, before = _Kept(*(getattr(x, name) for name in _KEPT)), held(x)
-        line = [getattr(x, name) for name in _WAITING]
+        k, before, line = _Kept(*_of(x, _KEPT)), Held(*_of(x, _HELD)), _of(x, _WAITING)
         time = k.samples * p.controller.sample_time
-        there = fault_list.active(ops, p, faults, time)
+        there = fault_list.active(ops, p, self.faults, time)
         on = {**{fault.name: False for fault in fault_list.FAULTS}, **there}
         kinds = fault_list.active(ops, p, actuator.faults, time)
         for fault in actuator.faults:
             if fault.lasting:
-                kinds[fault.name] = ops.either(kinds[fault.name], getattr(x, of_kind[fault.name]) > 0.0)
+                kinds[fault.name] = ops.either(kinds[fault.name], getattr(x, self.of_kind[fault.name]) > 0.0)
 
-        plant = actuator.plant_parameters(ops, p)
-        angle, speed = encoder(ops, plant, asked.position), getattr(x, rate_name)
-        off = ops.both(x.fin_broken_off > 0.0, plant.encoder.on_fin) if geared else False
-        if geared:
-            angle = ops.where(off, x.broken_fin_angle, angle)
-        moved = angle - k.angle
-        gain = ops.where(on["encoder_freeze"], 0.0, ops.where(on["encoder_reversed"], -1.0, 1.0))
-        missed = ops.where(on["encoder_dropped"], p.fault.encoder_dropped.share, 0.0)
-        offset = k.offset + (gain * (moved - missed * ops.maximum(moved, 0.0)) - moved)
-        counting = gain * (1.0 - ops.where(speed > 0.0, missed, 0.0))
-        wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
-        bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
-        # Where nothing is wrong the angle goes through as it is, to the bit.
-        (seen,) = ops.branch(wrong, lambda: (read(ops, plant, angle + offset, bias),), lambda: (asked.position,))
-        # The motor's encoder counts the speed: one on the fin takes no part in that.
-        turned = {angle_name: seen, rate_name: counting * speed}
-        if geared:
-            turned = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)
-                      for name, counted in turned.items()}
-
+        angle, offset, seen, turned = self._seen(ops, p, x, asked, k, on)
         late = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
         arriving = ops.where(on["command_delay"], _picked(ops, late, (asked.command, *line)), asked.command)
         command = ops.where(on["command_freeze"], k.command, arriving)
 
-        def amount(fault: str, name: str, without: float) -> Value:
-            """Return how much of a fault acts, `without` where it does not."""
-            return without if on[fault] is False else ops.where(on[fault], getattr(getattr(p.fault, fault), name),
-                                                                without)
-
-        now = Held(
-            0.0, ops.where(on["jam"], 1.0, 0.0),
-            ops.where(ops.either(on["free_fin"], before.free > 0.0), 1.0, 0.0) if geared else 0.0,
-            ops.where(on["drive_loss"], 1.0, 0.0),
-            amount("current_derating", "share", 1.0),
-            amount("brown_out", "share", 1.0),
-            amount("friction_rise", "factor", 1.0),
-            ops.maximum(before.gap, amount("backlash_growth", "gap", 0.0)) if has(capabilities.BACKLASH) else 0.0,
-            0.0, 0.0, 0.0)
-        of_plant = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise")
+        now = self._amounts(ops, p, before, on)
         acts = ops.either(before.free > 0.0, now.gap > 0.0)
-        for name in of_plant:
-            acts = ops.either(acts, on[name])
-        for kind in kinds.values():
-            acts = ops.either(acts, kind)
+        for active in (*(on[name] for name in _OF_PLANT), *kinds.values()):
+            acts = ops.either(acts, active)
         lasting = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}  # for good
         shown = {**there, **{name: still for name, still in lasting.items() if name in there}, **kinds}
 
@@ -171,39 +140,35 @@ def extend(actuator: Actuator) -> Actuator:
         given = actuator.sampled(ops, p, x.replace(**turned),
                                  asked.replace(command=command, supply=supply, position=seen))
         reference = given["reference"]
-        if any(fault.name == "hard_over" for fault in faults):
-            full = p.drive.reference_limit if has(capabilities.REFERENCE_LIMIT) else p.fin.stop_angle
+        if any(fault.name == "hard_over" for fault in self.faults):
+            limited = capabilities.REFERENCE_LIMIT in actuator.provides
+            full = p.drive.reference_limit if limited else p.fin.stop_angle
             reference = ops.where(ops.both(on["hard_over"], asked.enable), p.fault.hard_over.share * full, reference)
 
         # An actuator that is not in closed loop follows no command.
         here = Record(reference=0.0, **vars(NONE), supply=supply, enabled=asked.enable, rated_current_limit=None,
                       **{v.name: 0.0 for v in actuator.acting_inputs},
                       **{s.name: given[s.name] for s in actuator.sampled_states})
-        watching = ops.both(asked.enable, ops.equal(status(ops, p, x, here), OPERATIONAL))
-        current = actuator.motor_current(ops, p, x, here) if has(capabilities.MOTOR_CURRENT) else 0.0
+        watching = ops.both(asked.enable, ops.equal(self._status(ops, p, x, here), OPERATIONAL))
+        has_current = capabilities.MOTOR_CURRENT in actuator.provides
         seen_by = monitors.Watched(
-            command, given["measured_fin_angle"], k.measured, k.modelled, reference, current, supply, watching)
+            command, given["measured_fin_angle"], k.measured, k.modelled, reference,
+            actuator.motor_current(ops, p, x, here) if has_current else 0.0, supply, watching)
         response = monitors.response(p, actuator)
-        counted, tripped = monitors.judged(
-            ops, q, watched, response, [getattr(x, name) for name in counters], [getattr(x, name) for name in flags],
-            seen_by)
-        now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, bits, shown),
-                           built_in_test=monitors.word(watched, tripped), verdict=monitors.verdict(ops, tripped))
+        counted, tripped = monitors.judged(ops, q, self.watched, response, _of(x, self.counters), _of(x, self.flags),
+                                           seen_by)
+        now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, self.bits, shown),
+                           built_in_test=monitors.word(self.watched, tripped), verdict=monitors.verdict(ops, tripped))
         kept = _Kept(k.samples + 1.0, angle, offset, command, given["measured_fin_angle"],
                      monitors.modelled(ops, p, response, seen_by))
-        return {**given, "reference": reference, **dict(zip(_KEPT, kept, strict=True)),
-                **dict(zip(counters, counted, strict=True)), **dict(zip(flags, tripped, strict=True)),
-                **dict(zip(_WAITING, (asked.command, *line[:-1]), strict=True)), **dict(zip(_HELD, now, strict=True)),
-                **{of_kind[name]: ops.where(kind, 1.0, 0.0) for name, kind in kinds.items()}}
+        return {**given, "reference": reference, **_named(_KEPT, kept), **_named(self.counters, counted),
+                **_named(self.flags, tripped), **_named(_WAITING, (asked.command, *line[:-1])), **_named(_HELD, now),
+                **{self.of_kind[name]: ops.where(kind, 1.0, 0.0) for name, kind in kinds.items()}}
 
-    def status(ops: Ops, p: Any, x: Record, u: Acting) -> Value:
-        """Return what the actuator says of itself where it is sound; the bridge open by a fault is unknown to it."""
-        return actuator.plant_outputs(ops, p, x, u)[STATUS.name] if has_status else OPERATIONAL
-
-    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
-        f = held(u)
-        names = [s.name for s in actuator.states]
-        broken = [s.name for s in _BROKEN] if geared else []
+    def step(self, ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+        """Return the plant's states after at most `h` [s], and the time [s] that this took."""
+        actuator, f = self.actuator, Held(*_of(u, _HELD))
+        names, broken = [s.name for s in actuator.states], [s.name for s in self.broken]
 
         def sound() -> tuple[Value, ...]:
             moved, used = actuator.step(ops, p, x, u, h)
@@ -213,57 +178,122 @@ def extend(actuator: Actuator) -> Actuator:
             jam = f.jam > 0.0
             q = actuator.plant_parameters(ops, p)
             begun = standing(ops, actuator, x, jam)
-            under, around = blocked(ops, faulted(ops, q, actuator, f, declared(u)), actuator,
-                                    acting(ops, p, actuator, f, u), jam)
+            under, around = blocked(ops, self._under(ops, q, f, u), actuator, acting(ops, p, actuator, f, u), jam)
             moved, used = actuator.step(ops, under, begun, around, h)
             after = standing(ops, actuator, begun.replace(**moved), jam, begun)
-            free = ops.branch(f.free > 0.0, lambda: floating(q, used), lambda: (0.0, 0.0, 0.0)) if geared else ()
-            return *(getattr(after, name) for name in names), *free, used
-
-        def floating(q: Any, used: Value) -> tuple[Value, ...]:
-            rubbing = with_values(q, {"friction.fin_viscous": f.friction * q.friction.fin_viscous,
-                                      "friction.fin_coulomb": f.friction * q.friction.fin_coulomb})
-            now = actuator.plant_outputs(ops, p, x, u)
-            whole = ops.equal(x.fin_broken_off, 0.0)
-            return 1.0, *free_fin.advance(ops, rubbing, ops.where(whole, now["fin_angle"], x.broken_fin_angle),
-                                          ops.where(whole, now["fin_rate"], x.broken_fin_rate), u, used)
+            free = ops.branch(f.free > 0.0, lambda: self._floating(ops, p, q, x, u, used),
+                              lambda: (0.0, 0.0, 0.0)) if self.geared else ()
+            return *_of(after, names), *free, used
 
         *moved, used = ops.branch(f.acting > 0.0, faulty, sound)
-        return dict(zip((*names, *broken), moved, strict=True)), used
+        return _named((*names, *broken), moved), used
 
-    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
-        f = held(u)
+    def output_values(self, ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+        """Return the outputs, those of faults and monitors among them."""
+        actuator, f = self.actuator, Held(*_of(u, _HELD))
         q = actuator.plant_parameters(ops, p)
-        under, around = faulted(ops, q, actuator, f, declared(u)), acting(ops, p, actuator, f, u)
+        under, around = self._under(ops, q, f, u), acting(ops, p, actuator, f, u)
         outputs = dict(actuator.output_values(ops, under, x, around))
         if actuator.supply is not None:
             name = actuator.supply.power.name
             outputs[name] = at_line(ops, f, outputs[name])
-        if geared:
-            outputs |= off_shaft(ops, q, x, u, outputs)
+        if self.geared:
+            outputs |= _off_shaft(ops, q, x, u, outputs)
         verdict = ops.where(u.enabled, f.verdict, DISABLED)
-        if has_status:
-            known = status(ops, p, x, u)
+        if self.has_status:
+            known = self._status(ops, p, x, u)
             verdict = ops.where(ops.equal(known, OPERATIONAL), verdict, known)
         return {**outputs, STATUS.name: verdict, FAULT_WORD: f.faults, BUILT_IN_TEST.name: f.built_in_test}
 
-    def off_shaft(ops: Ops, q: Any, x: Record, u: Acting, outputs: Values) -> Values:
-        """Return the outputs that are of a fin that is broken off, where it is."""
-        fin, broken = x.broken_fin_angle, x.fin_broken_off > 0.0
-        values = {
-            "fin_angle": fin, "fin_rate": x.broken_fin_rate,
-            "tracking_error": fin_port.clipped_command(ops, q, u.command) - fin,
-            "hinge_torque": free_fin.moment(ops, q, fin, u),
-            "at_stop": ops.fabs(fin) >= fin_port.stop_edge(q),
-        }
-        return {name: ops.where(broken, value, outputs[name]) for name, value in values.items()}
+    def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
+        """Return the angle [rad] of what the encoder of position turns with, motor or fin, from the state it reads."""
+        return ops.where(p.encoder.on_fin, _fin(ops, p, angle), angle) if self.geared else angle
 
-    return replace(
-        actuator, states=(*actuator.states, *(_BROKEN if geared else ())),
-        controller_states=(*actuator.controller_states, *map(State, (*_KEPT, *counters, *flags, *_WAITING))),
-        sampled_states=(*actuator.sampled_states, *map(State, (*_HELD, *of_kind.values()))),
-        outputs=with_outputs(actuator.outputs, (STATUS, _word(FAULT_WORD, "faults active", bits), BUILT_IN_TEST)),
-        initial=initial, sample=sample, step=step, output_values=output_values)
+    def _read(self, ops: Ops, p: Any, counted: Value, bias: Value) -> Value:
+        """Return the angle [rad] that an encoder's counts mean, and too much by `bias` [rad] of the fin."""
+        if not self.geared:
+            return counted + bias
+        fin = ops.where(p.encoder.on_fin, counted, _fin(ops, p, counted)) + bias
+        at_motor = kinematics.motor_angle(ops, p, fin)
+        return ops.where(ops.both(ops.equal(bias, 0.0), ops.negate(p.encoder.on_fin)), counted, at_motor)
+
+    def _seen(self, ops: Ops, p: Any, x: Record, asked: Asked, k: _Kept, on: Mapping[str, Value],
+              ) -> tuple[Value, Value, Value, Values]:
+        """Return the encoder's angle and offset [rad], the position [rad] that it shows, and the states as shown."""
+        plant = self.actuator.plant_parameters(ops, p)
+        angle_name, rate_name = self.actuator.encoder
+        angle, speed = self._encoder(ops, plant, asked.position), getattr(x, rate_name)
+        off = ops.both(x.fin_broken_off > 0.0, plant.encoder.on_fin) if self.geared else False
+        if self.geared:
+            angle = ops.where(off, x.broken_fin_angle, angle)
+        moved = angle - k.angle
+        gain = ops.where(on["encoder_freeze"], 0.0, ops.where(on["encoder_reversed"], -1.0, 1.0))
+        missed = ops.where(on["encoder_dropped"], p.fault.encoder_dropped.share, 0.0)
+        offset = k.offset + (gain * (moved - missed * ops.maximum(moved, 0.0)) - moved)
+        counting = gain * (1.0 - ops.where(speed > 0.0, missed, 0.0))
+        wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
+        bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
+        # Where nothing is wrong the angle goes through as it is, to the bit.
+        (seen,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),), lambda: (asked.position,))
+        # The motor's encoder counts the speed: one on the fin takes no part in that.
+        turned = {angle_name: seen, rate_name: counting * speed}
+        if self.geared:
+            turned = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)
+                      for name, counted in turned.items()}
+        return angle, offset, seen, turned
+
+    def _amounts(self, ops: Ops, p: Any, before: Held, on: Mapping[str, Value]) -> Held:
+        """Return how much of each fault of the plant acts from this sample on; `before` it acted so."""
+        def amount(fault: str, name: str, without: float) -> Value:
+            given = on[fault]
+            return without if given is False else ops.where(given, getattr(getattr(p.fault, fault), name), without)
+
+        grows = capabilities.BACKLASH in self.actuator.provides
+        return SOUND._replace(
+            jam=ops.where(on["jam"], 1.0, 0.0),
+            free=ops.where(ops.either(on["free_fin"], before.free > 0.0), 1.0, 0.0) if self.geared else 0.0,
+            lost=ops.where(on["drive_loss"], 1.0, 0.0), current=amount("current_derating", "share", 1.0),
+            supply=amount("brown_out", "share", 1.0), friction=amount("friction_rise", "factor", 1.0),
+            gap=ops.maximum(before.gap, amount("backlash_growth", "gap", 0.0)) if grows else 0.0)
+
+    def _status(self, ops: Ops, p: Any, x: Record, u: Acting) -> Value:
+        """Return what the actuator says of itself where it is sound; the bridge open by a fault is unknown to it."""
+        return self.actuator.plant_outputs(ops, p, x, u)[STATUS.name] if self.has_status else OPERATIONAL
+
+    def _under(self, ops: Ops, q: Any, f: Held, u: Acting) -> Any:
+        """Return the plant's parameters `q` under the faults that act."""
+        return faulted(ops, q, self.actuator, f, {name: getattr(u, state) for name, state in self.of_kind.items()})
+
+    def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: Acting, used: Value) -> tuple[Value, ...]:
+        """Return that the fin is broken off, and its angle [rad] and rate [rad/s] after the time `used` [s]."""
+        f = Held(*_of(u, _HELD))
+        rubbing = with_values(q, {"friction.fin_viscous": f.friction * q.friction.fin_viscous,
+                                  "friction.fin_coulomb": f.friction * q.friction.fin_coulomb})
+        now = self.actuator.plant_outputs(ops, p, x, u)
+        whole = ops.equal(x.fin_broken_off, 0.0)
+        return 1.0, *free_fin.advance(ops, rubbing, ops.where(whole, now["fin_angle"], x.broken_fin_angle),
+                                      ops.where(whole, now["fin_rate"], x.broken_fin_rate), u, used)
+
+
+def _named(names: Iterable[str], values: Iterable[Value]) -> dict[str, Value]:
+    return dict(zip(names, values, strict=True))
+
+
+def _of(holder: Acting | Record, names: Iterable[str]) -> list[Value]:
+    """Return the states of these names."""
+    return [getattr(holder, name) for name in names]
+
+
+def _off_shaft(ops: Ops, q: Any, x: Record, u: Acting, outputs: Values) -> Values:
+    """Return the outputs that are of a fin that is broken off, where it is."""
+    fin, broken = x.broken_fin_angle, x.fin_broken_off > 0.0
+    values = {
+        "fin_angle": fin, "fin_rate": x.broken_fin_rate,
+        "tracking_error": fin_port.clipped_command(ops, q, u.command) - fin,
+        "hinge_torque": free_fin.moment(ops, q, fin, u),
+        "at_stop": ops.fabs(fin) >= fin_port.stop_edge(q),
+    }
+    return {name: ops.where(broken, value, outputs[name]) for name, value in values.items()}
 
 
 def _parameters(actuator: Actuator) -> tuple[Variable, ...]:

@@ -14,7 +14,7 @@ from ..arguments import checked
 from ..errors import BuildError
 from ..parameters import ParameterSet
 from ..progress import Progress
-from ..writing import write_zip
+from ..writing import check_target, write_zip
 from . import native, python
 from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
@@ -107,10 +107,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     if backend == "python" and fmi != "2":
         raise BuildError(f"--fmi {fmi} is for --backend native: the Python back end exports FMI 2.0")
     output = Path(output)
-    if output.suffix != ".fmu":
-        raise BuildError(f"{output}: the output must end in .fmu")
-    if output.is_dir() or not output.parent.is_dir():
-        raise BuildError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
+    check_target(output, ".fmu", BuildError)
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})

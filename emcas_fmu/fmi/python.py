@@ -15,8 +15,8 @@ from ..trace.python_source import python_source
 from .interface import MIXING, VEHICLE, FmuInterface
 
 # What the slave needs of this package, under a name of its own in the FMU.
-_EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/slave.py", "runtime/__init__.py",
-             "runtime/core.py", "rules.py")
+_EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/slave.py", "fmi/fmi2/stored.py",
+             "fmi/fmi2/wrapper.py", "runtime/__init__.py", "runtime/core.py", "rules.py")
 # Of pythonfmu, the slave's base class and what that needs: not what builds FMUs.
 _BASE = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 _PYTHONFMU = Path(pythonfmu.__file__).resolve().parent
@@ -96,7 +96,7 @@ def exported(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> tuple[di
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(files.items())).encode()).hexdigest()[:12]
     package, script = f"emcas_{digest}", f"emcas_slave_{digest}"
     entry = (f'"""Entry module of {model}.fmu; generated, do not edit."""\n\n'
-             f"from {package}.fmi.fmi2.slave import keep\nfrom {package}.model import {model}  # noqa: F401\n\n"
+             f"from {package}.fmi.fmi2.wrapper import keep\nfrom {package}.model import {model}  # noqa: F401\n\n"
              "keep(globals())\n")
     resources = {**{f"{package}/{name}": text for name, text in files.items()}, f"{script}.py": entry,
                  "slavemodule.txt": script}

@@ -1,19 +1,46 @@
-"""The parameter sets of the archive: SSV files, out of the fins' parameters."""
+"""What is in the archive besides the FMU: parameter sets out of the fins' parameters, connectors of the system."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from ..actuators import get
+from ..actuators.fin_port import ENABLE
+from ..fmi.interface import FmuInterface, flat
 from ..fmi.units import Unit, fmi_unit
 from ..parameters import Entry, ParameterSet, Value
 from ..variables import Variable
-from .border import outer_name
 from .schema import render
 from .variants import Variant
 
 Entries = dict[str, Entry]  # by name in the set
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A connector of the system, and the component and variable it is wired to."""
+
+    outer: str
+    fin: str
+    variable: Variable
+
+
+def outer_name(number: int, name: str, model: str) -> str:
+    """Return the system's connector of a fin's variable, such as ``fin1_fin_angle``; ``attitude_roll``, if shared.
+
+    All fins share vehicle motion, supply and enable. OMSimulator takes no dot in such a name, and fmpy tells a
+    connector of the system from one of a component by their paths alone.
+    """
+    shared = (*FmuInterface(1, model).shared, ENABLE.name)
+    return flat(name if name in shared else f"fin[{number}].{name}")
+
+
+def wires(model: str, fins: Sequence[str]) -> Iterator[Wire]:
+    """Yield the wires of all inputs and outputs of an actuator in each of the components `fins`."""
+    for number, fin in enumerate(fins, 1):
+        for variable in get(model).inputs + get(model).outputs:
+            yield Wire(outer_name(number, variable.name, model), fin, variable)
 
 
 def started(model: str) -> dict[str, Variable]:

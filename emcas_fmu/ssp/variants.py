@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from ..files import models_directory
 from ..fmi.interface import require_shared
 from ..parameters import ParameterError, ParameterSet
-from ..schema import In, document
+from ..schema import In, document, leaves
 from .schema import DEFAULT, NOMINAL, SspError
 
 SHIPPED = ("cold", "degraded")  # variants, each a file among the models
@@ -52,7 +52,7 @@ def without_shipped(files: Mapping[str, Path], base: ParameterSet) -> tuple[dict
     for name in SHIPPED:
         if files.get(name) != models_directory() / f"{name}.toml":
             continue
-        changes = {entry for table in _document(files[name]).values() for entry, _ in _entries(table)}
+        changes = {entry for table in _document(files[name]).values() for entry, _ in leaves(table, _is_group)}
         if lacking := sorted(changes - base.values.keys()):
             left_out.append(f"variant {name}: this actuator has no {', '.join(lacking)}")
             del chosen[name]
@@ -70,7 +70,7 @@ def derived(name: str, file: Path, origin: Variant) -> Variant:
         if not isinstance(table, dict) or (scope not in scopes and not re.fullmatch(r"fin[1-9]", scope)):
             raise SspError(f"{file}: {scope}: expected tables {EVERY_FIN}, fin1, fin2 ... of parameters, such as "
                            f"[{EVERY_FIN}.friction]")
-    changes = {scope: dict(_entries(table)) for scope, table in tables.items()}
+    changes = {scope: dict(leaves(table, _is_group)) for scope, table in tables.items()}
     fins = tuple(_changed(fin, {**changes.get(EVERY_FIN, {}), **changes.get(scope, {})}, f"{file}: {scope}")
                  for scope, fin in zip(origin.names, origin.fins))
     require_shared(fins, str(file))
@@ -82,14 +82,9 @@ def _document(file: Path) -> dict[str, Any]:
     return document(file, SspError, number=str)[1]
 
 
-def _entries(node: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield each dotted name with its entry: a value, or a table with one."""
-    for key, entry in node.items():
-        name = f"{path}.{key}" if path else key
-        if isinstance(entry, dict) and "value" not in entry:
-            yield from _entries(entry, name)
-        else:
-            yield name, entry
+def _is_group(name: str, table: Mapping[str, Any]) -> bool:
+    """Return whether a table holds entries, and is not one with its value."""
+    return "value" not in table
 
 
 def _changed(base: ParameterSet, entries: Mapping[str, Any], where: str) -> ParameterSet:

@@ -19,14 +19,13 @@ from ..fmi.interface import FmuInterface, fin_sets
 from ..fmi.package import build
 from ..parameters import Value, load_parameters
 from ..progress import Progress
-from ..writing import write
+from ..writing import check_target, write
 from .archive import file_content, write_archive
-from .border import wires
 from .check import check
 from .findings import Report
 from .interface import Interface, read_interface, typed
 from .schema import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render
-from .sets import fmi_units, parameter_sets, started
+from .sets import fmi_units, parameter_sets, started, wires
 from .variants import Variant, derived, without_shipped
 
 
@@ -54,10 +53,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     parameter files by number of the fin and by name of the variant. With a `border` the fins are wired to connectors of
     the system. Raises EmcasError; SspError if what was written does not pass its own check.
     """
-    if output.suffix != ".ssp":
-        raise SspError(f"{output}: the output must end in .ssp")
-    if output.is_dir() or not output.parent.is_dir():
-        raise SspError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
+    check_target(output, ".ssp", SspError)
     if fmu is not None:
         content = file_content(fmu)
         interface = read_interface(content, str(fmu))

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pythonfmu.enums import Fmi2Status
 
-from emcas_fmu.fmi.fmi2.slave import CorruptState
+from emcas_fmu.fmi.fmi2.stored import CorruptState
 from emcas_fmu.fmi.interface import SINGLE
 from tests.default_actuator import VARIABLES
 from tests.fmu.built import slave_class

@@ -18,10 +18,7 @@ Python delivers between a call and its first line cannot be caught here.
 
 from __future__ import annotations
 
-import atexit
-import json
 import sys
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partialmethod
 from math import inf, isfinite, nan
@@ -32,18 +29,10 @@ from pythonfmu.enums import Fmi2Status
 
 from ...rules import TOO_LATE, check_ranges, check_rules
 from ...runtime.core import Core, Functions, Sizes, finite, inputs_of
+from . import stored
+from .stored import CorruptState, StoredState, is_text, wrong_variable
 
 _BEFORE_RUN = ("instantiated", "initialization")
-
-
-class CorruptState(str):
-    """What deserialization gives for bytes that are no state of this FMU: the reason."""
-
-
-class StoredState(tuple[Any, ...]):
-    """What deserialization gives for bytes with the right checksum: a state, unless it was made up."""
-
-    __slots__ = ()
 
 
 class _RefusedError(Exception):
@@ -383,15 +372,15 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             problem = "unknown phase"
         elif not (finite(start) and finite(now) and now >= 0.0):
             problem = "time"
-        elif not (_is_text(misuse) and _is_text(refusal) and isinstance(changed, bool)):
+        elif not (is_text(misuse) and is_text(refusal) and isinstance(changed, bool)):
             problem = "what was refused before"
-        elif wrong := _wrong(values, self.rows):
+        elif wrong := wrong_variable(values, self.rows):
             problem = wrong
         elif phase in _BEFORE_RUN:  # the core is made anew
             return start, 0.0, phase, misuse, refusal, True, values, (), None
         elif core_state is None:
             problem = "" if bound == () and (refusal or phase == "terminated") else "no core"
-        elif wrong := _wrong(bound, parameters):
+        elif wrong := wrong_variable(bound, parameters):
             problem = wrong
         elif not changed and values[self._parameters.start:] != bound:
             problem = "parameters"
@@ -407,23 +396,11 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     @classmethod
     def _fmu_state_to_bytes(cls, state: Any) -> bytes:
-        if isinstance(state, CorruptState):
-            state = None
-        body = json.dumps(state).encode()
-        return f"{cls.unit_guid} {zlib.crc32(body):08x} ".encode() + body
+        return stored.to_bytes(cls.unit_guid, None if isinstance(state, CorruptState) else state)
 
     @classmethod
     def _fmu_state_from_bytes(cls, data: bytes) -> Any:
-        try:
-            guid, check, body = bytes(data).split(b" ", 2)
-            if guid.decode() != cls.unit_guid:
-                return CorruptState(f"it is of another FMU, not of {cls.unit_guid}")
-            if int(check, 16) != zlib.crc32(body):
-                return CorruptState("its checksum is wrong")
-            state = _tuples(json.loads(body))
-            return StoredState(state) if isinstance(state, tuple) else CorruptState("it holds no state")
-        except Exception as error:  # noqa: BLE001  see the module's docstring
-            return CorruptState(f"it cannot be read ({type(error).__name__})")
+        return stored.from_bytes(cls.unit_guid, data)
 
     # -- trouble ---------------------------------------------------------------
 
@@ -464,67 +441,6 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self.log(message.replace("%", "%%"), status)
 
 
-def _is_text(value: Any) -> bool:
-    """Return whether a value is a text that a host can be given."""
-    return isinstance(value, str) and "\0" not in value and value.encode(errors="ignore").decode() == value
-
-
-def _wrong(values: Any, rows: Sequence[tuple[Any, ...]]) -> str:
-    """Return the name of the first variable of which a stored value cannot be, "" if there is none."""
-    if not (isinstance(values, tuple) and len(values) == len(rows)):
-        return "number of variables"
-
-    def possible(value: Any, kind: str) -> bool:
-        if kind == "Real":
-            return isinstance(value, float) or finite(value)
-        if kind == "Integer":
-            return finite(value) and value == int(value) and abs(value) < 2**31
-        return finite(value) and value in (0, 1) if kind == "Boolean" else _is_text(value)
-
-    return next((str(row[0]) for value, row in zip(values, rows, strict=True) if not possible(value, row[1])), "")
-
-
 def _too_late(start: float, core: Any) -> str:
     """Return the message for a start time [s] where a clock counts too coarsely for a core's ticks, else ""."""
     return "" if abs(start) <= core.latest else TOO_LATE % (start, core.latest)
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
-
-
-_kept: list[Mapping[str, Any]] = []
-
-
-def keep(namespace: Mapping[str, Any]) -> None:
-    """Hold one more reference to a module's namespace, and see to the wrapper's end.
-
-    The wrapper executes the entry module at every instantiation and afterwards drops a
-    reference to its namespace that it only borrowed; without this the namespace would
-    be freed under later instances.
-    """
-    if not _kept and sys.platform == "linux":
-        atexit.register(_release_wrapper, str(namespace.get("__file__", "")))
-    _kept.append(namespace)
-
-
-def _release_wrapper(entry: str) -> None:
-    """Let the wrapper release its state while that is still its own.
-
-    As the process ends its static state is destroyed, and then released once more by the library's own
-    finalizer: a count is decremented in memory that was freed, which now and then aborts a host that was done.
-    Released before, by the same finalizer, there is nothing left to be released twice.
-    """
-    folder = entry.rpartition("/resources/")[0]
-    try:
-        import ctypes
-        import os
-
-        with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:  # noqa: PTH123
-            paths = {line.split(maxsplit=5)[5].rstrip().removesuffix(" (deleted)") for line in maps if line.count("/")}
-        for path in paths:
-            if folder and path.startswith(f"{folder}/binaries/"):
-                # Only if it is still loaded; the file may be gone.
-                ctypes.CDLL(path, mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()
-    except Exception:  # noqa: BLE001  the interpreter is ending, and without this all is as it was
-        pass

@@ -34,25 +34,22 @@ class Sampler:
         """Return the values (indices, factors), each in its factor's unit. Raises IndexError outside the campaign."""
         if any(not 0 <= i < self._samples for i in indices):
             raise IndexError(f"samples are numbered from 0 to {self._samples - 1}")
+        distributions = [f.distribution for f in self._factors]
         if self._method == "grid":
-            return self._grid(indices)
+            where = np.unravel_index(np.asarray(indices), [len(d.levels) for d in distributions])
+            return np.column_stack([np.asarray(d.levels, dtype=float)[k]
+                                    for d, k in zip(distributions, where, strict=True)])
         shares = self._shares(indices)
-        return np.column_stack([f.distribution.at(shares[:, k]) for k, f in enumerate(self._factors)])
-
-    def _grid(self, indices: Sequence[int]) -> Array:
-        sizes = [len(f.distribution.levels) for f in self._factors]
-        where = np.unravel_index(np.asarray(indices), sizes)
-        return np.column_stack([np.asarray(f.distribution.levels, dtype=float)[k]
-                                for f, k in zip(self._factors, where, strict=True)])
+        return np.column_stack([d.at(shares[:, k]) for k, d in enumerate(distributions)])
 
     def _shares(self, indices: Sequence[int]) -> Array:
         """Return numbers between 0 and 1 (indices, factors)."""
-        if self._cube is not None:
-            chosen: Array = self._cube[np.asarray(indices)]
-            return chosen
         if self._method == "sobol":
             return self._sobol(indices)
-        return np.array([self._generator(i).random(len(self._factors)) for i in indices])
+        if self._cube is None:
+            return np.array([self._generator(i).random(len(self._factors)) for i in indices])
+        chosen: Array = self._cube[np.asarray(indices)]
+        return chosen
 
     def _sobol(self, indices: Sequence[int]) -> Array:
         """Draw each point once, in order, as the engine goes forward only; return them in the order of `indices`."""

@@ -14,7 +14,7 @@ from ...actuators import EXTENSIONS, NAMES, get, parts
 from ...bench.excitation import COMMAND, LOAD, STEP
 from ...errors import EmcasError, hint
 from ...parameters import ParameterSet
-from ...schema import In, Table, each, kind_of
+from ...schema import In, Table, each, kind_of, leaves
 from ...variables import Variable
 from .distributions import MOST_OUTSIDE, Value, distribution
 from .experiments import EXPERIMENTS, OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile
@@ -60,7 +60,7 @@ class Reader:
 
     def vary(self, written: Any) -> None:
         """Read what varies."""
-        each(_leaves(written, self._parameters), self._parameter)
+        each(_tables(written, self._parameters), self._parameter)
         each(((f"{name}.follows", leader) for name, leader in self.followers.items()), self._check_follower)
 
     def common(self, written: Any) -> None:
@@ -99,7 +99,7 @@ class Reader:
 
     def _profiles(self, prefix: str, entries: Any) -> dict[str, Profile]:
         inputs = {name: v for name, v in self._inputs.items() if name != COMMAND}
-        return each(_leaves(entries, inputs), partial(self._profile, prefix, inputs))
+        return each(_tables(entries, inputs), partial(self._profile, prefix, inputs))
 
     def _profile(self, prefix: str, inputs: Mapping[str, Variable], name: str, entry: Any) -> Profile:
         if name not in inputs:
@@ -155,17 +155,12 @@ class Reader:
         return Experiment(name, kind, table.duration, tuple({**self._common, **table.inputs}.values()))
 
 
-def _leaves(entries: Any, variables: Mapping[str, Variable], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield names with dots, quoted or not, with their tables."""
+def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[str, Any]]:
+    """Return names with dots, quoted or not, with their tables. Raises ValueError."""
     if not isinstance(entries, Mapping):
         raise ValueError("expected a table")
-    for key, entry in entries.items():
-        name = f"{prefix}{key}"
-        nested = isinstance(entry, Mapping) and entry and all(isinstance(e, Mapping) for e in entry.values())
-        if nested and name not in variables:
-            yield from _leaves(entry, variables, f"{name}.")
-        else:
-            yield name, entry
+    return leaves(entries, lambda name, table: table and name not in variables and all(
+        isinstance(entry, Mapping) for entry in table.values()))
 
 
 def _elsewhere(name: str, model: str) -> str:

@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ... import __version__
 from ...actuators import NONLINEAR
 from ...bench.requirements import Specification
+from ...schema import leaves
 from ...writing import PARTIAL, write
 from .distributions import CampaignError
 from .sample import Rows, columns, observed
@@ -189,10 +190,10 @@ def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
     try:
         document = json.loads(manifest.read_text(encoding="utf-8"))
         document.pop("text")
-        before = dict(_flat(document))
+        before = dict(leaves(document, _is_filled))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise CampaignError(f"{manifest}: is no record of a campaign; name another folder") from error
-    now = dict(_flat(campaign))
+    now = dict(leaves(campaign, _is_filled))
     changed = [f"{name.removeprefix('campaign.')}: {_shown(before, name)} then, {_shown(now, name)} now"
                for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
     if changed:
@@ -201,13 +202,9 @@ def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
                             "Restore what changed, or name another folder with --output")
 
 
+def _is_filled(name: str, table: Mapping[str, Any]) -> bool:
+    return bool(table)
+
+
 def _shown(values: Mapping[str, Any], name: str) -> str:
     return repr(values[name]) if name in values else "not given"
-
-
-def _flat(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    if isinstance(node, dict) and node:
-        for key, value in node.items():
-            yield from _flat(value, f"{path}.{key}" if path else key)
-    else:
-        yield path, node

@@ -1,0 +1,67 @@
+"""FMU states as bytes: what is read back is a state of the same FMU, or the reason why it is none.
+
+Standard library only: it is embedded in the FMU.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+from ...runtime.core import finite
+
+
+class CorruptState(str):
+    """What deserialization gives for bytes that are no state of this FMU: the reason."""
+
+
+class StoredState(tuple[Any, ...]):
+    """What deserialization gives for bytes with the right checksum: a state, unless it was made up."""
+
+    __slots__ = ()
+
+
+def to_bytes(guid: str, state: Any) -> bytes:
+    """Return a state with a checksum, and the GUID of the FMU that it is of."""
+    body = json.dumps(state).encode()
+    return f"{guid} {zlib.crc32(body):08x} ".encode() + body
+
+
+def from_bytes(guid: str, data: bytes) -> CorruptState | StoredState:
+    """Return the state that bytes are of the FMU with this GUID, or why they are none."""
+    try:
+        of, check, body = bytes(data).split(b" ", 2)
+        if of.decode() != guid:
+            return CorruptState(f"it is of another FMU, not of {guid}")
+        if int(check, 16) != zlib.crc32(body):
+            return CorruptState("its checksum is wrong")
+        state = _tuples(json.loads(body))
+        return StoredState(state) if isinstance(state, tuple) else CorruptState("it holds no state")
+    except Exception as error:  # noqa: BLE001  nothing may leave the slave
+        return CorruptState(f"it cannot be read ({type(error).__name__})")
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def is_text(value: Any) -> bool:
+    """Return whether a value is a text that a host can be given."""
+    return isinstance(value, str) and "\0" not in value and value.encode(errors="ignore").decode() == value
+
+
+def wrong_variable(values: Any, rows: Sequence[tuple[Any, ...]]) -> str:
+    """Return the name of the first variable of which a stored value cannot be, "" if there is none."""
+    if not (isinstance(values, tuple) and len(values) == len(rows)):
+        return "number of variables"
+
+    def possible(value: Any, kind: str) -> bool:
+        if kind == "Real":
+            return isinstance(value, float) or finite(value)
+        if kind == "Integer":
+            return finite(value) and value == int(value) and abs(value) < 2**31
+        return finite(value) and value in (0, 1) if kind == "Boolean" else is_text(value)
+
+    return next((str(row[0]) for value, row in zip(values, rows, strict=True) if not possible(value, row[1])), "")

@@ -1,0 +1,204 @@
+"""What a parameter file has of each parameter: a value with unit, source and note, read and checked on its own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
+from math import isclose
+from numbers import Integral, Real
+from typing import Any
+
+from . import schema
+from .actuators import EXTENSIONS, NAMES, get, get_extension, parts
+from .errors import EmcasError, hint
+from .rules import check_ranges
+from .units import describe, quantity
+from .variables import Variable
+
+Value = float | int | bool
+
+_FIELDS = ("value", "unit", "source", "note")
+# A limit that reached the file through another unit is still that limit.
+_ROUNDING = 1e-12
+# What is meant by a name that was: a hint, no more.
+_RENAMED = {f"friction.cold_{kind}_ratio": f"friction.table.{kind}" for kind in ("viscous", "coulomb")}
+
+
+class ParameterError(EmcasError, ValueError):
+    """Parameters that cannot be used; `problems` has one message each, naming file, key, value and remedy."""
+
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        each = (problems,) if isinstance(problems, str) else problems
+        self.problems = tuple(" ".join(str(problem).splitlines()) for problem in each)  # a name may have several lines
+        super().__init__("\n".join(self.problems))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.problems,)
+
+
+class Known:
+    """Names that may be given, and what to say of one that is none of them."""
+
+    def __init__(self, variables: Iterable[Variable], unknown: str = "unknown parameter") -> None:
+        self.unknown = unknown
+        self.variables = {v.name: v for v in variables}
+        self.lengths = Counter(name.partition("[")[0] for name in self.variables if "[" in name)  # of the arrays
+        self.names = [*self.variables, *self.lengths]
+        self.groups = {"", *(name.rsplit(".", i)[0] for name in self.names for i in range(1, name.count(".") + 1))}
+
+
+@cache
+def _shipped() -> tuple[Variable, ...]:
+    actuators = [get(name) for name in NAMES]
+    extensions = [get_extension(name) for name in EXTENSIONS]
+    return (*(v for actuator in actuators for v in actuator.file_entries),
+            *(v for extension in extensions for actuator in actuators for v in extension.parameters(actuator)))
+
+
+@cache
+def known_names(model: str) -> Known:
+    """Return the names a user's file may use. What an actuator declares, it means, whatever others mean by it.
+
+    Its parameter file gives the extensions' parameters that only it has, such as those of its faults.
+    """
+    extensions, plain = map(get_extension, EXTENSIONS), get(parts(model)[0])
+    return Known((*_shipped(), *(v for each in extensions for v in each.parameters(plain)), *get(model).file_entries))
+
+
+@cache
+def declared_names(model: str) -> Known:
+    """Return the names of an actuator alone."""
+    return Known(get(model).file_entries, f"the {get(model).name} actuator has no such parameter")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One value in its variable's unit, and where it comes from.
+
+    `text` is the value as written; `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in
+    the default set, and ``user`` or what the user calls it elsewhere; `file` is the name of the
+    file, empty for values set in a program. `default` tells whether it is of the default set.
+    """
+
+    variable: Variable
+    value: Value
+    text: str
+    source: str
+    note: str
+    file: str
+    default: bool = field(default=False, compare=False)
+
+
+def read_entries(
+    document: Mapping[str, Any], label: str, file: str, source: str, known: Known,
+) -> tuple[dict[str, Entry], list[str]]:
+    """Return the sound entries of a document and the problems of the others."""
+    entries: dict[str, Entry] = {}
+    found: list[tuple[str, Mapping[str, Any], ValueError]] = []
+    def is_group(name: str, table: Mapping[str, Any]) -> bool:
+        return name not in known.names and "value" not in table and bool(table or name in known.groups)
+
+    for key, written in schema.leaves(document, is_group):
+        try:
+            for name, fields in _scalars(key, written, known):
+                try:
+                    if name in entries:
+                        raise ValueError("given twice")
+                    entries[name] = _entry(known.variables[name], fields, source, file)
+                except ValueError as error:
+                    found.append((name, fields, error))
+        except ValueError as error:
+            found.append((key, {"value": written}, error))
+    problems = [f"{label}: {name} = {as_text(fields)}: {error}" for name, fields, error in found[:schema.MOST_PROBLEMS]]
+    return entries, problems + [f"{label}: {said}" for said in schema.further(found)]
+
+
+def _scalars(key: str, written: Any, known: Known) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield names and fields of a key's scalars: one, or one an element of an array."""
+    fields = written if isinstance(written, Mapping) else {"value": written}
+    if key in known.variables:
+        yield key, fields
+    elif key in known.lengths:
+        elements = fields.get("value")
+        if not isinstance(elements, (list, tuple)) or len(elements) != known.lengths[key]:
+            raise ValueError(f"expected an array of {known.lengths[key]} values")
+        for i, element in enumerate(elements):
+            yield f"{key}[{i}]", {**fields, "value": element}
+    elif key in known.groups:
+        raise ValueError("is a group of parameters; expected a table such as "
+                         f"{next(name for name in known.names if name.startswith(key + '.'))}")
+    else:
+        raise _UnknownNameError(key, known)
+
+
+class _UnknownNameError(ValueError):
+    """A name that is none of those known, with the nearest of them, which is looked for where it is printed."""
+
+    def __str__(self) -> str:
+        key, known = self.args
+        return f"{known.unknown}{hint(_RENAMED.get(key, key), known.names)}"
+
+
+def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:
+    """Return the entry of a scalar. Raises ValueError, saying what is wrong and what was expected."""
+    for key in fields:
+        if key not in _FIELDS:
+            raise ValueError(f"unknown field {key!r}{hint(key, _FIELDS)}; "
+                             f"an entry has {', '.join(_FIELDS)}")
+    if "value" not in fields:
+        raise ValueError("has no value")
+    for key in _FIELDS[1:]:
+        if not isinstance(fields.get(key, ""), str):
+            raise ValueError(f"{key} = {fields[key]!r}: expected a string")
+    read = _boolean if variable.kind == "Boolean" else partial(_number, variable)
+    return Entry(variable, read(fields), as_text(fields), fields.get("source", source), fields.get("note", ""), file)
+
+
+def _boolean(fields: Mapping[str, Any]) -> bool:
+    if not isinstance(fields["value"], bool):
+        raise ValueError("expected true or false")
+    if "unit" in fields:
+        raise ValueError("true and false have no unit")
+    return fields["value"]
+
+
+def _number(variable: Variable, fields: Mapping[str, Any]) -> float | int:
+    written = fields["value"]  # TOML's floats are text here
+    if not isinstance(written, (int, str)):
+        raise ValueError(f"expected {describe(variable.unit)}")
+    value = quantity(str(written), fields.get("unit", ""), variable.unit)
+    limits = (variable.minimum, variable.maximum)
+    value = next((limit for limit in limits if isclose(value, limit, rel_tol=_ROUNDING)), value)
+    if check_ranges({variable.name: value}, [(variable.name, *limits)]):
+        unit = "" if variable.unit == "1" else f" {variable.unit}"
+        raise ValueError(f"is {value:.6g}{unit}; it must be within {limits[0]:.6g} .. {limits[1]:.6g}{unit}")
+    if variable.kind == "Integer" and not float(value).is_integer():
+        raise ValueError("expected a whole number")
+    return int(value) if variable.kind == "Integer" else value
+
+
+def in_variables_unit(name: str, value: object, model: str) -> object:
+    """Return what a parameter file would say for a value given in a program."""
+    if isinstance(value, (list, tuple)):
+        return [in_variables_unit(f"{name}[{i}]", element, model) for i, element in enumerate(value)]
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return value
+    variable = known_names(model).variables.get(name)
+    unit = variable.unit if variable else ""
+    text = str(int(value)) if isinstance(value, Integral) else repr(float(value))
+    return f"{text} {unit}" if unit and unit != "1" else text
+
+
+def file_entry(values: Sequence[float], unit: str, source: str, note: str) -> dict[str, object]:
+    """Return what a parameter file would say of a value, or of an array, in the variable table's unit."""
+    texts = [repr(float(value)) for value in values]
+    return {"value": texts if len(texts) > 1 else texts[0], "unit": unit, "source": source, "note": note}
+
+
+def as_text(fields: Mapping[str, Any]) -> str:
+    """Return a value as its file has it, with its unit."""
+    value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
+    text = str(value).lower() if isinstance(value, bool) else schema.shortened(value)
+    return text if unit in ("", "1") else f"{text} {unit}"
