@@ -17,8 +17,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
@@ -118,14 +121,24 @@ def applied(mutant: Mutant, tree: Path) -> Iterator[str]:
         path.write_bytes(before)
 
 
-def killed(tree: Path, processes: str) -> bool:
+def killed(tree: Path) -> bool:
     """Return whether the quick check fails in a tree: its sharpest tests first."""
     environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
-    for tests in (SHARP, "@tests/quick.txt"):
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-n", processes, tests]
+    for tests in ([SHARP], ["@tests/quick.txt", f"--ignore={SHARP}"]):
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-n", "0", *tests]
         if subprocess.run(command, cwd=tree, env=environment, capture_output=True, check=False).returncode:
             return True
     return False
+
+
+def tried(mutant: Mutant, trees: SimpleQueue[Path]) -> tuple[bool, str]:
+    """Return whether the quick check finds a mutant in one of the trees that are free, and the change in words."""
+    tree = trees.get()
+    try:
+        with applied(mutant, tree) as change:
+            return killed(tree), change
+    finally:
+        trees.put(tree)
 
 
 def main() -> int:
@@ -134,20 +147,20 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=45)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--under", nargs="+", default=UNDER)
-    parser.add_argument("-n", "--processes", default="2")
+    parser.add_argument("-n", "--processes", type=int, default=2)
     given = parser.parse_args()
     places = mutants(given.under)
     chosen = random.Random(given.seed).sample(places, min(given.count, len(places)))
+    trees: SimpleQueue[Path] = SimpleQueue()
     dead = 0
-    with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "tree"
-        shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", ".*_cache"))
-        if killed(tree, given.processes):
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.processes) as pool:
+        for place in range(given.processes):
+            trees.put(Path(shutil.copytree(ROOT, Path(folder) / f"tree{place}", ignore=shutil.ignore_patterns(
+                ".git", ".venv", "__pycache__", ".*_cache"))))
+        if killed(Path(folder) / "tree0"):
             print("the quick check fails as it is")
             return 2
-        for mutant in chosen:
-            with applied(mutant, tree) as change:
-                died = killed(tree, given.processes)
+        for mutant, (died, change) in zip(chosen, pool.map(partial(tried, trees=trees), chosen)):
             dead += died
             print(f"{'killed' if died else 'ALIVE '} {mutant.file}:{mutant.line}  {change}", flush=True)
     print(f"{dead} of {len(chosen)} killed")
