@@ -19,7 +19,7 @@ CHANGED = {"def f(a: Literal[3], b=2.0):", "def f(a: Literal[3], b=-2.2):", "if 
 
 C = """#define TWO 2 + 2  /* as it is */
 /* 1 + 1 */
-double f(double *x) { if (x[1] <= 0.5 && *x) *x += 2.0 - g("%d / 3"); return 1e-3; }
+double f(double *x) { if (x[1] <= 0.5 && *x) *x += 2.0 - g("%d / 3"); return *x; }
 """
 C_CHANGED = {"x[2] <= 0.5 && *x) *x += 2.0 - g", "x[1] > 0.5 && *x) *x += 2.0 - g", "x[1] <= 0.55 && *x) *x += 2.0 - g",
              "x[1] <= 0.5 || *x) *x += 2.0 - g", "x[1] <= 0.5 && *x) *x -= 2.0 - g", "x[1] <= 0.5 && *x) *x += 2.2 - g",
