@@ -12,23 +12,32 @@ import argparse
 import ast
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 UNDER = tuple(f"emcas_fmu/{name}" for name in (
     "physics", "steppers", "control", "actuators", "extensions", "runtime", "bench"))
 ENOUGH = 0.95
-SHARP = "tests/trajectories"  # run first: it finds most, in seconds
+TOO_LONG = 900  # s
+SHARP = {"emcas_fmu/bench": "tests/bench", "emcas_fmu": "tests/trajectories"}  # run first: it finds most, in seconds
 _SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 _FLIPPED = {ast.Lt: ">=", ast.GtE: "<", ast.Gt: "<=", ast.LtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
 _OTHER = {"minimum": "maximum", "maximum": "minimum", "min": "max", "max": "min"}
+_NO_C = re.compile(r'/\*.*?\*/|"(?:\\.|[^"\\\n])*"|^[ \t]*#(?:[^\n]*\\\n)*[^\n]*', re.DOTALL | re.MULTILINE)
+_C = re.compile(r"(?<= )(?:[-+*/<>]|[-+]=|[<>=!]=|&&|\|\|)(?= )|(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
+_C_SWAPPED = {"+": "-", "-": "+", "*": "/", "/": "*", "+=": "-=", "-=": "+=", "<": ">=", ">=": "<", ">": "<=",
+              "<=": ">", "==": "!=", "!=": "==", "&&": "||", "||": "&&"}
 _TEXTS = (ast.Raise, ast.JoinedStr, ast.Assert)  # errors' texts and formats: what is in them is not computed with
 
 
@@ -88,11 +97,26 @@ def _changed(node: ast.AST, text: bytes, begins: Sequence[int]) -> tuple[int, in
     return None
 
 
-def mutants(under: Sequence[str] = UNDER, root: Path = ROOT) -> list[Mutant]:
-    """Return every mutant of the Python files below these folders, or of these files."""
+def _in_c(text: str) -> Iterator[tuple[int, int, str]]:
+    """Give from where to where C changes, and to what: not in comments, texts and lines of the preprocessor."""
+    code = _NO_C.sub(lambda found: " " * len(found[0]), text)
+    for found in _C.finditer(code):
+        word = found[0]
+        if word in _C_SWAPPED:
+            yield found.start(), found.end(), _C_SWAPPED[word]
+        else:
+            yield found.start(), found.end(), repr(float(word) * 1.1 or 0.1) if "." in word else str(int(word) + 1)
+
+
+def mutants(under: Sequence[str] = UNDER, root: Path = ROOT, c: bool = False) -> list[Mutant]:
+    """Return every mutant of the Python files below these folders, or of these files; of C files instead with `c`."""
     found = []
     for start in (root / each for each in under):
-        for path in sorted(start.rglob("*.py")) if start.is_dir() else [start]:
+        for path in sorted(p for p in start.rglob("*.*") if p.suffix in (".c", ".h")) if c else []:
+            text = path.read_bytes()
+            found += [Mutant(path.relative_to(root).as_posix(), text.count(b"\n", 0, begin) + 1, begin, end, new)
+                      for begin, end, new in _in_c(text.decode("ascii"))]
+        for path in [] if c else sorted(start.rglob("*.py")) if start.is_dir() else [start]:
             text = path.read_bytes()
             begins = [0]
             for row in text.splitlines(keepends=True):
@@ -118,14 +142,29 @@ def applied(mutant: Mutant, tree: Path) -> Iterator[str]:
         path.write_bytes(before)
 
 
-def killed(tree: Path, processes: str) -> bool:
-    """Return whether the quick check fails in a tree: its sharpest tests first."""
+def killed(tree: Path, file: str) -> bool:
+    """Return whether the quick check fails in a tree where a file is changed: the sharpest tests for that first."""
+    first = next(tests for folder, tests in SHARP.items() if file.startswith(folder))
     environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
-    for tests in (SHARP, "@tests/quick.txt"):
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-n", processes, tests]
-        if subprocess.run(command, cwd=tree, env=environment, capture_output=True, check=False).returncode:
+    for tests in ([first], ["@tests/quick.txt", f"--ignore={first}"]):
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-n", "0", *tests,
+                   "--ignore=tests/bench/test_browser.py", "-m", "not fmu and not acceptance and not slow"]
+        try:
+            if subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=TOO_LONG).returncode:
+                return True
+        except subprocess.TimeoutExpired:  # it runs for ever
             return True
     return False
+
+
+def tried(mutant: Mutant, trees: SimpleQueue[Path]) -> tuple[bool, str]:
+    """Return whether the quick check finds a mutant in one of the trees that are free, and the change in words."""
+    tree = trees.get()
+    try:
+        with applied(mutant, tree) as change:
+            return killed(tree, mutant.file), change
+    finally:
+        trees.put(tree)
 
 
 def main() -> int:
@@ -134,20 +173,21 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=45)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--under", nargs="+", default=UNDER)
-    parser.add_argument("-n", "--processes", default="2")
+    parser.add_argument("--c", action="store_true", help="of the C files")
+    parser.add_argument("-n", "--processes", type=int, default=2)
     given = parser.parse_args()
-    places = mutants(given.under)
+    places = mutants(given.under, c=given.c)
     chosen = random.Random(given.seed).sample(places, min(given.count, len(places)))
+    trees: SimpleQueue[Path] = SimpleQueue()
     dead = 0
-    with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "tree"
-        shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", ".*_cache"))
-        if killed(tree, given.processes):
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.processes) as pool:
+        for place in range(given.processes):
+            trees.put(Path(shutil.copytree(ROOT, Path(folder) / f"tree{place}", ignore=shutil.ignore_patterns(
+                ".git", ".venv", "__pycache__", ".*_cache"))))
+        if killed(Path(folder) / "tree0", UNDER[0]):
             print("the quick check fails as it is")
             return 2
-        for mutant in chosen:
-            with applied(mutant, tree) as change:
-                died = killed(tree, given.processes)
+        for mutant, (died, change) in zip(chosen, pool.map(partial(tried, trees=trees), chosen)):
             dead += died
             print(f"{'killed' if died else 'ALIVE '} {mutant.file}:{mutant.line}  {change}", flush=True)
     print(f"{dead} of {len(chosen)} killed")

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -134,6 +135,17 @@ def test_what_a_subject_has_not_is_named(subjects: Subjects) -> None:
     assert bare.lacking(("motor_current",)) == "this actuator has no motor_current"
     assert bare.obstacle(step_to(0.1, 0.1)) == ""
     assert "valve.gain" in bare.obstacle(step_to(0.1, 0.1).with_start_values({"valve.gain": 1.0}))
+
+
+def test_an_fmu_for_model_exchange_only_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "exchange.fmu"
+    with ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", (
+            '<fmiModelDescription fmiVersion="2.0" modelName="x" guid="y"><ModelExchange modelIdentifier="x"/>'
+            '<ModelVariables><ScalarVariable name="a" valueReference="0" causality="parameter" variability="fixed">'
+            '<Real start="1"/></ScalarVariable></ModelVariables><ModelStructure/></fmiModelDescription>'))
+    with pytest.raises(EmcasError, match=r"is not a co-simulation FMU of FMI 2\.0 or 3\.0"), open_subject(path):
+        pass
 
 
 def test_one_fin_of_several(tmp_path: Path) -> None:

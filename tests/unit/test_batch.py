@@ -17,6 +17,8 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterError, ParameterSet
 from emcas_fmu.runtime import batch as kernel
 from emcas_fmu.runtime import library
+from emcas_fmu.runtime.compiled import longest_line
+from emcas_fmu.runtime.schedule import Schedule
 from emcas_fmu.simulation import simulate as of_kernel
 
 BASE = load_parameters()
@@ -33,6 +35,12 @@ def test_each_moves_as_it_does_alone() -> None:
     for k, (each, load) in enumerate(zip(sets, (0.0, -20.0), strict=True)):
         alone = of_kernel(each.values, 0.02, 0.01, fin_command=0.1, aero_torque=[0.0, load, load])
         assert angle[k] == batch.outputs["fin_angle"][k] == alone["fin_angle"][-1]
+
+
+def test_memory_is_for_the_longest_delay_line() -> None:
+    """Two delays that are kept in samples, and two more values, of the actuator that has most."""
+    schedules = np.outer([2.0, 5.0, 3.0], np.ones(len(Schedule._fields)))
+    assert longest_line(schedules) == 5 + 5 + 2
 
 
 def test_outputs_are_there_from_the_start() -> None:
@@ -68,6 +76,8 @@ def test_what_cannot_be_followed_is_named_and_stays() -> None:
         batch.run(0.02, aero_torque=np.array([0.0, 1e300, 0.0]))
     assert batch.outputs["fin_angle"][1] == before[1]
     assert batch.outputs["fin_angle"][0] == batch.outputs["fin_angle"][2] != before[0]
+    with pytest.raises(ArithmeticError, match=r"actuators 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, \.\.\.: "):
+        Batch(BASE, 12).run(0.02, aero_torque=1e300)
 
 
 def test_parameters_by_column() -> None:

@@ -17,6 +17,14 @@ def f(a: Literal[3], b=-2.0):
 CHANGED = {"def f(a: Literal[3], b=2.0):", "def f(a: Literal[3], b=-2.2):", "if a >= 0 and b:", "if a < 1 and b:",
            "if a < 0 or b:", "return min(a, b) * (", "return max(a, b) / (", "a + 10)", "a - 11)"}
 
+C = """#define TWO 2 + 2  /* as it is */
+/* 1 + 1 */
+double f(double *x) { if (x[1] <= 0.5 && *x) *x += 2.0 - g("%d / 3"); return *x; }
+"""
+C_CHANGED = {"x[2] <= 0.5 && *x) *x += 2.0 - g", "x[1] > 0.5 && *x) *x += 2.0 - g", "x[1] <= 0.55 && *x) *x += 2.0 - g",
+             "x[1] <= 0.5 || *x) *x += 2.0 - g", "x[1] <= 0.5 && *x) *x -= 2.0 - g", "x[1] <= 0.5 && *x) *x += 2.2 - g",
+             "x[1] <= 0.5 && *x) *x += 2.0 + g"}
+
 
 def test_each_change_is_made_and_put_back(tmp_path: Path) -> None:
     (tmp_path / "f.py").write_text(SOURCE, encoding="utf-8")
@@ -28,6 +36,22 @@ def test_each_change_is_made_and_put_back(tmp_path: Path) -> None:
             found.add(change.split(" -> ")[1])
         assert (tmp_path / "f.py").read_text(encoding="utf-8") == SOURCE
     assert found == CHANGED
+
+
+def test_each_change_of_c(tmp_path: Path) -> None:
+    (tmp_path / "f.h").write_text(C, encoding="utf-8")
+    lines = [(C[:mutant.begin] + mutant.new + C[mutant.end:]).splitlines() for mutant in mutants(["."], tmp_path, True)]
+    assert {line.split("if (")[1].split("(")[0] for _, _, line in lines} == C_CHANGED
+
+
+def test_the_quick_check_leaves_out_what_there_is() -> None:
+    """A name that is misspelt, or has changed, would leave nothing out, and nobody would know."""
+    for line in (ROOT / "tests/quick.txt").read_text(encoding="utf-8").splitlines():
+        path, _, test = line.removeprefix("--ignore=").removeprefix("--deselect=").partition("::")
+        if "tests/" in path:
+            name = test.partition("[")[0]
+            text = (ROOT / path).read_text(encoding="utf-8") if test else str((ROOT / path).exists())
+            assert (f"def {name}(" if test else "True") in text, line
 
 
 def test_a_mutant_of_the_package_is_another_program() -> None:

@@ -11,9 +11,10 @@ import pytest
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.actuators.electromechanical import plausibility
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.extensions import fault_list
 from emcas_fmu.files import named_sets
 from emcas_fmu.ops.floats import FLOATS
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.runtime import codegen
 from emcas_fmu.trace.python_source import python_source
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
@@ -125,3 +126,11 @@ def test_both_back_ends_have_the_rules_without_supply() -> None:
     assert set(plausibility.RULES) <= set(get("nonlinear").all_rules)
     assert not set(plausibility.SUPPLY_RULES) & set(get("nonlinear").all_rules)
     assert all(rule.warning for rule in RULES)
+
+
+def test_a_command_may_be_as_late_as_the_longest_delay_and_no_later() -> None:
+    parameters = load_parameters(model="nonlinear+faults")
+    longest = fault_list.LONGEST_COMMAND_DELAY * parameters.values["controller.sample_time"]
+    parameters.with_values({"fault.command_delay.active": True, "fault.command_delay.time": longest})
+    with pytest.raises(ParameterError, match=r"fault\.command_delay\.time"):
+        parameters.with_values({"fault.command_delay.active": True, "fault.command_delay.time": longest * (1 + 1e-6)})
