@@ -28,7 +28,7 @@ from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
 from ...physics.structure import Structure
 from ...steppers import current_loop, events, rigid
-from ...variables import Terminal, only, parameter, switch, tunable, without
+from ...variables import Terminal, only, parameter, switch, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, State, Values
 from ..electromechanical import interface as electromechanical
@@ -41,8 +41,8 @@ _FREE = stick.Slide(1.0, 0.0, 0.0)
 _ROUNDING = 1e-9  # V
 PARAMETERS = (
     *interface.PARAMETERS,
-    *without(only(electromechanical.PARAMETERS, "inertia.motor", "motor.", "drive.", "controller.velocity.kp",
-                  "controller.speed_limit", "compensation."), "drive.transport_delay"),
+    *only(nonlinear.PARTS.parameters, "inertia.motor", "motor.", "drive.current_", "drive.k", "drive.reference_limit",
+          "controller.velocity.kp", "controller.speed_limit", "compensation."),
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p",
               sheet="pump: displacement per revolution"),
     parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p",
@@ -236,7 +236,7 @@ ACTUATOR = Actuator(
     states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
     outputs=(*interface.OUTPUTS,
-             *only(electromechanical.OUTPUTS, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
+             *only(nonlinear.PARTS.outputs, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
                    "drive_reference", "supply_power", "current_error")),
     parameters=PARAMETERS,
     supply=electromechanical.SUPPLY,
