@@ -23,7 +23,7 @@ from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import course, heat
 from ..physics.structure import Structure
-from ..steppers.rigid import Plant, electrical_mode
+from ..steppers.electrical import Plant, electrical_mode
 from ..variables import Variable, in_group, parameter, real_output, tunable
 from .declaration import Extension
 

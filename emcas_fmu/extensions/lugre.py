@@ -26,8 +26,8 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import friction, mechanics
 from ..rules import SLACK, Rule, when
+from ..steppers.electrical import Plant
 from ..steppers.lugre import advance
-from ..steppers.rigid import Plant
 from ..variables import in_group, parameter, real_output
 from .declaration import Extension
 

@@ -20,7 +20,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import course, drive, supply
 from ..rules import Rule, when
-from ..steppers.rigid import Plant, electrical_mode
+from ..steppers.electrical import Plant, electrical_mode
 from ..variables import boolean_output, in_group, parameter, real_output, switch
 from .declaration import Extension
 from .status import DISABLED, OPERATIONAL, STATUS

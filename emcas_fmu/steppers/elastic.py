@@ -19,8 +19,9 @@ from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
 from . import current_loop
+from .electrical import Drive, Plant, electrical_mode, resolved, switched
 from .events import PROGRESS, corrected, first_lost
-from .rigid import Drive, Plant, electrical_mode, resolved, stops, switched
+from .rigid import stops
 
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
 # of its angle. Meanwhile the flank pulls, and takes energy.

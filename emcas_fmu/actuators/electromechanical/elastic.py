@@ -18,7 +18,7 @@ from ...rules import Rule, when
 from ...steppers import elastic as elastic_stepper
 from ...steppers import rigid
 from ...steppers.elastic import Pair
-from ...steppers.rigid import Plant
+from ...steppers.electrical import Plant
 from ...variables import Variable, in_group, parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, State, Values
@@ -78,11 +78,7 @@ def gap(flanks: str = "nut and fork", along: str = "screw", sheet: str = "screw:
 HINGE, GAP = hinge(), gap()
 LINE = (AXIAL, TORSIONAL, GAP, HINGE)
 SCREW = interface.screw("nut displacement from the assembly position, before the gap")
-PARTS = interface.Parts((
-    interface.LEVER, interface.COULOMB, interface.ENCODER, SCREW, *interface.LOOPS, interface.VISCOUS,
-    interface.HINGE, interface.HINGE_FRICTION, SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER,
-    interface.INDUCTANCE, interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT, interface.CURRENT_LOOP,
-    interface.COMPENSATION, interface.POLE_PAIRS, *LINE))
+PARTS = interface.Parts((*interface.lever_and_screw(SCREW), SHAFT, *interface.SERVO, *LINE))
 
 
 def _limp(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:

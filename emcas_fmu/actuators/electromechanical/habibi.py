@@ -20,10 +20,7 @@ from . import elastic, interface, nonlinear
 from .interface import with_parameters
 
 PARTS = interface.Parts((
-    interface.LEVER, interface.COULOMB, interface.ENCODER, elastic.SCREW, *interface.LOOPS, interface.VISCOUS,
-    interface.HINGE, interface.HINGE_FRICTION, elastic.SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER,
-    interface.INDUCTANCE, interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT, interface.CURRENT_LOOP,
-    interface.COMPENSATION, interface.POLE_PAIRS, elastic.GAP))
+    *interface.lever_and_screw(elastic.SCREW), elastic.SHAFT, *interface.SERVO, elastic.GAP))
 
 
 def at_motor(p: Any) -> Any:

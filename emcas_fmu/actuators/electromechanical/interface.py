@@ -244,10 +244,6 @@ class Parts:
 
     groups: tuple[Group, ...]
 
-    def having(self, *groups: Group) -> Parts:
-        """Return these parts with further ones behind them."""
-        return Parts((*self.groups, *groups))
-
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
         """The parameters in the interface's order."""
@@ -508,6 +504,14 @@ def encoder(of: str = "motor") -> Group:
 ENCODER = encoder()
 OPTIONAL = (LEVER, SCREW, COULOMB, HINGE_FRICTION, COMPENSATION, ENCODER, CURRENT_LIMIT, LIMITS, POLE_PAIRS)
 LOOPS = (VELOCITY_LOOP, LIMITS, POSITION_LOOP)
+SERVO = (MOTOR, CURRENT, POWER, INDUCTANCE, DELAY, CURRENT_GAIN, CURRENT_LIMIT, CURRENT_LOOP, COMPENSATION, POLE_PAIRS)
+
+
+def lever_and_screw(screw: Group) -> tuple[Group, ...]:
+    """Return the groups from the motor's shaft to the fin, with its loops and encoder."""
+    return LEVER, COULOMB, ENCODER, screw, *LOOPS, VISCOUS, HINGE, HINGE_FRICTION
+
+
 
 # -- one actuator from another -----------------------------------------------------
 

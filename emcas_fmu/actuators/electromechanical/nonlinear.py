@@ -10,7 +10,8 @@ from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
 from ...physics.structure import Structure
 from ...steppers import rigid
-from ...steppers.rigid import Plant, advance
+from ...steppers.electrical import Plant
+from ...steppers.rigid import advance
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, Values
 from . import interface, plausibility
@@ -18,11 +19,7 @@ from .as_built import NOMINAL, as_built
 
 # The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
 _INTEGRAL_PHASE = 0.07
-PARTS = interface.Parts((
-    interface.LEVER, interface.COULOMB, interface.ENCODER, interface.SCREW, *interface.LOOPS, interface.VISCOUS,
-    interface.HINGE, interface.HINGE_FRICTION, interface.SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER,
-    interface.INDUCTANCE, interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT, interface.CURRENT_LOOP,
-    interface.COMPENSATION, interface.POLE_PAIRS))
+PARTS = interface.Parts((*interface.lever_and_screw(interface.SCREW), interface.SHAFT, *interface.SERVO))
 EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
 
 

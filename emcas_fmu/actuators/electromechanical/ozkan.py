@@ -25,8 +25,7 @@ from .interface import with_parameters
 # under the motor's full torque.
 _STIFFEST = 1e-6
 PARTS = interface.Parts((
-    interface.LEVER, interface.COULOMB, interface.ENCODER, elastic.SCREW, *interface.LOOPS, interface.VISCOUS,
-    interface.HINGE, interface.HINGE_FRICTION, elastic.SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER,
+    *interface.lever_and_screw(elastic.SCREW), elastic.SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER,
     interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT, interface.COMPENSATION, elastic.TORSIONAL))
 
 

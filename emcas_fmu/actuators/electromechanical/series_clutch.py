@@ -37,7 +37,7 @@ from ...physics.clutched_screw import Train
 from ...physics.stick import WALL
 from ...physics.structure import Structure
 from ...rules import Rule
-from ...steppers import current_loop, events, rigid
+from ...steppers import current_loop, electrical, events, rigid
 from ...variables import parameter, real_output, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
@@ -111,8 +111,8 @@ def _coil(ops: Ops, p: Any, x: Record, u: Acting) -> clutch.Coil:
     return clutch.coil(ops, p, asked, p.coil.kp, x.coil_current, u.supply)
 
 
-def _electrical(x: Record) -> rigid.Plant:
-    return rigid.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
+def _electrical(x: Record) -> electrical.Plant:
+    return electrical.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Record:
@@ -147,7 +147,7 @@ def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
     t = _train(ops, p, x, m)
     motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
     moving = Record(**vars(m), motion=motion)
-    return Record(**vars(moving), drive=rigid.electrical_mode(
+    return Record(**vars(moving), drive=electrical.electrical_mode(
         ops, p, _electrical(x), u, h, lambda: clutched_screw.accelerations(ops, t, motion)[1]))
 
 
@@ -205,9 +205,9 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     p = as_built(ops, p)
-    now = rigid.switched(ops, _electrical(x), u.enabled)
+    now = electrical.switched(ops, _electrical(x), u.enabled)
     x = x.replace(motor_current=now.current, drive_integral=now.integral)
-    moved, used = events.advance(ops, p, _SYSTEM, x, u, rigid.resolved(ops, p, now, u, h))
+    moved, used = events.advance(ops, p, _SYSTEM, x, u, electrical.resolved(ops, p, now, u, h))
     return vars(moved), used
 
 

@@ -55,9 +55,7 @@ def parts(*of_line: interface.Group, motor_angle: str = "motor angle") -> interf
     """Return motor, drive and loops with a worm and its wheel, and further groups."""
     return interface.Parts((
         interface.COULOMB, interface.ENCODER, *interface.LOOPS, interface.VISCOUS, interface.hinge("worm wheel"),
-        interface.HINGE_FRICTION, interface.shaft(motor_angle), interface.MOTOR, interface.CURRENT, interface.POWER,
-        interface.INDUCTANCE, interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT, interface.CURRENT_LOOP,
-        interface.COMPENSATION, interface.POLE_PAIRS, WORM, *of_line))
+        interface.HINGE_FRICTION, interface.shaft(motor_angle), *interface.SERVO, WORM, *of_line))
 
 
 PARTS = parts()

@@ -27,7 +27,7 @@ from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
 from ...physics.structure import Structure
-from ...steppers import current_loop, events, rigid
+from ...steppers import current_loop, electrical, events
 from ...variables import Terminal, only, parameter, switch, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, State, Values
@@ -107,8 +107,8 @@ def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:
     return p.pump.displacement * drop + pump.dry(ops, p, drop)
 
 
-def _electrical(x: Record) -> rigid.Plant:
-    return rigid.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
+def _electrical(x: Record) -> electrical.Plant:
+    return electrical.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
 
 
 def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
@@ -127,7 +127,7 @@ def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
 
     return Record(linkage=c, fin=fin, shaft=shaft, valves=valves,
                   lines=pump.lines(ops, p, valves, pump.bypass(ops, p, u.enabled)),
-                  drive=rigid.electrical_mode(ops, p, _electrical(x), u, h, accelerating))
+                  drive=electrical.electrical_mode(ops, p, _electrical(x), u, h, accelerating))
 
 
 def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
@@ -192,9 +192,9 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     p = as_built.with_pump(ops, p)
-    now = rigid.switched(ops, _electrical(x), u.enabled)
+    now = electrical.switched(ops, _electrical(x), u.enabled)
     x = x.replace(motor_current=now.current, drive_integral=now.integral)
-    moved, used = events.advance(ops, p, _SYSTEM, x, u, rigid.resolved(ops, p, now, u, h))
+    moved, used = events.advance(ops, p, _SYSTEM, x, u, electrical.resolved(ops, p, now, u, h))
     return vars(moved), used
 
 
