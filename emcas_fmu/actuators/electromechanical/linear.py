@@ -55,7 +55,7 @@ ACTUATOR = replace(
     provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
                         capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.POSITION_LOOP,
                         capabilities.CASCADE, capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER,
-                        capabilities.AMBIENT_TEMPERATURE}),
+                        capabilities.AMBIENT_TEMPERATURE, capabilities.DRIVE_STEP}),
     structure=Structure(constant_ratio=True),
     initial=with_parameters(nonlinear.initial, _linear),
     equation_parameters=_linear,

@@ -137,7 +137,7 @@ ACTUATOR = Actuator(
         capabilities.COULOMB_FRICTION, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
         capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
         capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.ENCODER,
-        capabilities.AMBIENT_TEMPERATURE}),
+        capabilities.AMBIENT_TEMPERATURE, capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS}),
     structure=Structure(),
     as_built=as_built,
     nominal=NOMINAL,

@@ -253,7 +253,7 @@ ACTUATOR = Actuator(
     provides=frozenset({
         capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
         capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER, capabilities.REFERENCE_LIMIT,
-        capabilities.POSITION_LOOP, capabilities.CASCADE}),
+        capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.DRIVE_STEP}),
     structure=Structure(),
     as_built=as_built.with_pump,
     nominal=as_built.nominal(*DEVIATIONS),
