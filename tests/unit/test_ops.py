@@ -64,7 +64,7 @@ STRUCTURED = {kinematics.deviates, loads.carried, loads.level, mechanics.breakaw
               controllers.sample, electrical.electrical_mode, electrical.resolved, electrical.sign,
               rigid.acceleration, rigid.current_course, rigid.integral_end,
               rigid.stop_time, electrical.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
-              friction.bristles, friction.falls, sensors.measure,
+              friction.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,
               controllers.at_rest, friction.coulomb_reference, friction.coulomb_polynomial}
 MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, electrical, rigid)
 

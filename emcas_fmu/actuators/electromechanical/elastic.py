@@ -125,7 +125,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         rotor = (driving + p.screw.lead * loads.nut_force(ops, p, u) - torque
                  - friction.mean_viscous(ops, p) * s.speed)
         m = drive_line.fin_side(ops, p, s.fin_angle, u)
-        fin = (torque + m.load - p.friction.fin_viscous * (m.gain * m.gain) * s.fin_speed
+        fin = (torque + m.load - mechanics.hinge_damping(p, m) * s.fin_speed
                + m.centrifugal * s.fin_speed * s.fin_speed)
         rates = drive.rates(p, u.reference, s.speed, s.current, s.integral)
         return s.speed, rotor / mechanics.screw_inertia(p), *rates, s.fin_speed, fin / m.inertia

@@ -55,7 +55,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     p = as_built(ops, p)
     m = mechanics.coefficients(ops, p, x.motor_angle, u)
     speed, current = x.motor_speed, x.motor_current
-    damping = friction.mean_viscous(ops, p) + p.friction.fin_viscous * (m.gain * m.gain)
+    damping = friction.mean_viscous(ops, p) + mechanics.hinge_damping(p, m)
     driving = drive.torque(p, drive.flowing(p, u.reference, current))
     torque = driving + m.load - damping * speed + m.centrifugal * speed * speed
     rise, integral = drive.rates(p, u.reference, speed, current, x.drive_integral)
