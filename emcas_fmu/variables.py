@@ -136,18 +136,11 @@ def in_group(group: str, *variables: Variable) -> tuple[Variable, ...]:
     return tuple(replace(v, name=f"{group}.{v.name}") for v in variables)
 
 
-def without(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ...]:
-    """Leave out variables by name, or by what a group of names begins with (``friction.``).
+def only(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ...]:
+    """Return variables by name, or by what a group of names begins with, in their order.
 
     Raises ValueError for a prefix that is no variable's.
     """
-    listed = tuple(variables)
-    out = only(listed, *prefixes)
-    return tuple(v for v in listed if v not in out)
-
-
-def only(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ...]:
-    """Return variables by name, or by what a group of names begins with, in their order. Raises ValueError, too."""
     listed = tuple(variables)
     for prefix in prefixes:
         if not any(v.name.startswith(prefix) for v in listed):

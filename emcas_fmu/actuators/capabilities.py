@@ -23,6 +23,8 @@ CASCADE = "loops of position and velocity in cascade"
 SUPPLY_VOLTAGE = "a supply voltage"
 SUPPLY_PRESSURE = "a supply pressure"
 AMBIENT_TEMPERATURE = "an ambient temperature"
+DRIVE_STEP = "a motor current that steps by the equations of steppers.electrical"
+SCREW_EQUATIONS = "loops and equation parameters of motor, screw and lever"
 
 NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     MOTOR_CURRENT: ("motor_current", "motor.resistance", "motor.torque_constant", "motor.back_emf_constant"),
@@ -44,5 +46,12 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     SUPPLY_VOLTAGE: ("supply_voltage",),
     SUPPLY_PRESSURE: ("supply_pressure",),
     AMBIENT_TEMPERATURE: ("friction.temperature",),
+    DRIVE_STEP: ("motor.resistance", "motor.torque_constant", "motor.back_emf_constant"),
+    SCREW_EQUATIONS: ("drive.transport_delay", "inertia.motor"),
 }
 """Every capability, and the inputs, outputs and parameters by which those that ask for it reach it."""
+NEEDED_STATES: Mapping[str, tuple[str, ...]] = {
+    DRIVE_STEP: ("motor_speed", "motor_current", "drive_integral"),
+    SCREW_EQUATIONS: ("integral", "velocity_integral"),
+}
+"""States, too."""

@@ -270,7 +270,10 @@ class Actuator:
             if capability not in capabilities.NEEDED_VARIABLES:
                 raise EmcasError(f"actuator {self.name} provides {capability!r}, which nothing asks for"
                                  f"{hint(capability, capabilities.NEEDED_VARIABLES)}")
-            if missing := [name for name in capabilities.NEEDED_VARIABLES[capability] if name not in count]:
+            missing = [name for name in capabilities.NEEDED_VARIABLES[capability] if name not in count]
+            missing += [f"state {name}" for name in capabilities.NEEDED_STATES.get(capability, ())
+                        if name not in self._state_names]
+            if missing:
                 raise EmcasError(f"actuator {self.name} provides {capability!r}, which needs {missing[0]}; declare it, "
                                  "or leave that out of provides")
 

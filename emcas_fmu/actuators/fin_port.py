@@ -64,16 +64,23 @@ def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = O
 
 # -- parameters --------------------------------------------------------------------
 
-INERTIAS = tuple(parameter(f"inertia.{part}", "kg.m2", minimum, 1e3, f"{name} inertia about the hinge",
-                           sheet=f"drawing: inertia of the {name} about the hinge")
-                 for part, name, minimum in (("fin", "fin", 1e-9), ("shaft", "fin shaft", 0.0), ("fork", "fork", 0.0)))
-MASSES = tuple(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass", sheet=f"drawing: mass of the {name}")
-               for part, name in (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork")))
-CENTERS = tuple(
-    parameter(f"center_of_mass.{part}.{axis}", "m", -5.0, 5.0,
-              f"centre of mass of the {part} from the hinge at fin_angle 0, along {axis}",
-              sheet=f"drawing: centre of mass of the {part} from the hinge")
-    for part in ("fin", "shaft", "fork") for axis in ("x", "z"))
+
+
+def turning(fork: str = "fork") -> tuple[Variable, ...]:
+    """Return inertias, masses and centres of mass of what turns about the hinge: fin, shaft and a `fork`, as it is
+    called."""
+    there = (("fin", "fin", "fin"), ("shaft", "fin shaft", "fin shaft"), ("fork", "fork", fork))
+    return (
+        *(parameter(f"inertia.{part}", "kg.m2", 1e-9 if part == "fin" else 0.0, 1e3, f"{name} inertia about the hinge",
+                    sheet=f"drawing: inertia of the {sheet} about the hinge") for part, sheet, name in there),
+        *(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass", sheet=f"drawing: mass of the {sheet}")
+          for part, sheet, name in there),
+        *(parameter(f"center_of_mass.{part}.{axis}", "m", -5.0, 5.0,
+                    f"centre of mass of the {name} from the hinge at fin_angle 0, along {axis}",
+                    sheet=f"drawing: centre of mass of the {part} from the hinge")
+          for part, name in (("fin", "fin"), ("shaft", "shaft"), ("fork", fork)) for axis in ("x", "z")))
+
+
 SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
                         sheet="controller: sample time (cycle time)", display="ms")
 TRAVEL = (
@@ -100,7 +107,7 @@ MOUNTING = (
               "place of the hinge along body x, from the point whose acceleration is given"),
 )
 MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick", display="ms")
-PARAMETERS = (*INERTIAS, *MASSES, *CENTERS, SAMPLE_TIME, *TRAVEL, *MOUNTING, *BUS, MAX_TICK)
+PARAMETERS = (*turning(), SAMPLE_TIME, *TRAVEL, *MOUNTING, *BUS, MAX_TICK)
 
 TERMINALS = (
     Terminal("command", "what the flight computer sends and gets back",

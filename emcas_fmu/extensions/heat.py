@@ -22,8 +22,7 @@ from ..actuators.declaration import Acting, Actuator, Asked, State, Values
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import course, heat
-from ..physics.structure import Structure
-from ..steppers.rigid import Plant, electrical_mode
+from ..steppers.electrical import Plant, electrical_mode
 from ..variables import Variable, in_group, parameter, real_output, tunable
 from .declaration import Extension
 
@@ -81,7 +80,7 @@ def extend(actuator: Actuator) -> Actuator:
     """Return `actuator` with heat, and with the I2t limit where it limits its current."""
     limits = _limits_current(actuator)
     ambient = () if capabilities.AMBIENT_TEMPERATURE in actuator.provides else (AMBIENT,)
-    stepped = isinstance(actuator.structure, Structure)  # by the equations of steppers.rigid
+    stepped = capabilities.DRIVE_STEP in actuator.provides
 
     def at(ops: Ops, p: Any, u: Acting, winding: Value, case: Value, load: Value) -> Any:
         warm = heat.at_temperatures(ops, p, winding, case)

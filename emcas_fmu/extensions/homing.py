@@ -133,6 +133,8 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 
 EXTENSION = Extension(
     "homing", "homing on the hard stops", extend,
-    # The rule for a stall takes the push against a stop for that of a motor's current.
-    needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER, capabilities.MOTOR_CURRENT),
+    # The rule for a stall takes the push against a stop for that of a motor's current; the run steers the cascade's
+    # integrals, by the motor angle that screw and lever give.
+    needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER, capabilities.MOTOR_CURRENT, capabilities.CASCADE,
+           capabilities.SCREW_EQUATIONS),
     parameters=lambda actuator: PARAMETERS, outputs=(STATUS, HOMED), rules=_rules, module=sys.modules[__name__])

@@ -26,8 +26,8 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import friction, mechanics
 from ..rules import SLACK, Rule, when
+from ..steppers.electrical import Plant
 from ..steppers.lugre import advance
-from ..steppers.rigid import Plant
 from ..variables import in_group, parameter, real_output
 from .declaration import Extension
 
@@ -81,6 +81,6 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 EXTENSION = Extension(
     "lugre", "LuGre friction at the motor", extend,
     needs=(capabilities.RIGID_DRIVE_LINE, capabilities.CURRENT_LOOP, capabilities.COULOMB_FRICTION,
-           capabilities.SCREW_LOAD),
+           capabilities.SCREW_LOAD, capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS),
     replaces=(capabilities.COULOMB_FRICTION, capabilities.SCREW_LOAD), parameters=lambda actuator: PARAMETERS,
     outputs=OUTPUTS, rules=_rules, module=sys.modules[__name__])

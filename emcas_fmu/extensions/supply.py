@@ -20,7 +20,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import course, drive, supply
 from ..rules import Rule, when
-from ..steppers.rigid import Plant, electrical_mode
+from ..steppers.electrical import Plant, electrical_mode
 from ..variables import boolean_output, in_group, parameter, real_output, switch
 from .declaration import Extension
 from .status import DISABLED, OPERATIONAL, STATUS
@@ -166,6 +166,6 @@ RULES = (Rule(_hysteresis, "supply.recovery_voltage = %.6g V must not be below s
 EXTENSION = Extension(
     "supply", "source, DC link and brake chopper, inverter losses and under-voltage trip", extend,
     needs=(capabilities.MOTOR_CURRENT, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
-           capabilities.SCREW_DRIVE),
+           capabilities.SCREW_DRIVE, capabilities.DRIVE_STEP),
     parameters=lambda actuator: PARAMETERS, outputs=(STATUS, *OUTPUTS), rules=lambda actuator: RULES,
     module=sys.modules[__name__])

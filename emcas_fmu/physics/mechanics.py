@@ -76,11 +76,21 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> M
     )
 
 
+def hinge_dry(p: Any, m: Mechanics) -> Value:
+    """Return the dry friction about the hinge [N.m] at the motor."""
+    return p.friction.fin_coulomb * m.gain
+
+
+def hinge_damping(p: Any, m: Mechanics) -> Value:
+    """Return the viscous coefficient about the hinge [N.m.s/rad] at the motor (2.17)."""
+    return p.friction.fin_viscous * (m.gain * m.gain)
+
+
 def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value, speed: Value = 0.0) -> Value:
     """Return T_c/R [N.m], dry friction at the motor for motion along `direction`, at a motor speed [rad/s]."""
-    return friction.coulomb(ops, p, direction, m.fin, speed) + p.friction.fin_coulomb * m.gain
+    return friction.coulomb(ops, p, direction, m.fin, speed) + hinge_dry(p, m)
 
 
 def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
     """Return viscous coefficient [N.m.s/rad] at the motor, that of the hinge included (2.17)."""
-    return friction.viscous(ops, p, direction) + p.friction.fin_viscous * (m.gain * m.gain)
+    return friction.viscous(ops, p, direction) + hinge_damping(p, m)

@@ -21,7 +21,7 @@ from typing import Any
 from ..namespace import with_values
 from ..ops.base import Ops, Value
 from . import worm
-from .mechanics import Mechanics, fin_inertia
+from .mechanics import Mechanics, fin_inertia, hinge_damping, hinge_dry
 
 
 def lossy(p: Any) -> bool:
@@ -61,7 +61,7 @@ def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
 
 def held(ops: Ops, p: Any, m: Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
     """Return the torques [N.m] that move a rotor at rest, with the friction of a loaded screw."""
-    hinge = p.friction.fin_coulomb * m.gain
+    hinge = hinge_dry(p, m)
     return high + hold(ops, p, hinge - behind(m), 1.0), low - hold(ops, p, -hinge - behind(m), -1.0)
 
 
@@ -87,7 +87,7 @@ def behind(m: Mechanics) -> Value:
 
 def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
     """Return L_0 [N.m] behind a rigid line at a motor speed [rad/s]."""
-    hinge = direction * p.friction.fin_coulomb * m.gain + p.friction.fin_viscous * (m.gain * m.gain) * speed
+    hinge = direction * p.friction.fin_coulomb * m.gain + hinge_damping(p, m) * speed
     return hinge - behind(m) - m.centrifugal * speed * speed
 
 

@@ -1,8 +1,8 @@
 """The drive's current loop where motor current and integral are integrated with the other states.
 
 For actuators that step from event to event (:mod:`emcas_fmu.steppers.events`), in the modes of
-:func:`emcas_fmu.steppers.rigid.electrical_mode`: the demanded voltage is free, clipped at its limit, or stays there
-with the integral following.
+:func:`emcas_fmu.steppers.electrical.electrical_mode`: the demanded voltage is free, clipped at its limit, or stays
+there with the integral following.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 from ..physics import drive
-from .rigid import Drive
+from .electrical import Drive
 
 
 def rates(ops: Ops, p: Any, d: Drive, speed: Value, current: Value, integral: Value) -> tuple[Value, Value]:

@@ -19,8 +19,9 @@ from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
 from . import current_loop
+from .electrical import Drive, Plant, electrical_mode, resolved, switched
 from .events import PROGRESS, corrected, first_lost
-from .rigid import Drive, Plant, electrical_mode, resolved, stops, switched
+from .rigid import stops
 
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
 # of its angle. Meanwhile the flank pulls, and takes energy.
@@ -169,12 +170,12 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     rotor, fin = 2.0 * inertia / h, 2.0 * m.inertia / h
     # Linearised about the speed at the start, u^2 -> 2 u U - u^2 for the mean.
     swing = m.centrifugal * s.fin_speed
-    alone_2 = fin + p.friction.fin_viscous * (m.gain * m.gain) - 2.0 * swing
+    alone_2 = fin + mechanics.hinge_damping(p, m) - 2.0 * swing
     r_1 = (rotor * s.speed + driving + seen(body_force())) - seen(given)
     r_2 = (fin - swing) * s.fin_speed + m.load + given
 
     low_stop, high_stop = stops(ops, p)
-    held = p.friction.fin_coulomb * m.gain
+    held = mechanics.hinge_dry(p, m)
     high = ops.where(s.fin_angle >= high_stop, WALL, held)
     low = -ops.where(s.fin_angle <= low_stop, WALL, held)
     up, down = friction.coulomb(ops, p, 1.0, m.fin), -friction.coulomb(ops, p, -1.0, m.fin)

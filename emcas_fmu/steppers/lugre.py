@@ -22,9 +22,10 @@ from typing import Any
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, mechanics
-from . import rigid
+from . import electrical, rigid
+from .electrical import Plant
 from .events import PROGRESS
-from .rigid import Motion, Plant, Step
+from .rigid import Motion, Step
 
 _SERIES = 0.02  # x below which f2 is its series: there both forms are good to 1e-12
 
@@ -79,7 +80,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - at_rest - damping * w + m.centrifugal * w * w
     motion = Motion(1.0, inertia, torque, 0.0, 0.0, m.load)
-    d = rigid.electrical_mode(ops, p, s, u, h, lambda: rigid.acceleration(ops, p, s, motion))
+    d = electrical.electrical_mode(ops, p, s, u, h, lambda: rigid.acceleration(ops, p, s, motion))
     c = rigid.current_course(ops, p, s, motion, d, h)
     speed = w + h * (drive.torque(p, c.mean) + torque) / inertia
     end = Plant(s.angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c, speed, h))
@@ -127,7 +128,7 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 
     def held(h: Value) -> Step:
         motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load, True)
-        d = rigid.electrical_mode(ops, p, s, u, h)
+        d = electrical.electrical_mode(ops, p, s, u, h)
         c = rigid.current_course(ops, p, s, motion, d, h)
         return Step(Plant(s.angle, 0.0, c.end, rigid.integral_end(ops, p, s, d, c, 0.0, h)), motion, d, c)
 
@@ -154,8 +155,8 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) -> tuple[Plant, Value, Value]:
     """Return state and bristle deflection [rad] after `h` [s] or at the first event before, and the time that took [s].
     """
-    s = rigid.switched(ops, s, u.enabled)
-    h = rigid.resolved(ops, p, s, u, h)
+    s = electrical.switched(ops, s, u.enabled)
+    h = electrical.resolved(ops, p, s, u, h)
     low, high = rigid.stops(ops, p)
     side = ops.where(s.angle >= high, 1.0, ops.where(s.angle <= low, -1.0, 0.0))
     resting = ops.both(ops.equal(s.speed, 0.0), ops.negate(ops.equal(side, 0.0)))

@@ -20,13 +20,9 @@ from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
 from ..physics.stick import WALL, overcome
+from .electrical import Drive, Plant, electrical_mode, resolved, sign, switched
 from .events import PROGRESS, zero_between
 
-# The demanded voltage counts as at its limit this close to it, for the same reason.
-_BAND = 1e-6
-# Where the voltage is at a limit that falls with the current, which is a resistance, steps are at most this share of
-# the time constant that makes of the winding's inductance; and at least this share of the longest tick.
-_RESOLVED, _SHORTEST = 0.1, 0.03
 # A time constant that is a smaller share of a step: the current has long settled on a course of its own with the speed.
 # A limit that is met within it: by a supply of microvolts, in ever shorter steps that would not end.
 _SETTLED = 1.0 / 16.0
@@ -34,15 +30,6 @@ _SETTLED = 1.0 / 16.0
 # current turns within the step, so that the speed is no line and its zero is later: the step ends without the event.
 _LEFT = 0.01
 _TINY = 1e-300
-
-
-class Plant(NamedTuple):
-    """Motor angle [rad], motor speed [rad/s], motor current [A], drive integral xi [V]."""
-
-    angle: Value
-    speed: Value
-    current: Value
-    integral: Value
 
 
 class Motion(NamedTuple):
@@ -60,26 +47,6 @@ class Motion(NamedTuple):
     def mobility(self) -> Value:
         """Acceleration [rad/s2] of a torque of 1 N.m."""
         return 1.0 / self.inertia
-
-
-class Drive(NamedTuple):
-    """The electrical mode: L di/dt = source - loop i - back-EMF, clipped on `side` (0: not)."""
-
-    side: Value
-    loop: Value
-    tau: Value
-    source: Value
-    integral_gain: Value
-    limit: Value  # at the step's start
-    supply: Value
-    i_ref: Value
-    enabled: Value
-    stays: Value  # 1 where the demand stays at the limit, its integral following
-    at_limit: Value  # 1 where the step starts at the limit
-
-    def limit_at(self, ops: Ops, p: Any, speed: Value, current: Value) -> Value:
-        """Return the voltage's limit [V] at a motor speed [rad/s] and a current [A]."""
-        return drive.voltage_limit(ops, p, self.supply, speed, current)
 
 
 class Current(NamedTuple):
@@ -105,10 +72,6 @@ def stops(ops: Ops, p: Any) -> tuple[Value, Value]:
 def _stop_ahead(ops: Ops, p: Any, direction: Value) -> Value:
     low_stop, high_stop = stops(ops, p)
     return ops.where(direction > 0.0, high_stop, low_stop)
-
-
-def _sign(ops: Ops, x: Value) -> Value:
-    return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
 
 
 def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value,
@@ -163,65 +126,6 @@ def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, he
     forward = (torque + alone.torque - alone.inertia * rate) * driving.direction > 0.0
     return driving._replace(inertia=ops.where(forward, driving.inertia, driven.inertia),
                             torque=ops.where(forward, driving.torque, driven.torque))
-
-
-def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value,
-                    accelerating: Callable[[], Value] = lambda: 0.0) -> Drive:
-    """Return the electrical mode a step of `h` [s] starts in; `accelerating` gives the acceleration [rad/s2].
-
-    A demand at the limit may be driven out while it is free and back while it is
-    clipped (its integral held): then it stays there, the integral following the
-    current (Filippov's sliding solution). A clipped voltage is the limit of mid-step,
-    as speed and current move from the start.
-    """
-    if p.structure.current == "pwm":
-        return _pwm_mode(ops, p, u)
-    i_ref = drive.current_reference(ops, p, u.reference)
-    if p.structure.current == "ideal":  # the current is its reference at once, and no voltage matters
-        return Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, i_ref, u.enabled, 0.0, 1.0)
-    demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
-    supply = ops.maximum(u.supply, 0.0)
-    limit = drive.voltage_limit(ops, p, supply, s.speed, s.current)
-    inside = ops.fabs(demand) < limit * (1.0 - _BAND)
-    resistance, inductance = p.motor.resistance, p.motor.inductance
-
-    def free() -> tuple[Value, ...]:
-        loop = resistance + p.drive.kp
-        return 0.0, loop, inductance / loop, p.drive.kp * i_ref + s.integral, p.drive.ki, 0.0, 0.0
-
-    def beyond() -> tuple[Value, ...]:
-        side = _sign(ops, demand)
-        at_limit = ops.fabs(demand) <= limit * (1.0 + _BAND)
-        rise = side * (side * limit - resistance * s.current - drive.back_emf(p, s.speed)) / inductance
-
-        def moving() -> tuple[Value, ...]:
-            middle = drive.voltage_limit(ops, p, supply, s.speed + 0.5 * h * accelerating(),
-                                         s.current + 0.5 * h * side * rise)
-            return middle, p.drive.kp * rise + (middle - limit) / (0.5 * h)
-
-        # Limit of mid-step, and how fast a clipped demand falls back behind the limit.
-        held, back = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (limit, p.drive.kp * rise))
-        drawn_out = side * p.drive.ki * (i_ref - s.current) > back
-        stays = ops.both(at_limit, ops.both(back > 0.0, drawn_out))
-        clipped = ops.either(ops.negate(at_limit), ops.either(back <= 0.0, stays))
-        clipped_side = ops.where(clipped, side, 0.0)
-        loop = ops.where(clipped, resistance, resistance + p.drive.kp)
-        source = ops.where(clipped, side * held, p.drive.kp * i_ref + s.integral)
-        gain = ops.where(clipped, 0.0, p.drive.ki)
-        return (clipped_side, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0),
-                ops.where(at_limit, 1.0, 0.0))
-
-    side, loop, tau, source, gain, stays, at_limit = ops.branch(inside, free, beyond)
-    return Drive(side, loop, tau, source, gain, limit, supply, i_ref, u.enabled, stays, at_limit)
-
-
-def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
-    """Return the mode of a PWM amplifier: its voltage, within the supply, holds through the step."""
-    limit = ops.maximum(u.supply, 0.0)
-    source = ops.clip(drive.pwm_voltage(p, u.reference), -limit, limit)
-    resistance = p.motor.resistance
-    return Drive(0.0, resistance, p.motor.inductance / resistance, source, 0.0, limit, limit, 0.0, u.enabled, 0.0,
-                 1.0)
 
 
 def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Value) -> Current:
@@ -381,7 +285,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     _, _, d, c = step
     before = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
-    side = ops.where(crossing.entering, _sign(ops, after), d.side)
+    side = ops.where(crossing.entering, sign(ops, after), d.side)
     # By the current's course, with the integral of the step's start; where the integral
     # rather than the current drives the demand, by the line between its ends.
     limit = d.limit_at(ops, p, step.end.speed, step.end.current)
@@ -472,30 +376,6 @@ def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
     any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
     return ops.branch(ops.either(ops.either(*e.crossing), any_motion),
                       lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h), rare=True)
-
-
-def switched(ops: Ops, s: Any, enabled: Value) -> Any:
-    """Return a plant's state as the drive's bridge has it: open while disabled, without current and integral."""
-    current, integral = ops.branch(enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0))
-    return s._replace(current=current, integral=integral)
-
-
-def resolved(ops: Ops, p: Any, s: Any, u: Record, h: Value) -> Value:
-    """Return `h` [s], or a shorter step that resolves a voltage limit which falls steeply with the current."""
-    if p.structure.current != "loop":
-        return h
-
-    def steep() -> tuple[Value, ...]:
-        limit = drive.voltage_limit(ops, p, ops.maximum(u.supply, 0.0), s.speed, s.current)
-        i_ref = drive.current_reference(ops, p, u.reference)
-        clipped = ops.fabs(drive.voltage_demand(p, i_ref, s.current, s.integral)) >= limit * (1.0 - _BAND)
-        across = drive.inductive_voltage(p, s.speed, 1.0)
-        falling = ops.maximum(across * across * ops.fabs(s.current), _TINY)  # -dV_w/di V_w
-        step = ops.maximum(_SHORTEST * p.solver.max_tick, _RESOLVED * p.motor.inductance * limit / falling)
-        return (ops.where(clipped, ops.minimum(h, step), h),)
-
-    (h,) = ops.branch(p.motor.pole_pairs > 0.0, steep, lambda: (h,))
-    return h
 
 
 def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:

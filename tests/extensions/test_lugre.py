@@ -18,8 +18,9 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import mechanics
 from emcas_fmu.simulation import simulate
+from emcas_fmu.steppers.electrical import Plant
 from emcas_fmu.steppers.lugre import advance, shares
-from emcas_fmu.steppers.rigid import Plant, stops
+from emcas_fmu.steppers.rigid import stops
 from tests.simulation import acting, nested
 
 from .friction_reference import IDEAL, Bristle, excess

@@ -18,7 +18,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.physics import bus, drive, friction, kinematics, loads, mechanics
 from emcas_fmu.runtime import codegen
-from emcas_fmu.steppers import rigid
+from emcas_fmu.steppers import electrical, rigid
 from emcas_fmu.trace.python_source import python_source
 from emcas_fmu.trace.tracer import Tracer
 from tests.default_actuator import ACTUATOR, namespace
@@ -61,12 +61,12 @@ def _public(module: ModuleType) -> list[Function]:
 
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {kinematics.deviates, loads.carried, loads.level, mechanics.breakaway, mechanics.damping, rigid.advance,
-              controllers.sample,
-              rigid.electrical_mode, rigid.acceleration, rigid.resolved, rigid.current_course, rigid.integral_end,
-              rigid.stop_time, rigid.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
-              friction.bristles, friction.falls, sensors.measure,
+              controllers.sample, electrical.electrical_mode, electrical.resolved, electrical.sign,
+              rigid.acceleration, rigid.current_course, rigid.integral_end,
+              rigid.stop_time, electrical.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
+              friction.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,
               controllers.at_rest, friction.coulomb_reference, friction.coulomb_polynomial}
-MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, rigid)
+MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, electrical, rigid)
 
 
 def _arguments(function: Function) -> list[str]:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics, stick
-from emcas_fmu.steppers.rigid import Plant, electrical_mode
+from emcas_fmu.steppers.electrical import Plant, electrical_mode
 from tests.default_actuator import namespace
 
 from ..simulation import acting, simulate

@@ -13,21 +13,31 @@ from typing import Any
 
 from ...namespace import with_values
 from ...ops.base import Ops
-from ...variables import in_group, parameter
+from ...variables import Variable, in_group, parameter
 
-DEVIATIONS = in_group(
+LEVER = in_group(
     "deviation",
     parameter("kinematics.moment_arm", "1", -0.5, 0.5, "moment arm as built over nominal, less 1"),
     parameter("kinematics.initial_angle", "rad", radians(-10.0), radians(10.0),
               "assembly angle of the lever as built, less nominal"),
-    parameter("screw.lead", "1", -0.5, 0.5, "screw lead as built over nominal, less 1"),
-    parameter("motor.torque_constant", "1", -0.5, 0.5,
-              "torque and back-EMF constant as built over nominal, less 1"),
-    parameter("mass.fin", "1", -0.9, 10.0, "mass and inertia of the fin as built over nominal, less 1"),
-    parameter("friction.coulomb", "1", -1.0, 10.0, "Coulomb friction as built over nominal, less 1"),
-    parameter("friction.viscous", "1", -1.0, 10.0, "viscous friction as built over nominal, less 1"),
 )
-NOMINAL = {v.name: 0.0 for v in DEVIATIONS}
+SCREW = in_group("deviation", parameter("screw.lead", "1", -0.5, 0.5, "screw lead as built over nominal, less 1"))
+MOTOR = in_group("deviation", parameter("motor.torque_constant", "1", -0.5, 0.5,
+                                        "torque and back-EMF constant as built over nominal, less 1"))
+FIN = in_group("deviation", parameter("mass.fin", "1", -0.9, 10.0,
+                                      "mass and inertia of the fin as built over nominal, less 1"))
+COULOMB = in_group("deviation", parameter("friction.coulomb", "1", -1.0, 10.0,
+                                          "Coulomb friction as built over nominal, less 1"))
+VISCOUS = in_group("deviation", parameter("friction.viscous", "1", -1.0, 10.0,
+                                          "viscous friction as built over nominal, less 1"))
+
+
+def nominal(*deviations: Variable) -> dict[str, float]:
+    """Return the values of deviations that make a unit nominal."""
+    return {v.name: 0.0 for v in deviations}
+
+
+NOMINAL = nominal(*LEVER, *SCREW, *MOTOR, *FIN, *COULOMB, *VISCOUS)
 
 
 def as_built(_: Ops, p: Any) -> Any:

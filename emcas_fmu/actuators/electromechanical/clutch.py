@@ -30,11 +30,12 @@ from ...physics.coupled import Bodies, Dry
 from ...physics.stick import WALL
 from ...physics.structure import Structure
 from ...steppers import events, rigid
-from ...variables import Terminal, only, parameter, real_output, without
+from ...variables import parameter, real_output
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
 from . import clutches, interface, nonlinear
 from .as_built import NOMINAL, as_built
+from .interface import Group, Output
 
 STATES = (*clutches.SCREW, State("coil_current_1", "A"), State("coil_current_2", "A"),
           State("flux_1", "A", "as the current that holds it"), State("flux_2", "A", "as the current that holds it"),
@@ -42,38 +43,29 @@ STATES = (*clutches.SCREW, State("coil_current_1", "A"), State("coil_current_2",
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coils; never negative", 1000.0,
                            minimum=0.0)
 _WAYS = ((1, "with"), (2, "against"))
-OUTPUTS = (
-    *clutches.MOTION,
-    *only(interface.OUTPUTS, "motor_torque", "drive_reference", "nut_position", "hinge_torque"),
-    SUPPLY_POWER,
-    *fin_port.described({"saturated": "any limit active: command, speed, DAC or an amplifier's voltage"},
-                        only(interface.OUTPUTS, "tracking_error", "measured_fin_angle", "saturated", "at_stop")),
-    *(real_output(f"coil_current_{k}", "A", f"coil current of the clutch that turns the screw {way} the motor", 1.0)
-      for k, way in _WAYS),
-    *(real_output(f"clutch_torque_{k}", "N.m", f"torque on the screw of the clutch that turns it {way} the motor", 1.0)
-      for k, way in _WAYS),
-    *(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor", 1000.0,
-                  minimum=0.0)
-      for k, way in _WAYS),
-    clutches.CLUTCH_TEMPERATURE,
-)
-_OF_SCREW = {
+_CLUTCHES = Group((
+    parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start", display="rpm"),
+    *clutches.CLUTCH.parameters,
+    *(clutches.share(f"clutch.share_{k}", f" that turns the screw {way} the motor") for k, way in _WAYS),
+    parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),
+    clutches.connected("coil.connected_1", " of the clutch that turns the screw with the motor")), (
+    *(Output(real_output(f"coil_current_{k}", "A", f"coil current of the clutch that turns the screw {way} the motor",
+                         1.0)) for k, way in _WAYS),
+    *(Output(real_output(f"clutch_torque_{k}", "N.m",
+                         f"torque on the screw of the clutch that turns it {way} the motor", 1.0)) for k, way in _WAYS),
+    *(Output(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor",
+                         1000.0, minimum=0.0)) for k, way in _WAYS),
+    clutches.CLUTCH_TEMPERATURE))
+_AMPLIFIERS = Group(fin_port.described({
     "drive.current_limit": "largest net current of both coils that is asked for",
     "drive.current_gain": "net coil current demanded per volt of reference",
     "drive.current_offset": "net coil current demanded at zero reference",
-    "drive.transport_delay": "delay from DAC to the current asked of the coils",
     "drive.kp": "proportional gain of the coils' amplifiers",
-    **clutches.OF_SCREW,
-}
-PARAMETERS = (
-    *fin_port.described(_OF_SCREW, without(interface.PARAMETERS, "motor.inductance", "motor.pole_pairs", "drive.ki")),
-    *clutches.MOTOR,
-    parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start", display="rpm"),
-    *clutches.CLUTCH,
-    *(clutches.share(f"clutch.share_{k}", f" that turns the screw {way} the motor") for k, way in _WAYS),
-    parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),
-    clutches.connected("coil.connected_1", " of the clutch that turns the screw with the motor"),
-)
+}, (*interface.CURRENT_GAIN.parameters, *interface.CURRENT_LIMIT.parameters, interface.KP)))
+PARTS = interface.Parts((
+    *clutches.SCREW_SIDE, interface.hinge(saturated="any limit active: command, speed, DAC or an amplifier's voltage"),
+    Group(outputs=(Output(SUPPLY_POWER),), wired=False),
+    interface.delay("delay from DAC to the current asked of the coils"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES))
 FAULTS = (
     *clutches.faults("the motor goes on turning in its clutches",
                      ("coil.connected_1", "the clutch that turns the screw with the motor"),
@@ -234,30 +226,17 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     torques = [ops.clip(torque, -dry.low, dry.high)
                for torque, dry in zip(coupled.friction_torques(ops, b, m.signs), b.dry, strict=True)]
     slip_1, slip_2 = _slip_powers(ops, b, m.signs, x)
-    tangent = kinematics.lever_tangent(ops, p, x.screw_angle)
-    fin = kinematics.fin_angle(ops, p, tangent)
+    now = interface.moment(ops, p, x, u, x.screw_angle, x.screw_speed, nut=x.screw_angle, current=current,
+                           stop=fin_port.stop_edge(p), saturated=lambda: limited)
     return {
-        "fin_angle": fin,
-        "fin_rate": x.screw_speed / kinematics.reduction_ratio(ops, p, tangent),
-        "screw_angle": x.screw_angle,
-        "screw_speed": x.screw_speed,
-        "motor_speed": x.motor_speed,
-        "motor_torque": drive.torque(p, current),
-        "drive_reference": u.sampled_reference,
-        "nut_position": kinematics.nut_position(ops, p, x.screw_angle),
-        "hinge_torque": mechanics.external_moment(ops, p, tangent, u),
+        **PARTS.shown(ops, p, now),
         "supply_power": drawn,
-        "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
-        "measured_fin_angle": u.measured_fin_angle,
-        "saturated": limited,
-        "at_stop": ops.fabs(fin) >= fin_port.stop_edge(p),
         "coil_current_1": x.coil_current_1,
         "coil_current_2": x.coil_current_2,
         "clutch_torque_1": torques[coupled.WITH],
         "clutch_torque_2": torques[coupled.AGAINST],
         "slip_power_1": slip_1,
         "slip_power_2": slip_2,
-        "clutch_temperature": x.clutch_temperature,
     }
 
 
@@ -269,16 +248,13 @@ ACTUATOR = Actuator(
     states=STATES,
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
-    outputs=OUTPUTS,
-    parameters=PARAMETERS,
+    outputs=PARTS.outputs,
+    parameters=PARTS.parameters,
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER),
     descriptions={**interface.INPUT_DESCRIPTIONS,
                   "enable": "false: both clutches are open, and the motor goes on turning"},
-    terminals=(Terminal("motor", "motor, clutches and screw",
-                        ("screw_angle", "screw_speed", "motor_speed", "motor_torque", "drive_reference",
-                         "nut_position", "coil_current_1", "coil_current_2", "clutch_torque_1", "clutch_torque_2",
-                         "slip_power_1", "slip_power_2", "clutch_temperature")),),
-    rules=interface.RULES,
+    terminals=PARTS.terminals("motor, clutches and screw"),
+    rules=PARTS.rules,
     faults=FAULTS,
     equal_parameters=interface.EQUAL,
     provides=frozenset({capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.REFERENCE_LIMIT,

@@ -7,30 +7,27 @@ from typing import Any
 
 from ...namespace import Record
 from ...ops.base import Ops, Value
-from ...variables import Variable, only, parameter, real_output, tunable
+from ...variables import Variable, parameter, real_output, tunable
 from ..declaration import PlantFault, State
 from . import interface
+from .interface import Group, Output
 
 SCREW = (State("screw_angle", "rad"), State("screw_speed", "rad/s"), State("motor_speed", "rad/s"))
 TEMPERATURE = State("clutch_temperature", "degC")
-MOTION = (
-    *only(interface.OUTPUTS, "fin_angle", "fin_rate"),
-    real_output("screw_angle", "rad", "screw angle", 10.0),
-    real_output("screw_speed", "rad/s", "screw speed", 100.0, display="rpm"),
-    *only(interface.OUTPUTS, "motor_speed"),
-)
-CLUTCH_TEMPERATURE = real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0)
-OF_SCREW = {
-    "encoder.on_fin": "true: the position comes from an encoder on the fin shaft; false: from the screw's, as the "
-                      "speed always does",
-    **{v.name: v.description.replace("at the motor", "at the screw")
-       for v in only(interface.PARAMETERS, "friction.viscous", "friction.coulomb")},
-}
-MOTOR = (
+SHAFT = Group(outputs=(
+    Output(real_output("screw_angle", "rad", "screw angle", 10.0), lambda ops, p, s: s.x.screw_angle),
+    Output(real_output("screw_speed", "rad/s", "screw speed", 100.0, display="rpm"),
+           lambda ops, p, s: s.x.screw_speed)))
+CLUTCH_TEMPERATURE = Output(real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0),
+                            lambda ops, p, s: s.x.clutch_temperature)
+# What turns with the screw behind the clutches: groups as the loops know them, in the order of their rules.
+SCREW_SIDE = (interface.LEVER, interface.coulomb("screw"), interface.encoder("screw"), interface.SCREW,
+              *interface.LOOPS, interface.viscous("screw"), interface.HINGE_FRICTION, SHAFT, interface.MOTOR,
+              interface.COMPENSATION)
+FRICTION = Group((
     parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction of the motor's side"),
-    parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of the motor's side"),
-)
-CLUTCH = (
+    parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of the motor's side")))
+CLUTCH = Group((
     parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r",
               sheet="clutch: rated torque"),
     parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r",
@@ -50,8 +47,7 @@ CLUTCH = (
     parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance",
               sheet="clutch: coil inductance"),
     parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c",
-              sheet="drive: clamping voltage of the coil's suppressor"),
-)
+              sheet="drive: clamping voltage of the coil's suppressor")))
 _BLOCKED = 1e6  # N.m, of dry friction
 
 

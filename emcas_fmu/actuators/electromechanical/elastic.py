@@ -12,59 +12,73 @@ from typing import Any
 
 from ...namespace import Record
 from ...ops.base import Ops, Value
-from ...physics import drive, drive_line, friction, kinematics, loads, mechanics
+from ...physics import drive, drive_line, friction, loads, mechanics
 from ...physics.structure import Structure
 from ...rules import Rule, when
 from ...steppers import elastic as elastic_stepper
 from ...steppers import rigid
 from ...steppers.elastic import Pair
-from ...steppers.rigid import Plant
-from ...variables import in_group, parameter
+from ...steppers.electrical import Plant
+from ...variables import Variable, in_group, parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, State, Values
 from . import interface, nonlinear
 from .as_built import as_built
+from .interface import Group
 
 FIN_SIDE = ("fin_side_angle", "fin_side_speed")
-STATES = (*interface.MOTOR, *interface.DRIVE,
+STATES = (*interface.MOTION, *interface.DRIVE,
           State(FIN_SIDE[0], "rad", "of the fin, referred to the motor"),
           State(FIN_SIDE[1], "rad/s", "of the fin, referred to the motor"))
 _LIMPEST = 1e100  # rad/(N.m): far beyond any part, and what is computed from it stays finite
-DESCRIPTIONS = {
-    "motor_angle": "angle of the rotor (indirect fin angle, by lever and screw)",
-    "nut_position": "nut displacement from the assembly position, before the gap",
-}
+SHAFT = interface.shaft("angle of the rotor (indirect fin angle, by lever and screw)")
 
 
-AXIAL = in_group(
-    "drive_line",
-    parameter("axial_compliance", "m/N", 0.0, 1e-3, "compliance of screw, nut and thrust bearing in tension (0: "
-              "rigid)", sheet="screw: compliance, 1 over the axial rigidity of screw, nut and bearing"),
-    parameter("axial_damping", "N.s/m", 0.0, 1e7, "structural damping of screw, nut and thrust bearing"),
-)
-TORSIONAL = in_group(
-    "drive_line",
+def _group(*parameters: Variable, **absent: float) -> Group:
+    return Group(in_group("drive_line", *parameters), absent={
+        **{f"drive_line.{v.name}": 0.0 for v in parameters}, **{f"drive_line.{k}": v for k, v in absent.items()}})
+
+
+def axial(parts: str = "screw, nut and thrust bearing", along: str = "in tension",
+          sheet: str = "screw: compliance, 1 over the axial rigidity of screw, nut and bearing") -> Group:
+    """Return the give of these parts along the screw's axis."""
+    return _group(
+        parameter("axial_compliance", "m/N", 0.0, 1e-3, f"compliance of {parts} {along} (0: rigid)", sheet=sheet),
+        parameter("axial_damping", "N.s/m", 0.0, 1e7, f"structural damping of {parts}"))
+
+
+AXIAL = axial()
+TORSIONAL = _group(
     parameter("torsional_compliance", "rad/(N.m)", 0.0, 1e3, "compliance of motor shaft and screw in torsion (0: "
               "rigid)"),
-    parameter("torsional_damping", "N.m.s/rad", 0.0, 10.0, "structural damping of motor shaft and screw in torsion"),
-)
-HINGE = in_group(
-    "drive_line",
-    parameter("fork_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fork about the hinge (0: rigid)"),
-    parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)",
-              sheet="drawing: stiffness of the fin's shaft in torsion"),
-    parameter("structure_stiffness", "N.m/rad", 0.0, 1e9, "stiffness about the hinge of what bears shaft and screw (0: "
-              "rigid)"),
-    parameter("hinge_damping", "N.m.s/rad", 0.0, 1e6, "structural damping of fork, shaft and structure about "
-              "the hinge"),
-)
-GAP = in_group(
-    "drive_line",
-    parameter("backlash", "m", 0.0, 0.01, "whole gap between nut and fork along the screw (0: preloaded, no contact)",
-              sheet="screw: axial play"),
-    parameter("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),
-    parameter("contact_damping", "N.s/m", 0.0, 1e7, "damping of the flanks of nut and fork"),
-)
+    parameter("torsional_damping", "N.m.s/rad", 0.0, 10.0, "structural damping of motor shaft and screw in torsion"))
+
+
+def hinge(fork: str = "fork", screw: str = "screw") -> Group:
+    """Return the give of what turns about the hinge, by the names of its parts."""
+    return _group(
+        parameter("fork_stiffness", "N.m/rad", 0.0, 1e9, f"stiffness of the {fork} about the hinge (0: rigid)"),
+        parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)",
+                  sheet="drawing: stiffness of the fin's shaft in torsion"),
+        parameter("structure_stiffness", "N.m/rad", 0.0, 1e9,
+                  f"stiffness about the hinge of what bears shaft and {screw} (0: rigid)"),
+        parameter("hinge_damping", "N.m.s/rad", 0.0, 1e6,
+                  f"structural damping of {fork}, shaft and structure about the hinge"))
+
+
+def gap(flanks: str = "nut and fork", along: str = "screw", sheet: str = "screw: axial play") -> Group:
+    """Return the gap between two parts."""
+    return _group(
+        parameter("backlash", "m", 0.0, 0.01,
+                  f"whole gap between {flanks} along the {along} (0: preloaded, no contact)", sheet=sheet),
+        parameter("contact_stiffness", "N/m", 1e4, 1e10, f"stiffness of the flanks of {flanks}"),
+        parameter("contact_damping", "N.s/m", 0.0, 1e7, f"damping of the flanks of {flanks}"), contact_stiffness=1.0)
+
+
+HINGE, GAP = hinge(), gap()
+LINE = (AXIAL, TORSIONAL, GAP, HINGE)
+SCREW = interface.screw("nut displacement from the assembly position, before the gap")
+PARTS = interface.Parts((*interface.lever_and_screw(SCREW), SHAFT, *interface.SERVO, *LINE))
 
 
 def _limp(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
@@ -111,7 +125,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         rotor = (driving + p.screw.lead * loads.nut_force(ops, p, u) - torque
                  - friction.mean_viscous(ops, p) * s.speed)
         m = drive_line.fin_side(ops, p, s.fin_angle, u)
-        fin = (torque + m.load - p.friction.fin_viscous * (m.gain * m.gain) * s.fin_speed
+        fin = (torque + m.load - mechanics.hinge_damping(p, m) * s.fin_speed
                + m.centrifugal * s.fin_speed * s.fin_speed)
         rates = drive.rates(p, u.reference, s.speed, s.current, s.integral)
         return s.speed, rotor / mechanics.screw_inertia(p), *rates, s.fin_speed, fin / m.inertia
@@ -140,23 +154,20 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
     return _states(Pair(*moved)), used
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
-    """Return every output: the fin's of the fin, the others of the motor."""
+def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return the outputs of an actuator of such parts: the fin's of the fin, the others of the motor."""
     p = as_built(ops, p)
-    s = sides(x)
-    motor = nonlinear.output_values(ops, p, x, u)
-    tangent = kinematics.lever_tangent(ops, p, s.fin_angle)
-    fin = kinematics.fin_angle(ops, p, tangent)
-    lag = drive_line.nut_lag(ops, drive_line.line(ops, p, s.fin_angle), s.angle - s.fin_angle)
-    return {
-        **motor,
-        "fin_angle": fin,
-        "fin_rate": s.fin_speed / kinematics.reduction_ratio(ops, p, tangent),
-        "nut_position": kinematics.nut_position(ops, p, s.angle - lag),
-        "hinge_torque": mechanics.external_moment(ops, p, tangent, u),
-        "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
-        "at_stop": ops.fabs(fin) >= fin_port.stop_edge(p),
-    }
+    voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
+    now = interface.moment(ops, p, x, u, x.fin_side_angle, x.fin_side_speed)
+    lag = drive_line.nut_lag(ops, drive_line.line(ops, p, x.fin_side_angle), x.motor_angle - x.fin_side_angle)
+    return parts.shown(ops, p, Record(**vars(now), nut=x.motor_angle - lag, voltage=voltage, current=current,
+                                      stop=fin_port.stop_edge(p),
+                                      saturated=lambda: ops.either(clipped > 0.0, u.limited > 0.0)))
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    return shown(PARTS, ops, p, x, u)
 
 
 ACTUATOR = replace(
@@ -165,8 +176,8 @@ ACTUATOR = replace(
     title="nonlinear electromechanical actuator with elastic drive line and backlash",
     states=STATES,
     fin_side=FIN_SIDE,
-    outputs=fin_port.described(DESCRIPTIONS, interface.OUTPUTS),
-    parameters=interface.PARAMETERS + AXIAL + TORSIONAL + GAP + HINGE,
+    outputs=PARTS.outputs,
+    parameters=PARTS.parameters,
     rules=(*nonlinear.ACTUATOR.rules, LINE_RULE),
     provides=nonlinear.ACTUATOR.provides - {capabilities.RIGID_DRIVE_LINE} | {capabilities.BACKLASH},
     structure=Structure(drive_line=True),

@@ -19,9 +19,8 @@ from .. import capabilities
 from . import elastic, interface, nonlinear
 from .interface import with_parameters
 
-_RIGID = {f"drive_line.{name}": 0.0 for name in (
-    "axial_compliance", "axial_damping", "torsional_compliance", "torsional_damping", "fork_stiffness",
-    "shaft_stiffness", "structure_stiffness", "hinge_damping")}
+PARTS = interface.Parts((
+    *interface.lever_and_screw(elastic.SCREW), elastic.SHAFT, *interface.SERVO, elastic.GAP))
 
 
 def at_motor(p: Any) -> Any:
@@ -35,14 +34,14 @@ def at_motor(p: Any) -> Any:
 
 
 def _habibi(_: Ops, p: Any) -> Any:
-    return with_values(at_motor(p), _RIGID)
+    return PARTS.completed(at_motor(p), elastic.LINE)
 
 
 ACTUATOR = replace(
     elastic.ACTUATOR,
     name="habibi",
     title="electromechanical actuator after Habibi: cascaded loops, constant ratio, backlash",
-    parameters=interface.PARAMETERS + elastic.GAP,
+    parameters=PARTS.parameters,
     rules=nonlinear.ACTUATOR.rules,
     provides=elastic.ACTUATOR.provides - {capabilities.SCREW_LOAD},
     structure=Structure(constant_ratio=True, drive_line=True),

@@ -15,25 +15,21 @@ from typing import Any
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics.structure import Structure
-from ...variables import without
 from .. import capabilities
 from ..declaration import Acting, Values
 from . import interface, nonlinear, plausibility
 from .interface import with_parameters
 
-_CONSTANTS = {
-    "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7, "friction.fin_coulomb": 0.0,
-    "friction.table.coulomb": (1.0,) * interface.TABLE_POINTS, "compensation.gain": 0.0, "compensation.speed_band": 1.0,
-    "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1,
-    "deviation.friction.coulomb": 0.0, "drive.current_offset": 0.0, "drive.current_limit": inf,
-    "drive.reference_limit": inf, "motor.pole_pairs": 0,
-    "controller.speed_limit": inf, "controller.antiwindup": 0.0, "controller.drive_antiwindup": 0.0,
-}
+PARTS = interface.Parts((
+    interface.LEVER, interface.SCREW, interface.VELOCITY_LOOP, interface.POSITION_LOOP, interface.VISCOUS,
+    interface.HINGE, interface.SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER, interface.INDUCTANCE,
+    interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LOOP))
 
 
 def _linear(_: Ops, p: Any) -> Any:
     viscous = 0.5 * (p.friction.viscous.positive + p.friction.viscous.negative)
-    return with_values(p, {**_CONSTANTS, "friction.viscous.positive": viscous, "friction.viscous.negative": viscous})
+    return with_values(PARTS.completed(p), {
+        "friction.viscous.positive": viscous, "friction.viscous.negative": viscous})
 
 
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
@@ -43,27 +39,23 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output."""
-    return nonlinear.output_values(ops, _linear(ops, p), x, u.replace(supply=inf))
+    return nonlinear.shown(PARTS, ops, _linear(ops, p), x, u.replace(supply=inf))
 
 
 ACTUATOR = replace(
     nonlinear.ACTUATOR,
     name="linear",
     title="linear electromechanical actuator: constant ratio, viscous friction, no limits",
-    parameters=without(
-        interface.PARAMETERS, "drive.current_limit", "drive.current_offset", "drive.reference_limit",
-        "controller.speed_limit", "controller.antiwindup", "controller.drive_antiwindup", "friction.coulomb.",
-        "friction.table.coulomb", "friction.fin_coulomb", "deviation.friction.coulomb", "compensation.",
-        "encoder.", "motor.pole_pairs"),
-    rules=(interface.LEVER_RULE, interface.INERTIA_RULE, interface.OBSERVER_RULE, interface.WEIGHT_RULE,
-           *interface.TEMPERATURE_RULES, plausibility.INERTIA_RULE, plausibility.VELOCITY_RULE,
-           plausibility.WINDING_RULE),
+    outputs=PARTS.outputs,
+    terminals=PARTS.terminals(),
+    parameters=PARTS.parameters,
+    rules=(*PARTS.rules, plausibility.INERTIA_RULE, plausibility.VELOCITY_RULE, plausibility.WINDING_RULE),
     supply_rules=(),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
                         capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.POSITION_LOOP,
                         capabilities.CASCADE, capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER,
-                        capabilities.AMBIENT_TEMPERATURE}),
+                        capabilities.AMBIENT_TEMPERATURE, capabilities.DRIVE_STEP}),
     structure=Structure(constant_ratio=True),
     initial=with_parameters(nonlinear.initial, _linear),
     equation_parameters=_linear,

@@ -10,7 +10,8 @@ from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
 from ...physics.structure import Structure
 from ...steppers import rigid
-from ...steppers.rigid import Plant, advance
+from ...steppers.electrical import Plant
+from ...steppers.rigid import advance
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, Values
 from . import interface, plausibility
@@ -18,6 +19,7 @@ from .as_built import NOMINAL, as_built
 
 # The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
 _INTEGRAL_PHASE = 0.07
+PARTS = interface.Parts((*interface.lever_and_screw(interface.SCREW), interface.SHAFT, *interface.SERVO))
 EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
 
 
@@ -53,7 +55,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     p = as_built(ops, p)
     m = mechanics.coefficients(ops, p, x.motor_angle, u)
     speed, current = x.motor_speed, x.motor_current
-    damping = friction.mean_viscous(ops, p) + p.friction.fin_viscous * (m.gain * m.gain)
+    damping = friction.mean_viscous(ops, p) + mechanics.hinge_damping(p, m)
     driving = drive.torque(p, drive.flowing(p, u.reference, current))
     torque = driving + m.load - damping * speed + m.centrifugal * speed * speed
     rise, integral = drive.rates(p, u.reference, speed, current, x.drive_integral)
@@ -69,35 +71,19 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
             "drive_integral": plant.integral}, used
 
 
+def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return the outputs of an actuator of such parts."""
+    p = as_built(ops, p)
+    now = interface.moment(ops, p, x, u, x.motor_angle, x.motor_speed)
+    voltage, current, clipped = electrical(ops, p, x.motor_speed, x, u)
+    return parts.shown(ops, p, Record(**vars(now), nut=x.motor_angle, voltage=voltage, current=current,
+                                      stop=fin_port.stop_edge(p),
+                                      saturated=lambda: ops.either(clipped > 0.0, u.limited > 0.0)))
+
+
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output."""
-    p = as_built(ops, p)
-    angle, speed = x.motor_angle, x.motor_speed
-    tangent = kinematics.lever_tangent(ops, p, angle)
-    fin = kinematics.fin_angle(ops, p, tangent)
-    voltage, flowing, clipped = electrical(ops, p, speed, x, u)
-    stop = fin_port.stop_edge(p)
-    values = {
-        "fin_angle": fin,
-        "fin_rate": speed / kinematics.reduction_ratio(ops, p, tangent),
-        "motor_angle": angle,
-        "motor_speed": speed,
-        "motor_current": flowing,
-        "motor_voltage": voltage,
-        "motor_torque": drive.torque(p, flowing),
-        "drive_reference": u.sampled_reference,
-        "nut_position": kinematics.nut_position(ops, p, angle),
-        "hinge_torque": mechanics.external_moment(ops, p, tangent, u),
-        "supply_power": voltage * flowing,
-        "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
-        "measured_fin_angle": u.measured_fin_angle,
-        "saturated": ops.either(clipped > 0.0, u.limited > 0.0),
-        "at_stop": ops.fabs(fin) >= stop,
-    }
-    if p.structure.current == "loop":
-        error = drive.current_reference(ops, p, u.reference) - flowing
-        values["current_error"] = ops.where(u.enabled, error, 0.0)
-    return values
+    return shown(PARTS, ops, p, x, u)
 
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Value, ...]:
@@ -135,23 +121,23 @@ ACTUATOR = Actuator(
     origin="The model is that of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical control actuation "
            "system, M.S. thesis, METU, 2016; numbers in brackets are its equations. Where the thesis gives no number, "
            "the default is an engineering estimate, marked as such; it is not a measurement of the thesis's prototype.",
-    states=interface.MOTOR + interface.DRIVE,
+    states=interface.MOTION + interface.DRIVE,
     controller_states=interface.CONTROLLER,
     encoder=("motor_angle", "motor_speed"),
-    outputs=interface.OUTPUTS,
-    parameters=interface.PARAMETERS,
+    outputs=PARTS.outputs,
+    parameters=PARTS.parameters,
     supply=interface.SUPPLY,
     descriptions=interface.INPUT_DESCRIPTIONS,
-    rules=(*interface.RULES, *plausibility.RULES),
+    rules=(*PARTS.rules, *plausibility.RULES),
     supply_rules=plausibility.SUPPLY_RULES,
     equal_parameters=interface.EQUAL,
-    terminals=interface.TERMINALS,
+    terminals=PARTS.terminals(),
     provides=frozenset({
         capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_LOAD,
         capabilities.COULOMB_FRICTION, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
         capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
         capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.ENCODER,
-        capabilities.AMBIENT_TEMPERATURE}),
+        capabilities.AMBIENT_TEMPERATURE, capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS}),
     structure=Structure(),
     as_built=as_built,
     nominal=NOMINAL,

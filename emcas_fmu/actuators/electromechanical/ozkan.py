@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from ...namespace import with_values
 from ...ops.base import Ops
 from ...physics.structure import Structure
-from ...variables import without
 from .. import capabilities, fin_port
 from ..declaration import Supply
 from . import elastic, interface, nonlinear, plausibility
@@ -24,13 +24,13 @@ from .interface import with_parameters
 # rad/(N.m). Under an ideal current loop a rigid shaft has no step of its own: it gives by 6e-6 deg at the fin
 # under the motor's full torque.
 _STIFFEST = 1e-6
-_GAPLESS = {**{f"drive_line.{name}": 0.0 for name in (
-    "axial_compliance", "axial_damping", "backlash", "contact_damping", "fork_stiffness", "shaft_stiffness",
-    "structure_stiffness", "hinge_damping")}, "drive_line.contact_stiffness": 1.0}
+PARTS = interface.Parts((
+    *interface.lever_and_screw(elastic.SCREW), elastic.SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER,
+    interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT, interface.COMPENSATION, elastic.TORSIONAL))
 
 
 def _gapless(_: Ops, p: Any) -> Any:
-    return with_values(at_motor(p), _GAPLESS)
+    return PARTS.completed(at_motor(p), elastic.LINE)
 
 
 def _ozkan(ops: Ops, p: Any) -> Any:
@@ -42,21 +42,20 @@ ACTUATOR = replace(
     elastic.ACTUATOR,
     name="ozkan",
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
-    parameters=without(interface.PARAMETERS, "drive.kp", "drive.ki", "motor.inductance", "motor.pole_pairs")
-    + elastic.TORSIONAL,
-    outputs=fin_port.described(elastic.DESCRIPTIONS, interface.LOOPLESS_OUTPUTS),
-    terminals=interface.LOOPLESS_TERMINALS,
+    parameters=PARTS.parameters,
+    outputs=PARTS.outputs,
+    terminals=PARTS.terminals(),
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
     provides=elastic.ACTUATOR.provides - {
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
-    rules=tuple(rule for rule in nonlinear.ACTUATOR.rules if rule is not plausibility.WINDING_RULE),
+    rules=(*PARTS.rules, *plausibility.UNWOUND_RULES),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=with_parameters(elastic.initial, _ozkan),
     sample=with_parameters(nonlinear.sample, _ozkan),
     derivatives=with_parameters(elastic.derivatives, _gapless),
     step=with_parameters(elastic.yielding, _ozkan),
-    output_values=with_parameters(elastic.output_values, _ozkan),
+    output_values=with_parameters(partial(elastic.shown, PARTS), _ozkan),
     longest_tick=fin_port.max_tick,
     tick_remedy="raise solver.max_tick",
     modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),

@@ -119,7 +119,8 @@ JUMP_RULE = Rule(
            "controller.sample_time or less gain", warning=True)
 VELOCITY_RULE = velocity_rule(_total)
 WINDING_RULE = winding_rule(_total)
-RULES = (INERTIA_RULE, FRICTION_RULE, CURRENT_RULE, COUNT_RULE, JUMP_RULE, VELOCITY_RULE, WINDING_RULE)
+UNWOUND_RULES = (INERTIA_RULE, FRICTION_RULE, CURRENT_RULE, COUNT_RULE, JUMP_RULE, VELOCITY_RULE)
+RULES = (*UNWOUND_RULES, WINDING_RULE)
 
 
 def of_screw(change: Callable[[Ops, Any], Any]) -> tuple[Rule, ...]:

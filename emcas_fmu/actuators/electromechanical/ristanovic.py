@@ -17,27 +17,34 @@ import sys
 from dataclasses import replace
 from typing import Any
 
-from ...namespace import Record, with_values
+from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import kinematics
 from ...physics.structure import Structure
-from ...variables import parameter, without
+from ...variables import parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, Values
 from . import interface, nonlinear, plausibility
 from .as_built import as_built
 from .interface import with_parameters
 
-PARAMETERS = (
-    *without(interface.PARAMETERS, "drive.kp", "drive.ki", "drive.current_", "motor.pole_pairs", "compensation."),
+PWM = interface.Group((
     parameter("pwm.gain", "1", 1e-6, 1e4, "motor voltage per volt of reference, K_pwm",
-              sheet="drive: motor voltage per volt of command"),
-    parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),
-)
+              sheet="drive: motor voltage per volt of command"),))
+BAR = interface.Group((
+    parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),))
+PARTS = interface.Parts((
+    interface.LEVER, interface.COULOMB, interface.ENCODER, interface.SCREW, *interface.LOOPS, interface.VISCOUS,
+    interface.hinge(
+        hinge_torque="total external moment about the hinge (aerodynamic + torsion bar + gravity + inertial)",
+        saturated="any limit active: command, speed, DAC or voltage"),
+    interface.HINGE_FRICTION, interface.SHAFT, interface.MOTOR,
+    interface.current("motor current, which no loop controls"), interface.POWER, interface.INDUCTANCE,
+    interface.delay(drive_reference="analogue reference held by the controller's DAC, which sets the PWM"), PWM, BAR))
 
 
 def _uncompensated(_: Ops, p: Any) -> Any:
-    return with_values(p, {"compensation.gain": 0.0, "compensation.speed_band": 1.0})
+    return PARTS.completed(p, (interface.COMPENSATION,))
 
 
 def _loaded(ops: Ops, p: Any, angle: Value, u: Acting) -> Acting:
@@ -58,22 +65,17 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output; hinge_torque has the bar's."""
-    return nonlinear.output_values(ops, p, x, _loaded(ops, p, x.motor_angle, u))
+    return nonlinear.shown(PARTS, ops, p, x, _loaded(ops, p, x.motor_angle, u))
 
 
 ACTUATOR = replace(
     nonlinear.ACTUATOR,
     name="ristanovic",
     title="DC motor under PWM without current loop, torsion-bar load, constant ratio (after Ristanovic et al. 2012)",
-    outputs=fin_port.described({
-        "drive_reference": "analogue reference held by the controller's DAC, which sets the PWM",
-        "hinge_torque": "total external moment about the hinge (aerodynamic + torsion bar + gravity + inertial)",
-        "motor_current": "motor current, which no loop controls",
-        "saturated": "any limit active: command, speed, DAC or voltage",
-    }, interface.LOOPLESS_OUTPUTS),
-    terminals=interface.LOOPLESS_TERMINALS,
-    parameters=PARAMETERS,
-    rules=(*interface.RULES, plausibility.INERTIA_RULE, plausibility.COUNT_RULE, plausibility.WINDING_RULE),
+    outputs=PARTS.outputs,
+    terminals=PARTS.terminals(),
+    parameters=PARTS.parameters,
+    rules=(*PARTS.rules, plausibility.INERTIA_RULE, plausibility.COUNT_RULE, plausibility.WINDING_RULE),
     supply_rules=plausibility.SUPPLY_RULES[:1],
     equal_parameters=(),
     provides=nonlinear.ACTUATOR.provides - {capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT},

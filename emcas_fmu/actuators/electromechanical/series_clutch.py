@@ -37,46 +37,38 @@ from ...physics.clutched_screw import Train
 from ...physics.stick import WALL
 from ...physics.structure import Structure
 from ...rules import Rule
-from ...steppers import current_loop, events, rigid
-from ...variables import Terminal, only, parameter, real_output, tunable
+from ...steppers import current_loop, electrical, events, rigid
+from ...variables import parameter, real_output, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
 from . import clutches, interface, lossy_screw, nonlinear, plausibility
 from .as_built import NOMINAL, as_built
+from .interface import Group, Output
 
 STATES = (*clutches.SCREW, *interface.DRIVE, State("coil_current", "A"),
           State("flux", "A", "as the current that holds it"), clutches.TEMPERATURE)
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coil; never negative", 1000.0,
                            minimum=0.0)
-_CLUTCH = (
-    real_output("coil_current", "A", "coil current of the clutch", 1.0),
-    real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0),
-    real_output("slip_power", "W", "heat of slip of the clutch", 1000.0, minimum=0.0),
-    clutches.CLUTCH_TEMPERATURE,
-)
-OUTPUTS = (
-    *clutches.MOTION,
-    *only(interface.OUTPUTS, "motor_current", "motor_voltage", "motor_torque", "drive_reference", "nut_position",
-          "hinge_torque"),
-    SUPPLY_POWER,
-    real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor", 100.0,
-                minimum=0.0),
-    *fin_port.described({
-        "saturated": "any limit active: command, speed, DAC, current, the drive's voltage or the coil amplifier's"},
-        only(interface.OUTPUTS, "tracking_error", "measured_fin_angle", "saturated", "at_stop")),
-    *only(interface.OUTPUTS, "current_error"),
-    *_CLUTCH,
-    real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0, minimum=0.0),
-)
-PARAMETERS = (
-    *fin_port.described(clutches.OF_SCREW, interface.PARAMETERS),
-    *clutches.MOTOR,
-    *clutches.CLUTCH,
+_CLUTCH = Group((
+    *clutches.CLUTCH.parameters,
     clutches.share("clutch.share", ""),
     parameter("coil.kp", "V/A", 1e-6, 1e4, "proportional gain of the coil's amplifier"),
-    clutches.connected("coil.connected", ""),
-    *lossy_screw.PARAMETERS,
-)
+    clutches.connected("coil.connected", "")), (
+    Output(real_output("coil_current", "A", "coil current of the clutch", 1.0), lambda ops, p, s: s.x.coil_current),
+    Output(real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0)),
+    Output(real_output("slip_power", "W", "heat of slip of the clutch", 1000.0, minimum=0.0)),
+    clutches.CLUTCH_TEMPERATURE))
+_POWERS = Group(lossy_screw.PARAMETERS, (
+    Output(SUPPLY_POWER),
+    Output(real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor",
+                       100.0, minimum=0.0)),
+    Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0,
+                       minimum=0.0))), wired=False)
+PARTS = interface.Parts((
+    *clutches.SCREW_SIDE, interface.hinge(
+        saturated="any limit active: command, speed, DAC, current, the drive's voltage or the coil amplifier's"),
+    interface.CURRENT, interface.INDUCTANCE, interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT,
+    interface.CURRENT_LOOP, interface.POLE_PAIRS, clutches.FRICTION, _CLUTCH, _POWERS))
 FAULTS = (
     *clutches.faults("the clutch slips", ("coil.connected", "the clutch"), ("clutch.share",)),
     PlantFault("clutch_engaged", "the no-back fails: through the engaged clutch the load drives the motor",
@@ -119,8 +111,8 @@ def _coil(ops: Ops, p: Any, x: Record, u: Acting) -> clutch.Coil:
     return clutch.coil(ops, p, asked, p.coil.kp, x.coil_current, u.supply)
 
 
-def _electrical(x: Record) -> rigid.Plant:
-    return rigid.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
+def _electrical(x: Record) -> electrical.Plant:
+    return electrical.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Record:
@@ -155,7 +147,7 @@ def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
     t = _train(ops, p, x, m)
     motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
     moving = Record(**vars(m), motion=motion)
-    return Record(**vars(moving), drive=rigid.electrical_mode(
+    return Record(**vars(moving), drive=electrical.electrical_mode(
         ops, p, _electrical(x), u, h, lambda: clutched_screw.accelerations(ops, t, motion)[1]))
 
 
@@ -213,9 +205,9 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     p = as_built(ops, p)
-    now = rigid.switched(ops, _electrical(x), u.enabled)
+    now = electrical.switched(ops, _electrical(x), u.enabled)
     x = x.replace(motor_current=now.current, drive_integral=now.integral)
-    moved, used = events.advance(ops, p, _SYSTEM, x, u, rigid.resolved(ops, p, now, u, h))
+    moved, used = events.advance(ops, p, _SYSTEM, x, u, electrical.resolved(ops, p, now, u, h))
     return vars(moved), used
 
 
@@ -230,33 +222,16 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     m = Record(**vars(m), motion=motion)
     limited = ops.either(u.limited > 0.0, ops.negate(ops.equal(m.coil.side, 0.0)))
     drawn = voltage * current + m.coil.drawn(ops, p, x.coil_current)
-    tangent = kinematics.lever_tangent(ops, p, x.screw_angle)
-    fin = kinematics.fin_angle(ops, p, tangent)
-    error = drive.current_reference(ops, p, u.reference) - current
+    now = interface.moment(ops, p, x, u, x.screw_angle, x.screw_speed, nut=x.screw_angle, voltage=voltage,
+                           current=current, stop=fin_port.stop_edge(p),
+                           saturated=lambda: ops.either(clipped > 0.0, limited))
     loss = (motion.felt - 1.0) * clutched_screw.transmitted(ops, t, motion) * x.screw_speed
     return {
-        "fin_angle": fin,
-        "fin_rate": x.screw_speed / kinematics.reduction_ratio(ops, p, tangent),
-        "screw_angle": x.screw_angle,
-        "screw_speed": x.screw_speed,
-        "motor_speed": x.motor_speed,
-        "motor_current": current,
-        "motor_voltage": voltage,
-        "motor_torque": drive.torque(p, current),
-        "drive_reference": u.sampled_reference,
-        "nut_position": kinematics.nut_position(ops, p, x.screw_angle),
-        "hinge_torque": mechanics.external_moment(ops, p, tangent, u),
+        **PARTS.shown(ops, p, now),
         "supply_power": ops.maximum(drawn, 0.0),
         "braking_power": ops.maximum(-drawn, 0.0),
-        "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
-        "measured_fin_angle": u.measured_fin_angle,
-        "saturated": ops.either(clipped > 0.0, limited),
-        "at_stop": ops.fabs(fin) >= fin_port.stop_edge(p),
-        "current_error": ops.where(u.enabled, error, 0.0),
-        "coil_current": x.coil_current,
         "clutch_torque": clutched_screw.torque(ops, t, motion),
         "slip_power": _slip_power(t, m, x),
-        "clutch_temperature": x.clutch_temperature,
         "screw_loss": loss,
     }
 
@@ -274,15 +249,13 @@ ACTUATOR = Actuator(
     states=STATES,
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
-    outputs=OUTPUTS,
-    parameters=PARAMETERS,
+    outputs=PARTS.outputs,
+    parameters=PARTS.parameters,
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER, interface.SUPPLY.inverse_inductance),
     descriptions={**interface.INPUT_DESCRIPTIONS,
                   "enable": "false opens drive's bridge and clutch: the no-back holds the fin under any load"},
-    terminals=(Terminal("motor", "motor, clutch and screw",
-                        ("screw_angle", "screw_speed", "motor_speed", "motor_current", "motor_voltage", "motor_torque",
-                         "drive_reference", "nut_position", "current_error", *(v.name for v in _CLUTCH))),),
-    rules=(*interface.RULES, Rule(_jams, lossy_screw.jamming_text("clutch and screw")),
+    terminals=PARTS.terminals("motor, clutch and screw"),
+    rules=(*PARTS.rules, Rule(_jams, lossy_screw.jamming_text("clutch and screw")),
            *plausibility.of_screw(lambda ops, p: _as_one(p))),
     supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,

@@ -20,7 +20,7 @@ from ...ops.base import Ops, Value
 from ...physics import screw, screw_loss, worm
 from ...physics.structure import Structure
 from ...rules import Rule, when
-from ...variables import Variable, in_group, integer_parameter, parameter, real_output, tunable, without
+from ...variables import in_group, integer_parameter, parameter, real_output, tunable
 from .. import capabilities
 from ..declaration import Acting, PlantFault, Values
 from . import interface, nonlinear, plausibility
@@ -28,11 +28,7 @@ from .as_built import as_built
 from .interface import MOST_JAMMING, with_parameters
 
 LOSS = real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0)
-OUTPUTS = (*without(interface.OUTPUTS, "nut_position"), LOSS)
-TERMINALS = tuple(replace(t, members=(*(m for m in t.members if m != "nut_position"), LOSS.name))
-                  for t in interface.TERMINALS)
-
-WORM = in_group(
+WORM = interface.Group((*in_group(
     "worm",
     integer_parameter("starts", 1, 12, "starts of the worm, z_1", sheet="gear: starts of the worm"),
     integer_parameter("teeth", 10, 1000, "teeth of the whole wheel, z_2; the ratio is teeth/starts",
@@ -47,47 +43,38 @@ WORM = in_group(
     parameter("static_ratio", "1", 1.0, 10.0, "friction coefficient at rest over that in motion, s (1: it does not "
               "depend on the speed)"),
     parameter("stribeck_speed", "m/s", 1e-3, 100.0, "sliding speed of the flanks at which the excess of friction at "
-              "rest has fallen to 1/e of itself, v_s"),
-)
-
-
-def _of_wheel(v: Variable) -> Variable:
-    """Return a parameter of the fork as one of the wheel, which stands in its place on the fin shaft."""
-    return replace(v, description=v.description.replace("fork", "worm wheel"))
-
-
-PARAMETERS = (
-    *WORM,
+              "rest has fallen to 1/e of itself, v_s")),
     parameter("inertia.worm", "kg.m2", 0.0, 10.0, "inertia of worm and coupling about the motor's axis",
               sheet="gear: inertia of worm and coupling"),
-    *map(_of_wheel, without(interface.PARAMETERS, "kinematics.", "screw.", "inertia.screw", "mass.nut",
-                            "deviation.kinematics.", "deviation.screw.")),
     parameter("deviation.worm.friction", "1", -0.9, 10.0,
-              "friction coefficient of the flanks as built over nominal, less 1"),
-)
+              "friction coefficient of the flanks as built over nominal, less 1")),
+    (interface.Output(LOSS),))
+
+
+def parts(*of_line: interface.Group, motor_angle: str = "motor angle") -> interface.Parts:
+    """Return motor, drive and loops with a worm and its wheel, and further groups."""
+    return interface.Parts((
+        interface.COULOMB, interface.ENCODER, *interface.LOOPS, interface.VISCOUS, interface.hinge("worm wheel"),
+        interface.HINGE_FRICTION, interface.shaft(motor_angle), *interface.SERVO, WORM, *of_line))
+
+
+PARTS = parts()
 _FALLING = 2.5e-4  # s: friction from 0.15 at rest to 0.04 is then followed to 0.0011 deg in the reference cases
-NOMINAL = {v.name: 0.0 for v in PARAMETERS if v.name.startswith("deviation.")}
+NOMINAL = {v.name: 0.0 for v in PARTS.parameters if v.name.startswith("deviation.")}
 
 
 def geared(_: Ops, p: Any) -> Any:
     """Return parameters as those of a screw of ratio N without lever, its friction as built; of these, the same."""
-    return with_values(p, {
-        "kinematics.moment_arm": worm.ratio(p), "kinematics.initial_angle": 0.0, "screw.lead": 1.0, "mass.nut": 0.0,
-        "inertia.screw": p.inertia.worm, "worm.friction": p.worm.friction * (1.0 + p.deviation.worm.friction),
-        "deviation.worm.friction": 0.0,
-        "deviation.kinematics.moment_arm": 0.0, "deviation.kinematics.initial_angle": 0.0, "deviation.screw.lead": 0.0})
-
-
-def shown(ops: Ops, p: Any, x: Record, u: Acting, values: Values) -> Values:
-    """Return every output from those of a screw and the parameters that it has."""
-    without_nut = {name: value for name, value in values.items() if name != "nut_position"}
-    return {**without_nut, LOSS.name: screw_loss.loss(ops, as_built(ops, p), x, u, values)}
+    return with_values(PARTS.completed(p, (interface.LEVER, interface.SCREW)), {
+        "kinematics.moment_arm": worm.ratio(p), "screw.lead": 1.0, "inertia.screw": p.inertia.worm,
+        "worm.friction": p.worm.friction * (1.0 + p.deviation.worm.friction), "deviation.worm.friction": 0.0})
 
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output."""
     p = geared(ops, p)
-    return shown(ops, p, x, u, nonlinear.output_values(ops, p, x, u))
+    values = nonlinear.shown(PARTS, ops, p, x, u)
+    return {**values, LOSS.name: screw_loss.loss(ops, as_built(ops, p), x, u, values)}
 
 
 # -- faults ------------------------------------------------------------------------
@@ -136,8 +123,7 @@ def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 RULES = (
-    *interface.FRICTION_RULES, interface.ENCODER_RULE, interface.OBSERVER_RULE, *interface.ANTIWINDUP_RULES,
-    interface.WEIGHT_RULE, *interface.TEMPERATURE_RULES, *plausibility.of_screw(geared),
+    *PARTS.rules, *plausibility.of_screw(geared),
     Rule(_drives, "the flanks' friction coefficient at rest, worm.friction times worm.static_ratio as built, is %.6g; "
                   "above %.6g = 0.99 cos(worm.pressure_angle) worm.diameter_quotient/worm.starts no motor turns the "
                   "worm under load"),
@@ -153,8 +139,8 @@ ACTUATOR = replace(
     origin="The kind is that of section 1.1.1.3 of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical "
            "control actuation system, M.S. thesis, METU, 2016, which gives its structure and no number of it; motor, "
            "drive and loops are those of the thesis's actuator. Numbers are engineering estimates, marked as such.",
-    outputs=OUTPUTS,
-    parameters=PARAMETERS,
+    outputs=PARTS.outputs,
+    parameters=PARTS.parameters,
     descriptions={
         **interface.INPUT_DESCRIPTIONS,
         "acceleration.x": "vehicle acceleration along body x (forward, along the worm), where mounting.station "
@@ -164,7 +150,7 @@ ACTUATOR = replace(
             "takes from the motor's torque, whose positive angle is right-handed about body x",
     },
     rules=RULES,
-    terminals=TERMINALS,
+    terminals=PARTS.terminals(),
     provides=nonlinear.ACTUATOR.provides - {capabilities.SCREW_AND_LEVER, capabilities.SCREW_LOAD},
     structure=Structure(constant_ratio=True, screw_losses=True, worm=True),
     nominal=NOMINAL,

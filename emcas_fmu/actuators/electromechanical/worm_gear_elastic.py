@@ -18,32 +18,21 @@ from typing import Any
 
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
-from ...physics import drive_line
+from ...physics import drive_line, screw_loss
 from ...physics import worm as worm_and_wheel
 from ...physics.structure import Structure
 from ...steppers import elastic as elastic_stepper
-from ...variables import Variable
-from .. import capabilities, fin_port
+from .. import capabilities
 from ..declaration import Acting, Values
 from . import elastic, nonlinear, worm_gear
+from .as_built import as_built
 from .interface import MOST_JAMMING, with_parameters
 
-_WORDS = {"screw, nut and thrust": "worm and thrust", "in tension": "along its axis", "along the screw": "along the "
-          "pitch circle", "nut and fork": "worm and wheel", "fork": "worm wheel", "shaft and screw": "shaft and worm",
-          "screw: ": "gear: ", "screw, nut and bearing": "worm, mesh and bearing", "axial play": "play of the mesh"}
-
-
-def _of_worm(v: Variable) -> Variable:
-    """Return a parameter of screw, nut and fork as one of worm and wheel."""
-    described, sheet = v.description, v.sheet
-    for word, other in _WORDS.items():
-        described, sheet = described.replace(word, other), sheet.replace(word, other)
-    return replace(v, description=described, sheet=sheet)
-
-
-LINE = tuple(map(_of_worm, elastic.AXIAL + elastic.GAP + elastic.HINGE))
-OUTPUTS = fin_port.described({"motor_angle": "angle of the rotor (indirect fin angle, by worm and wheel)"},
-                             worm_gear.OUTPUTS)
+PARTS = worm_gear.parts(
+    elastic.axial("worm and thrust bearing", "along its axis",
+                  "gear: compliance, 1 over the axial rigidity of worm, mesh and bearing"),
+    elastic.gap("worm and wheel", "pitch circle", "gear: play of the mesh"), elastic.hinge("worm wheel", "worm"),
+    motor_angle="angle of the rotor (indirect fin angle, by worm and wheel)")
 
 
 def geared(ops: Ops, p: Any) -> Any:
@@ -52,15 +41,15 @@ def geared(ops: Ops, p: Any) -> Any:
     What twists before the flanks would not feel their friction: shaft and worm are rigid in torsion.
     """
     lead = 0.5 * p.worm.module * p.worm.starts
-    return with_values(worm_gear.geared(ops, p), {
-        "screw.lead": lead, "kinematics.moment_arm": lead * worm_and_wheel.ratio(p),
-        "drive_line.torsional_compliance": 0.0, "drive_line.torsional_damping": 0.0})
+    return with_values(PARTS.completed(worm_gear.geared(ops, p), (elastic.TORSIONAL,)), {
+        "screw.lead": lead, "kinematics.moment_arm": lead * worm_and_wheel.ratio(p)})
 
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output."""
     p = geared(ops, p)
-    return worm_gear.shown(ops, p, x, u, elastic.output_values(ops, p, x, u))
+    values = elastic.shown(PARTS, ops, p, x, u)
+    return {**values, worm_gear.LOSS.name: screw_loss.loss(ops, as_built(ops, p), x, u, values)}
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:
@@ -76,8 +65,8 @@ ACTUATOR = replace(
     title="electromechanical actuator with a worm gear whose mesh yields and has backlash",
     states=elastic.STATES,
     fin_side=elastic.FIN_SIDE,
-    outputs=OUTPUTS,
-    parameters=worm_gear.PARAMETERS + LINE,
+    outputs=PARTS.outputs,
+    parameters=PARTS.parameters,
     rules=(*worm_gear.RULES, elastic.LINE_RULE),
     provides=worm_gear.ACTUATOR.provides - {capabilities.RIGID_DRIVE_LINE} | {capabilities.BACKLASH},
     structure=Structure(constant_ratio=True, drive_line=True, screw_losses=True, worm=True),

@@ -11,18 +11,14 @@ from typing import Any
 
 from ...namespace import with_values
 from ...ops.base import Ops
-from ...variables import only, parameter
+from ...variables import parameter
 from ..electromechanical import as_built as electromechanical
+from ..electromechanical.as_built import nominal as nominal
 
-LEVER_AND_FRICTION = only(electromechanical.DEVIATIONS, "deviation.kinematics.", "deviation.mass.fin",
-                          "deviation.friction.")
-(MOTOR,) = only(electromechanical.DEVIATIONS, "deviation.motor.torque_constant")
+LEVER_AND_FRICTION = (*electromechanical.LEVER, *electromechanical.FIN, *electromechanical.COULOMB,
+                      *electromechanical.VISCOUS)
+(MOTOR,) = electromechanical.MOTOR
 RATED_FLOW = parameter("deviation.valve.rated_flow", "1", -0.9, 10.0, "rated flow as built over nominal, less 1")
-
-
-def nominal(*deviations: Any) -> dict[str, float]:
-    """Return values of deviations that make a unit nominal."""
-    return {v.name: 0.0 for v in deviations}
 
 
 def lever_and_friction(p: Any) -> Any:

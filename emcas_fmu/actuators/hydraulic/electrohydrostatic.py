@@ -27,8 +27,8 @@ from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
 from ...physics.structure import Structure
-from ...steppers import current_loop, events, rigid
-from ...variables import Terminal, only, parameter, switch, tunable, without
+from ...steppers import current_loop, electrical, events
+from ...variables import Terminal, only, parameter, switch, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, State, Values
 from ..electromechanical import interface as electromechanical
@@ -41,8 +41,8 @@ _FREE = stick.Slide(1.0, 0.0, 0.0)
 _ROUNDING = 1e-9  # V
 PARAMETERS = (
     *interface.PARAMETERS,
-    *without(only(electromechanical.PARAMETERS, "inertia.motor", "motor.", "drive.", "controller.velocity.kp",
-                  "controller.speed_limit", "compensation."), "drive.transport_delay"),
+    *only(nonlinear.PARTS.parameters, "inertia.motor", "motor.", "drive.current_", "drive.k", "drive.reference_limit",
+          "controller.velocity.kp", "controller.speed_limit", "compensation."),
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p",
               sheet="pump: displacement per revolution"),
     parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p",
@@ -107,8 +107,8 @@ def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:
     return p.pump.displacement * drop + pump.dry(ops, p, drop)
 
 
-def _electrical(x: Record) -> rigid.Plant:
-    return rigid.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
+def _electrical(x: Record) -> electrical.Plant:
+    return electrical.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
 
 
 def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
@@ -127,7 +127,7 @@ def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
 
     return Record(linkage=c, fin=fin, shaft=shaft, valves=valves,
                   lines=pump.lines(ops, p, valves, pump.bypass(ops, p, u.enabled)),
-                  drive=rigid.electrical_mode(ops, p, _electrical(x), u, h, accelerating))
+                  drive=electrical.electrical_mode(ops, p, _electrical(x), u, h, accelerating))
 
 
 def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
@@ -192,9 +192,9 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     p = as_built.with_pump(ops, p)
-    now = rigid.switched(ops, _electrical(x), u.enabled)
+    now = electrical.switched(ops, _electrical(x), u.enabled)
     x = x.replace(motor_current=now.current, drive_integral=now.integral)
-    moved, used = events.advance(ops, p, _SYSTEM, x, u, rigid.resolved(ops, p, now, u, h))
+    moved, used = events.advance(ops, p, _SYSTEM, x, u, electrical.resolved(ops, p, now, u, h))
     return vars(moved), used
 
 
@@ -236,7 +236,7 @@ ACTUATOR = Actuator(
     states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
     outputs=(*interface.OUTPUTS,
-             *only(electromechanical.OUTPUTS, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
+             *only(nonlinear.PARTS.outputs, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
                    "drive_reference", "supply_power", "current_error")),
     parameters=PARAMETERS,
     supply=electromechanical.SUPPLY,
@@ -253,7 +253,7 @@ ACTUATOR = Actuator(
     provides=frozenset({
         capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
         capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER, capabilities.REFERENCE_LIMIT,
-        capabilities.POSITION_LOOP, capabilities.CASCADE}),
+        capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.DRIVE_STEP}),
     structure=Structure(),
     as_built=as_built.with_pump,
     nominal=as_built.nominal(*DEVIATIONS),

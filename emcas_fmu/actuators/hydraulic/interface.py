@@ -10,7 +10,7 @@ from ...rules import SLACK, Rule, when
 from ...variables import only, parameter, real_output
 from .. import fin_port
 from ..declaration import State
-from ..electromechanical import interface as electromechanical
+from ..electromechanical import nonlinear
 
 FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
 CHAMBERS = (State("pressure_1", "Pa", "in the chamber that turns the fin to positive angles"),
@@ -50,7 +50,7 @@ TRANSDUCER = parameter("transducer.resolution", "rad", 0.0, 0.1, "step of the tr
 PARAMETERS = (
     *fin_port.described(
         {"kinematics.moment_arm": "distance of the hinge from the piston's axis, d"},
-        only(electromechanical.PARAMETERS, "kinematics.", "friction.fin_", "drive.transport_delay",
+        only(nonlinear.PARTS.parameters, "kinematics.", "friction.fin_", "drive.transport_delay",
              "controller.position.kp", "controller.position.ki", "controller.position.setpoint_weight")),
     *fin_port.PARAMETERS,
     *CYLINDER,

@@ -1,0 +1,137 @@
+"""The drive in a step: which of its equations hold, PWM and ideal loop among them, and an open bridge.
+
+What stepping, heat and supply of any motor ask for; how the motor moves does not matter here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import drive
+
+# The demanded voltage counts as at its limit this close to it: what ends on it is rounded.
+_BAND = 1e-6
+# Where the voltage is at a limit that falls with the current, which is a resistance, steps are at most this share of
+# the time constant that makes of the winding's inductance; and at least this share of the longest tick.
+_RESOLVED, _SHORTEST = 0.1, 0.03
+_TINY = 1e-300
+
+
+class Plant(NamedTuple):
+    """Motor angle [rad], motor speed [rad/s], motor current [A], drive integral xi [V]."""
+
+    angle: Value
+    speed: Value
+    current: Value
+    integral: Value
+
+
+class Drive(NamedTuple):
+    """The electrical mode: L di/dt = source - loop i - back-EMF, clipped on `side` (0: not)."""
+
+    side: Value
+    loop: Value
+    tau: Value
+    source: Value
+    integral_gain: Value
+    limit: Value  # at the step's start
+    supply: Value
+    i_ref: Value
+    enabled: Value
+    stays: Value  # 1 where the demand stays at the limit, its integral following
+    at_limit: Value  # 1 where the step starts at the limit
+
+    def limit_at(self, ops: Ops, p: Any, speed: Value, current: Value) -> Value:
+        """Return the voltage's limit [V] at a motor speed [rad/s] and a current [A]."""
+        return drive.voltage_limit(ops, p, self.supply, speed, current)
+
+
+def sign(ops: Ops, x: Value) -> Value:
+    """Return -1, 0 or 1."""
+    return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
+
+
+def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value,
+                    accelerating: Callable[[], Value] = lambda: 0.0) -> Drive:
+    """Return the electrical mode a step of `h` [s] starts in; `accelerating` gives the acceleration [rad/s2].
+
+    A demand at the limit may be driven out while it is free and back while it is
+    clipped (its integral held): then it stays there, the integral following the
+    current (Filippov's sliding solution). A clipped voltage is the limit of mid-step,
+    as speed and current move from the start.
+    """
+    if p.structure.current == "pwm":
+        return _pwm_mode(ops, p, u)
+    i_ref = drive.current_reference(ops, p, u.reference)
+    if p.structure.current == "ideal":  # the current is its reference at once, and no voltage matters
+        return Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, i_ref, u.enabled, 0.0, 1.0)
+    demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
+    supply = ops.maximum(u.supply, 0.0)
+    limit = drive.voltage_limit(ops, p, supply, s.speed, s.current)
+    inside = ops.fabs(demand) < limit * (1.0 - _BAND)
+    resistance, inductance = p.motor.resistance, p.motor.inductance
+
+    def free() -> tuple[Value, ...]:
+        loop = resistance + p.drive.kp
+        return 0.0, loop, inductance / loop, p.drive.kp * i_ref + s.integral, p.drive.ki, 0.0, 0.0
+
+    def beyond() -> tuple[Value, ...]:
+        side = sign(ops, demand)
+        at_limit = ops.fabs(demand) <= limit * (1.0 + _BAND)
+        rise = side * (side * limit - resistance * s.current - drive.back_emf(p, s.speed)) / inductance
+
+        def moving() -> tuple[Value, ...]:
+            middle = drive.voltage_limit(ops, p, supply, s.speed + 0.5 * h * accelerating(),
+                                         s.current + 0.5 * h * side * rise)
+            return middle, p.drive.kp * rise + (middle - limit) / (0.5 * h)
+
+        # Limit of mid-step, and how fast a clipped demand falls back behind the limit.
+        held, back = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (limit, p.drive.kp * rise))
+        drawn_out = side * p.drive.ki * (i_ref - s.current) > back
+        stays = ops.both(at_limit, ops.both(back > 0.0, drawn_out))
+        clipped = ops.either(ops.negate(at_limit), ops.either(back <= 0.0, stays))
+        clipped_side = ops.where(clipped, side, 0.0)
+        loop = ops.where(clipped, resistance, resistance + p.drive.kp)
+        source = ops.where(clipped, side * held, p.drive.kp * i_ref + s.integral)
+        gain = ops.where(clipped, 0.0, p.drive.ki)
+        return (clipped_side, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0),
+                ops.where(at_limit, 1.0, 0.0))
+
+    side, loop, tau, source, gain, stays, at_limit = ops.branch(inside, free, beyond)
+    return Drive(side, loop, tau, source, gain, limit, supply, i_ref, u.enabled, stays, at_limit)
+
+
+def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
+    """Return the mode of a PWM amplifier: its voltage, within the supply, holds through the step."""
+    limit = ops.maximum(u.supply, 0.0)
+    source = ops.clip(drive.pwm_voltage(p, u.reference), -limit, limit)
+    resistance = p.motor.resistance
+    return Drive(0.0, resistance, p.motor.inductance / resistance, source, 0.0, limit, limit, 0.0, u.enabled, 0.0,
+                 1.0)
+
+
+def switched(ops: Ops, s: Any, enabled: Value) -> Any:
+    """Return a plant's state as the drive's bridge has it: open while disabled, without current and integral."""
+    current, integral = ops.branch(enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0))
+    return s._replace(current=current, integral=integral)
+
+
+def resolved(ops: Ops, p: Any, s: Any, u: Record, h: Value) -> Value:
+    """Return `h` [s], or a shorter step that resolves a voltage limit which falls steeply with the current."""
+    if p.structure.current != "loop":
+        return h
+
+    def steep() -> tuple[Value, ...]:
+        limit = drive.voltage_limit(ops, p, ops.maximum(u.supply, 0.0), s.speed, s.current)
+        i_ref = drive.current_reference(ops, p, u.reference)
+        clipped = ops.fabs(drive.voltage_demand(p, i_ref, s.current, s.integral)) >= limit * (1.0 - _BAND)
+        across = drive.inductive_voltage(p, s.speed, 1.0)
+        falling = ops.maximum(across * across * ops.fabs(s.current), _TINY)  # -dV_w/di V_w
+        step = ops.maximum(_SHORTEST * p.solver.max_tick, _RESOLVED * p.motor.inductance * limit / falling)
+        return (ops.where(clipped, ops.minimum(h, step), h),)
+
+    (h,) = ops.branch(p.motor.pole_pairs > 0.0, steep, lambda: (h,))
+    return h
