@@ -23,7 +23,7 @@ CASCADE = "loops of position and velocity in cascade"
 SUPPLY_VOLTAGE = "a supply voltage"
 SUPPLY_PRESSURE = "a supply pressure"
 AMBIENT_TEMPERATURE = "an ambient temperature"
-DRIVE_STEP = "a motor current that steps by the equations of steppers.electrical"
+DRIVE_STEP = "a motor current that the shared equations of the drive step"
 SCREW_EQUATIONS = "loops and equation parameters of motor, screw and lever"
 
 NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
