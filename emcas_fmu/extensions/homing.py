@@ -19,7 +19,7 @@ from typing import Any
 
 from ..actuators import capabilities
 from ..actuators.declaration import Acting, Actuator, Asked, State, Values
-from ..actuators.electromechanical.interface import inertias
+from ..actuators.electromechanical.rules import inertias
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive

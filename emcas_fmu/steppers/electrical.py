@@ -15,7 +15,7 @@ from ..physics import drive
 # The demanded voltage counts as at its limit this close to it: what ends on it is rounded.
 _BAND = 1e-6
 # Where the voltage is at a limit that falls with the current, which is a resistance, steps are at most this share of
-# the time constant that makes of the winding's inductance; and at least this share of the longest tick.
+# the winding's time constant with that resistance; and at least this share of the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
 _TINY = 1e-300
 

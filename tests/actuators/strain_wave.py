@@ -13,7 +13,7 @@ from typing import Any
 
 from emcas_fmu.actuators import capabilities
 from emcas_fmu.actuators.declaration import Acting, Values
-from emcas_fmu.actuators.electromechanical import interface, nonlinear
+from emcas_fmu.actuators.electromechanical import groups, interface, nonlinear
 from emcas_fmu.actuators.electromechanical.interface import with_parameters
 from emcas_fmu.namespace import Record, with_values
 from emcas_fmu.ops.base import Ops
@@ -23,13 +23,13 @@ from emcas_fmu.variables import parameter
 GEAR = interface.Group((parameter("gear.ratio", "1", 30.0, 320.0, "turns of the motor in one of the fin"),
                         parameter("gear.inertia", "kg.m2", 0.0, 1.0, "inertia of the wave generator")))
 PARTS = interface.Parts((
-    interface.COULOMB, interface.ENCODER, *interface.LOOPS, interface.VISCOUS, interface.hinge("flexspline"),
-    interface.HINGE_FRICTION, interface.SHAFT, *interface.SERVO, GEAR))
+    groups.COULOMB, groups.ENCODER, *groups.LOOPS, groups.VISCOUS, groups.hinge("flexspline"),
+    groups.HINGE_FRICTION, groups.SHAFT, *groups.SERVO, GEAR))
 
 
 def geared(_: Ops, p: Any) -> Any:
     """Parameters as those of a screw of that ratio without lever."""
-    return with_values(PARTS.completed(p, (interface.LEVER, interface.SCREW)), {
+    return with_values(PARTS.completed(p, (groups.LEVER, groups.SCREW)), {
         "kinematics.moment_arm": p.gear.ratio, "screw.lead": 1.0, "inertia.screw": p.gear.inertia})
 
 

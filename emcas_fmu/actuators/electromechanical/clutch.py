@@ -33,7 +33,7 @@ from ...steppers import events, rigid
 from ...variables import parameter, real_output
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
-from . import clutches, interface, nonlinear
+from . import clutches, groups, interface, nonlinear
 from .as_built import NOMINAL, as_built
 from .interface import Group, Output
 
@@ -61,11 +61,11 @@ _AMPLIFIERS = Group(fin_port.described({
     "drive.current_gain": "net coil current demanded per volt of reference",
     "drive.current_offset": "net coil current demanded at zero reference",
     "drive.kp": "proportional gain of the coils' amplifiers",
-}, (*interface.CURRENT_GAIN.parameters, *interface.CURRENT_LIMIT.parameters, interface.KP)))
+}, (*groups.CURRENT_GAIN.parameters, *groups.CURRENT_LIMIT.parameters, groups.KP)))
 PARTS = interface.Parts((
-    *clutches.SCREW_SIDE, interface.hinge(saturated="any limit active: command, speed, DAC or an amplifier's voltage"),
+    *clutches.SCREW_SIDE, groups.hinge(saturated="any limit active: command, speed, DAC or an amplifier's voltage"),
     Group(outputs=(Output(SUPPLY_POWER),), wired=False),
-    interface.delay("delay from DAC to the current asked of the coils"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES))
+    groups.delay("delay from DAC to the current asked of the coils"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES))
 FAULTS = (
     *clutches.faults("the motor goes on turning in its clutches",
                      ("coil.connected_1", "the clutch that turns the screw with the motor"),

@@ -9,7 +9,7 @@ from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...variables import Variable, parameter, real_output, tunable
 from ..declaration import PlantFault, State
-from . import interface
+from . import groups
 from .interface import Group, Output
 
 SCREW = (State("screw_angle", "rad"), State("screw_speed", "rad/s"), State("motor_speed", "rad/s"))
@@ -21,9 +21,9 @@ SHAFT = Group(outputs=(
 CLUTCH_TEMPERATURE = Output(real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0),
                             lambda ops, p, s: s.x.clutch_temperature)
 # What turns with the screw behind the clutches: groups as the loops know them, in the order of their rules.
-SCREW_SIDE = (interface.LEVER, interface.coulomb("screw"), interface.encoder("screw"), interface.SCREW,
-              *interface.LOOPS, interface.viscous("screw"), interface.HINGE_FRICTION, SHAFT, interface.MOTOR,
-              interface.COMPENSATION)
+SCREW_SIDE = (groups.LEVER, groups.coulomb("screw"), groups.encoder("screw"), groups.SCREW,
+              *groups.LOOPS, groups.viscous("screw"), groups.HINGE_FRICTION, SHAFT, groups.MOTOR,
+              groups.COMPENSATION)
 FRICTION = Group((
     parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction of the motor's side"),
     parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of the motor's side")))

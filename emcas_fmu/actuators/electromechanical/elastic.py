@@ -22,7 +22,7 @@ from ...steppers.electrical import Plant
 from ...variables import Variable, in_group, parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, State, Values
-from . import interface, nonlinear
+from . import groups, interface, nonlinear
 from .as_built import as_built
 from .interface import Group
 
@@ -31,7 +31,7 @@ STATES = (*interface.MOTION, *interface.DRIVE,
           State(FIN_SIDE[0], "rad", "of the fin, referred to the motor"),
           State(FIN_SIDE[1], "rad/s", "of the fin, referred to the motor"))
 _LIMPEST = 1e100  # rad/(N.m): far beyond any part, and what is computed from it stays finite
-SHAFT = interface.shaft("angle of the rotor (indirect fin angle, by lever and screw)")
+SHAFT = groups.shaft("angle of the rotor (indirect fin angle, by lever and screw)")
 
 
 def _group(*parameters: Variable, **absent: float) -> Group:
@@ -77,8 +77,8 @@ def gap(flanks: str = "nut and fork", along: str = "screw", sheet: str = "screw:
 
 HINGE, GAP = hinge(), gap()
 LINE = (AXIAL, TORSIONAL, GAP, HINGE)
-SCREW = interface.screw("nut displacement from the assembly position, before the gap")
-PARTS = interface.Parts((*interface.lever_and_screw(SCREW), SHAFT, *interface.SERVO, *LINE))
+SCREW = groups.screw("nut displacement from the assembly position, before the gap")
+PARTS = interface.Parts((*groups.lever_and_screw(SCREW), SHAFT, *groups.SERVO, *LINE))
 
 
 def _limp(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:

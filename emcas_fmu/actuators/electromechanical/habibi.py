@@ -16,11 +16,11 @@ from ...namespace import with_values
 from ...ops.base import Ops
 from ...physics.structure import Structure
 from .. import capabilities
-from . import elastic, interface, nonlinear
+from . import elastic, groups, interface, nonlinear
 from .interface import with_parameters
 
 PARTS = interface.Parts((
-    *interface.lever_and_screw(elastic.SCREW), elastic.SHAFT, *interface.SERVO, elastic.GAP))
+    *groups.lever_and_screw(elastic.SCREW), elastic.SHAFT, *groups.SERVO, elastic.GAP))
 
 
 def at_motor(p: Any) -> Any:

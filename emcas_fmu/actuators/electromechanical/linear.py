@@ -17,18 +17,18 @@ from ...ops.base import Ops, Value
 from ...physics.structure import Structure
 from .. import capabilities
 from ..declaration import Acting, Values
-from . import interface, nonlinear, plausibility
+from . import groups, interface, nonlinear, plausibility
 from .interface import with_parameters
 
 PARTS = interface.Parts((
-    interface.LEVER, interface.SCREW, interface.VELOCITY_LOOP, interface.POSITION_LOOP, interface.VISCOUS,
-    interface.HINGE, interface.SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER, interface.INDUCTANCE,
-    interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LOOP))
+    groups.LEVER, groups.SCREW, groups.VELOCITY_LOOP, groups.POSITION_LOOP, groups.VISCOUS,
+    groups.HINGE, groups.SHAFT, groups.MOTOR, groups.CURRENT, groups.POWER, groups.INDUCTANCE,
+    groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LOOP))
 
 
 def _linear(_: Ops, p: Any) -> Any:
     viscous = 0.5 * (p.friction.viscous.positive + p.friction.viscous.negative)
-    return with_values(PARTS.completed(p), {
+    return with_values(PARTS.completed(p, groups.OPTIONAL), {
         "friction.viscous.positive": viscous, "friction.viscous.negative": viscous})
 
 

@@ -14,7 +14,7 @@ from ...physics import screw_loss
 from ...rules import Rule, when
 from ...variables import parameter, real_output
 from ..declaration import Acting, Actuator, Values
-from .interface import MOST_JAMMING, jams
+from .rules import MOST_JAMMING, jams
 
 PARAMETERS = (
     parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw where the motor drives the load",

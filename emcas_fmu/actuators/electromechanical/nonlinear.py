@@ -14,12 +14,12 @@ from ...steppers.electrical import Plant
 from ...steppers.rigid import advance
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, Values
-from . import interface, plausibility
+from . import groups, interface, plausibility
 from .as_built import NOMINAL, as_built
 
 # The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
 _INTEGRAL_PHASE = 0.07
-PARTS = interface.Parts((*interface.lever_and_screw(interface.SCREW), interface.SHAFT, *interface.SERVO))
+PARTS = interface.Parts((*groups.lever_and_screw(groups.SCREW), groups.SHAFT, *groups.SERVO))
 EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
 
 

@@ -17,7 +17,7 @@ from ...ops.base import Ops
 from ...physics.structure import Structure
 from .. import capabilities, fin_port
 from ..declaration import Supply
-from . import elastic, interface, nonlinear, plausibility
+from . import elastic, groups, interface, nonlinear, plausibility
 from .habibi import at_motor
 from .interface import with_parameters
 
@@ -25,8 +25,8 @@ from .interface import with_parameters
 # under the motor's full torque.
 _STIFFEST = 1e-6
 PARTS = interface.Parts((
-    *interface.lever_and_screw(elastic.SCREW), elastic.SHAFT, interface.MOTOR, interface.CURRENT, interface.POWER,
-    interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT, interface.COMPENSATION, elastic.TORSIONAL))
+    *groups.lever_and_screw(elastic.SCREW), elastic.SHAFT, groups.MOTOR, groups.CURRENT, groups.POWER,
+    groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LIMIT, groups.COMPENSATION, elastic.TORSIONAL))
 
 
 def _gapless(_: Ops, p: Any) -> Any:

@@ -24,7 +24,7 @@ from ...physics.structure import Structure
 from ...variables import parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, Values
-from . import interface, nonlinear, plausibility
+from . import groups, interface, nonlinear, plausibility
 from .as_built import as_built
 from .interface import with_parameters
 
@@ -34,17 +34,17 @@ PWM = interface.Group((
 BAR = interface.Group((
     parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),))
 PARTS = interface.Parts((
-    interface.LEVER, interface.COULOMB, interface.ENCODER, interface.SCREW, *interface.LOOPS, interface.VISCOUS,
-    interface.hinge(
+    groups.LEVER, groups.COULOMB, groups.ENCODER, groups.SCREW, *groups.LOOPS, groups.VISCOUS,
+    groups.hinge(
         hinge_torque="total external moment about the hinge (aerodynamic + torsion bar + gravity + inertial)",
         saturated="any limit active: command, speed, DAC or voltage"),
-    interface.HINGE_FRICTION, interface.SHAFT, interface.MOTOR,
-    interface.current("motor current, which no loop controls"), interface.POWER, interface.INDUCTANCE,
-    interface.delay(drive_reference="analogue reference held by the controller's DAC, which sets the PWM"), PWM, BAR))
+    groups.HINGE_FRICTION, groups.SHAFT, groups.MOTOR,
+    groups.current("motor current, which no loop controls"), groups.POWER, groups.INDUCTANCE,
+    groups.delay(drive_reference="analogue reference held by the controller's DAC, which sets the PWM"), PWM, BAR))
 
 
 def _uncompensated(_: Ops, p: Any) -> Any:
-    return PARTS.completed(p, (interface.COMPENSATION,))
+    return PARTS.completed(p, (groups.COMPENSATION,))
 
 
 def _loaded(ops: Ops, p: Any, angle: Value, u: Acting) -> Acting:

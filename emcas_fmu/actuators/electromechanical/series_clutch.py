@@ -41,7 +41,7 @@ from ...steppers import current_loop, electrical, events, rigid
 from ...variables import parameter, real_output, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
-from . import clutches, interface, lossy_screw, nonlinear, plausibility
+from . import clutches, groups, interface, lossy_screw, nonlinear, plausibility, rules
 from .as_built import NOMINAL, as_built
 from .interface import Group, Output
 
@@ -65,10 +65,10 @@ _POWERS = Group(lossy_screw.PARAMETERS, (
     Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0,
                        minimum=0.0))), wired=False)
 PARTS = interface.Parts((
-    *clutches.SCREW_SIDE, interface.hinge(
+    *clutches.SCREW_SIDE, groups.hinge(
         saturated="any limit active: command, speed, DAC, current, the drive's voltage or the coil amplifier's"),
-    interface.CURRENT, interface.INDUCTANCE, interface.DELAY, interface.CURRENT_GAIN, interface.CURRENT_LIMIT,
-    interface.CURRENT_LOOP, interface.POLE_PAIRS, clutches.FRICTION, _CLUTCH, _POWERS))
+    groups.CURRENT, groups.INDUCTANCE, groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LIMIT,
+    groups.CURRENT_LOOP, groups.POLE_PAIRS, clutches.FRICTION, _CLUTCH, _POWERS))
 FAULTS = (
     *clutches.faults("the clutch slips", ("coil.connected", "the clutch"), ("clutch.share",)),
     PlantFault("clutch_engaged", "the no-back fails: through the engaged clutch the load drives the motor",
@@ -237,7 +237,7 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
 
 
 def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    return interface.jams(ops, _screw_side(p), p.efficiency.backward, nonlinear.longest_tick(ops, p))
+    return rules.jams(ops, _screw_side(p), p.efficiency.backward, nonlinear.longest_tick(ops, p))
 
 
 ACTUATOR = Actuator(

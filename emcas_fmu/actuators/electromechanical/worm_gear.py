@@ -23,9 +23,10 @@ from ...rules import Rule, when
 from ...variables import in_group, integer_parameter, parameter, real_output, tunable
 from .. import capabilities
 from ..declaration import Acting, PlantFault, Values
-from . import interface, nonlinear, plausibility
+from . import groups, interface, nonlinear, plausibility, rules
 from .as_built import as_built
-from .interface import MOST_JAMMING, with_parameters
+from .interface import with_parameters
+from .rules import MOST_JAMMING
 
 LOSS = real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0)
 WORM = interface.Group((*in_group(
@@ -54,8 +55,8 @@ WORM = interface.Group((*in_group(
 def parts(*of_line: interface.Group, motor_angle: str = "motor angle") -> interface.Parts:
     """Return motor, drive and loops with a worm and its wheel, and further groups."""
     return interface.Parts((
-        interface.COULOMB, interface.ENCODER, *interface.LOOPS, interface.VISCOUS, interface.hinge("worm wheel"),
-        interface.HINGE_FRICTION, interface.shaft(motor_angle), *interface.SERVO, WORM, *of_line))
+        groups.COULOMB, groups.ENCODER, *groups.LOOPS, groups.VISCOUS, groups.hinge("worm wheel"),
+        groups.HINGE_FRICTION, groups.shaft(motor_angle), *groups.SERVO, WORM, *of_line))
 
 
 PARTS = parts()
@@ -65,7 +66,7 @@ NOMINAL = {v.name: 0.0 for v in PARTS.parameters if v.name.startswith("deviation
 
 def geared(_: Ops, p: Any) -> Any:
     """Return parameters as those of a screw of ratio N without lever, its friction as built; of these, the same."""
-    return with_values(PARTS.completed(p, (interface.LEVER, interface.SCREW)), {
+    return with_values(PARTS.completed(p, (groups.LEVER, groups.SCREW)), {
         "kinematics.moment_arm": worm.ratio(p), "screw.lead": 1.0, "inertia.screw": p.inertia.worm,
         "worm.friction": p.worm.friction * (1.0 + p.deviation.worm.friction), "deviation.worm.friction": 0.0})
 
@@ -118,7 +119,7 @@ def _drives(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     p = geared(ops, p)
-    broken, backward, *rest = interface.jams(ops, p, screw.backward(ops, p), longest_tick(ops, p))
+    broken, backward, *rest = rules.jams(ops, p, screw.backward(ops, p), longest_tick(ops, p))
     return broken, worm.coefficient(ops, p, 0.0), backward, *rest
 
 

@@ -26,7 +26,8 @@ from .. import capabilities
 from ..declaration import Acting, Values
 from . import elastic, nonlinear, worm_gear
 from .as_built import as_built
-from .interface import MOST_JAMMING, with_parameters
+from .interface import with_parameters
+from .rules import MOST_JAMMING
 
 PARTS = worm_gear.parts(
     elastic.axial("worm and thrust bearing", "along its axis",

@@ -25,7 +25,8 @@ from ...steppers import events
 from ...variables import Terminal, parameter, real_input, real_output, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
-from ..electromechanical.interface import LEVER_RULE, transport_delay
+from ..electromechanical.interface import transport_delay
+from ..electromechanical.rules import LEVER_RULE
 from . import as_built, interface
 
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,

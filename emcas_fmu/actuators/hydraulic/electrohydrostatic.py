@@ -33,6 +33,7 @@ from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, State, Values
 from ..electromechanical import interface as electromechanical
 from ..electromechanical import nonlinear, plausibility
+from ..electromechanical.rules import LEVER_RULE
 from . import as_built, interface
 from .electrohydrostatic_faults import FAULTS
 
@@ -245,7 +246,7 @@ ACTUATOR = Actuator(
     terminals=(Terminal("motor", "motor and drive", ("motor_speed", "motor_current", "motor_voltage", "motor_torque",
                                                      "drive_reference", "current_error")),
                Terminal("hydraulics", "cylinder", ("piston_position", "pressure_1", "pressure_2"))),
-    rules=(electromechanical.LEVER_RULE, interface.STROKE_RULE, plausibility.CURRENT_RULE,
+    rules=(LEVER_RULE, interface.STROKE_RULE, plausibility.CURRENT_RULE,
            plausibility.velocity_rule(_rotor), plausibility.winding_rule(_rotor)),
     supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,

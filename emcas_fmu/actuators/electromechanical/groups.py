@@ -1,0 +1,245 @@
+"""The groups of parameters, rules and outputs that electromechanical actuators are put together from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf, radians
+from typing import Any
+
+from ...namespace import Record
+from ...ops.base import Ops, Value
+from ...physics import drive, kinematics, mechanics
+from ...variables import Variable, integer_parameter, parameter, real_output, switch, tunable
+from .. import fin_port
+from . import as_built
+from .interface import SUPPLY_POWER, Group, Output
+from .rules import (
+    ANTIWINDUP_RULES,
+    ENCODER_RULE,
+    FRICTION_RULES,
+    INERTIA_RULE,
+    LEVER_RULE,
+    OBSERVER_RULE,
+    TABLE_POINTS,
+    TEMPERATURE_RULES,
+    WEIGHT_RULE,
+)
+
+# -- hinge, lever and screw --------------------------------------------------------
+
+
+def _error(ops: Ops, p: Any, s: Record) -> Value:
+    error = drive.current_reference(ops, p, s.u.reference) - s.current
+    return ops.where(s.u.enabled, error, 0.0)
+
+
+def hinge(fork: str = "fork", **descriptions: str) -> Group:
+    """Return the fin on its shaft, with what turns it there; `descriptions` are those of outputs by name."""
+    equations: dict[str, Callable[[Ops, Any, Record], Value]] = {
+        "fin_angle": lambda ops, p, s: s.fin,
+        "fin_rate": lambda ops, p, s: s.speed / kinematics.reduction_ratio(ops, p, s.tangent),
+        "hinge_torque": lambda ops, p, s: mechanics.external_moment(ops, p, s.tangent, s.u),
+        "tracking_error": lambda ops, p, s: fin_port.clipped_command(ops, p, s.u.command) - s.fin,
+        "measured_fin_angle": lambda ops, p, s: s.u.measured_fin_angle,
+        "saturated": lambda ops, p, s: s.saturated(),
+        "at_stop": lambda ops, p, s: ops.fabs(s.fin) >= s.stop,
+    }
+    outputs = fin_port.described({
+        "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
+        "saturated": "any limit active: command, speed, DAC, current or voltage", **descriptions})
+    return Group((*fin_port.turning(fork), fin_port.SAMPLE_TIME, *fin_port.TRAVEL, *fin_port.MOUNTING, *fin_port.BUS,
+                  fin_port.MAX_TICK, *as_built.FIN,
+                  parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
+                 tuple(Output(v, equations[v.name]) for v in outputs), wired=False)
+
+
+HINGE = hinge()
+HINGE_FRICTION = Group((
+    parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
+              sheet="bench: friction torque of the hinge's bearings and seals"),), absent={"friction.fin_coulomb": 0.0})
+LEVER = Group((
+    parameter("kinematics.moment_arm", "m", 1e-3, 1.0, "distance of the hinge from the screw axis, d",
+              sheet="drawing: lever arm, from the hinge to the axis of screw or cylinder"),
+    parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
+              "assembly angle of the lever at fin_angle 0",
+              sheet="drawing: angle of the lever at fin angle 0, from square to that axis"), *as_built.LEVER),
+    rules=(LEVER_RULE,), absent={"kinematics.initial_angle": 0.0, **as_built.nominal(*as_built.LEVER)})
+
+
+def screw(nut_position: str = "nut displacement from the assembly position") -> Group:
+    """Return screw and nut, with a description of the output."""
+    return Group((
+        parameter("screw.lead", "m/rad", 1e-6, 1e-1, "screw lead per radian", sheet="screw: lead"),
+        parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis",
+                  sheet="screw: inertia about its axis, with the coupling"),
+        parameter("mass.nut", "kg", 0.0, 1e3, "nut mass",
+                  sheet="screw: mass of the nut, with what moves along the screw"), *as_built.SCREW),
+        (Output(real_output("nut_position", "m", nut_position, 0.01),
+                lambda ops, p, s: kinematics.nut_position(ops, p, s.nut)),),
+        (INERTIA_RULE,), {"mass.nut": 0.0, **as_built.nominal(*as_built.SCREW)})
+
+
+SCREW = screw()
+
+# -- friction ----------------------------------------------------------------------
+
+def _table(quantity: str, unit: str, minimum: float, maximum: float, description: str) -> tuple[Variable, ...]:
+    return tuple(parameter(f"friction.table.{quantity}[{i}]", unit, minimum, maximum, f"{description}, point {i + 1}")
+                 for i in range(TABLE_POINTS))
+
+
+def viscous(at: str = "motor") -> Group:
+    """Return viscous friction at a shaft of this name, and temperature."""
+    return Group((
+        *(parameter(f"friction.viscous.{way}", "N.m.s/rad", 0.0, 10.0, f"viscous friction at the {at}, {way} motion",
+                    sheet="bench: viscous friction without load") for way in ("positive", "negative")),
+        *_table("temperature", "degC", -100.0, 200.0, "temperature of the table of friction, rising"),
+        *_table("viscous", "1", 0.0, 100.0, "viscous friction there over that at 24 degC"),
+        parameter("friction.identified_from", "degC", -100.0, 200.0,
+                  "coldest temperature at which friction was tested"),
+        parameter("friction.identified_to", "degC", -100.0, 200.0, "warmest temperature at which friction was tested"),
+        tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), *as_built.VISCOUS),
+        rules=TEMPERATURE_RULES)
+
+
+def coulomb(at: str = "motor") -> Group:
+    """Return Coulomb friction at a shaft of this name."""
+    return Group((
+        *(parameter(f"friction.coulomb.{way}[{power}]", "N.m", -10.0, 10.0,
+                    f"Coulomb friction at the {at} for {way} motion: coefficient of (fin_angle/20 deg)^{power}",
+                    "bench: friction torque without load; a constant one is the first number, the others 0")
+          for way in ("positive", "negative") for power in range(7)),
+        *_table("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC"), *as_built.COULOMB),
+        rules=FRICTION_RULES, absent={
+            "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7,
+            "friction.table.coulomb": (1.0,) * TABLE_POINTS, **as_built.nominal(*as_built.COULOMB)})
+
+
+VISCOUS, COULOMB = viscous(), coulomb()
+
+# -- motor and drive ---------------------------------------------------------------
+
+MOTOR = Group((
+    parameter("inertia.motor", "kg.m2", 1e-9, 10.0, "rotor inertia",
+              sheet="motor: rotor inertia (moment of inertia, J)"),
+    parameter("motor.torque_constant", "N.m/A", 1e-6, 100.0, "torque constant", sheet="motor: torque constant K_t"),
+    parameter("motor.back_emf_constant", "V.s/rad", 0.0, 100.0, "back-EMF constant",
+              sheet="motor: back-EMF or voltage constant K_e; 1 over the speed constant"),
+    parameter("motor.resistance", "Ohm", 1e-6, 1e4, "winding resistance",
+              sheet="motor: terminal resistance, line to line"), *as_built.MOTOR), (
+    Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"), lambda ops, p, s: s.x.motor_speed),
+    Output(real_output("motor_torque", "N.m", "motor torque", 3.0), lambda ops, p, s: drive.torque(p, s.current))))
+
+
+def shaft(motor_angle: str = "motor angle") -> Group:
+    """Return the motor's angle, with a description."""
+    return Group(outputs=(Output(real_output("motor_angle", "rad", motor_angle, 10.0),
+                                 lambda ops, p, s: s.x.motor_angle),))
+
+
+def current(motor_current: str = "motor current") -> Group:
+    """Return the current of a motor in both directions and its voltage, with a description of the current."""
+    return Group(outputs=(
+        Output(real_output("motor_current", "A", motor_current, 30.0), lambda ops, p, s: s.current),
+        Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0),
+               lambda ops, p, s: s.voltage)))
+
+
+SHAFT, CURRENT = shaft(), current()
+POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, s: s.voltage * s.current),), wired=False)
+INDUCTANCE = Group((parameter("motor.inductance", "H", 1e-7, 10.0, "winding inductance",
+                              sheet="motor: terminal inductance, line to line"),))
+POLE_PAIRS = Group((
+    integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs: the inductive voltage across the winding, pole pairs "
+                      "times speed, inductance and current, takes its part of the supply (0: none is taken)",
+                      sheet="motor: pole pairs, half the number of poles"),), absent={"motor.pole_pairs": 0})
+
+
+def delay(what: str = "delay from DAC to current reference",
+          drive_reference: str = "analogue reference held by the controller's DAC") -> Group:
+    """Return the DAC and the delay behind it, with descriptions of delay and output."""
+    return Group((parameter("drive.transport_delay", "s", 0.0, 0.1, what,
+                            sheet="drive: delay from a command to the current", display="ms"),),
+                 (Output(real_output("drive_reference", "V", drive_reference, 10.0,
+                                     limited_by=("drive.reference_limit",)), lambda ops, p, s: s.u.sampled_reference),))
+
+
+DELAY = delay()
+CURRENT_GAIN = Group((
+    parameter("drive.current_gain", "A/V", 1e-3, 1e4, "current demanded per volt of reference",
+              sheet="drive: scale of the analogue command, A/V"),))
+CURRENT_LIMIT = Group((
+    parameter("drive.current_limit", "A", 1e-3, 1e4, "largest current reference",
+              sheet="drive: peak current, or that of what it feeds where that is less"),
+    parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference")),
+    absent={"drive.current_limit": inf, "drive.current_offset": 0.0})
+KP = parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",
+               sheet="drive: proportional gain of the current loop")
+CURRENT_LOOP = Group((
+    KP,
+    parameter("drive.ki", "V/(A.s)", 0.0, 1e6, "integral gain of the current loop",
+              sheet="drive: integral gain of the current loop")),
+    (Output(real_output("current_error", "A",
+                        "current reference within its limit minus motor current (0 while disabled)", 10.0), _error),))
+
+# -- controllers -------------------------------------------------------------------
+
+POSITION_LOOP = Group((
+    tunable("controller.position.kp", "1/s", 0.0, 1e5, "proportional gain of the position loop",
+            sheet="controller: position loop, proportional gain"),
+    tunable("controller.position.ki", "1/s2", 0.0, 1e6, "integral gain of the position loop (0: P control)",
+            sheet="controller: position loop, integral gain"),
+    tunable("controller.position.setpoint_weight", "1", 0.0, 2.0,
+            "weight of the command in the proportional part of the position loop (1: the thesis's PI)",
+            sheet="controller: position loop, setpoint weight"),
+    tunable("controller.position.velocity_feedforward", "1", 0.0, 10.0,
+            "share of the command's rate that is added to the speed reference (0: none)")), rules=(WEIGHT_RULE,))
+VELOCITY_LOOP = Group((
+    tunable("controller.velocity.kp", "V.s/rad", 0.0, 1e4, "proportional gain of the velocity loop",
+            sheet="controller: velocity loop, proportional gain"),
+    tunable("controller.velocity.ki", "V/rad", 0.0, 1e6, "integral gain of the velocity loop (0: P control)",
+            sheet="controller: velocity loop, integral gain"),
+    tunable("controller.load_observer", "1/s", 0.0, 1e4, "bandwidth of the load observer (0: none)")),
+    rules=(OBSERVER_RULE,))
+LIMITS = Group((
+    parameter("drive.reference_limit", "V", 1e-3, 1e3, "largest DAC output",
+              sheet="drive: range of the analogue command"),
+    tunable("controller.antiwindup", "1/s", 0.0, 1e5,
+            "back-calculation gain of the anti-windup where the speed reference is limited",
+            sheet="controller: anti-windup gain"),
+    tunable("controller.drive_antiwindup", "1/s", 0.0, 1e5,
+            "back-calculation gain of the anti-windup where DAC or drive current are limited (0: none)"),
+    parameter("controller.speed_limit", "rad/s", 1e-3, 1e5, "largest motor speed reference",
+              sheet="controller: speed limit; not above the motor's permitted speed", display="rpm")),
+    rules=ANTIWINDUP_RULES, absent={
+        "drive.reference_limit": inf, "controller.speed_limit": inf, "controller.antiwindup": 0.0,
+        "controller.drive_antiwindup": 0.0})
+COMPENSATION = Group((
+    tunable("compensation.gain", "1", 0.0, 10.0, "share of the Coulomb friction fed forward (0: none)"),
+    tunable("compensation.speed_band", "rad/s", 1e-6, 1e4, "speed reference at which compensation is full",
+            display="rpm")), absent={"compensation.gain": 0.0, "compensation.speed_band": 1.0})
+
+
+def encoder(of: str = "motor") -> Group:
+    """Return the encoder, which is that of a shaft of this name where there is none on the fin."""
+    return Group((
+        switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
+        integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution",
+                          sheet="encoder: pulses (lines) per revolution"),
+        integer_parameter("encoder.multiplier", 1, 4, "edge multiplier: 1, 2 or 4",
+                          sheet="encoder: edges counted of a pulse, 4 in quadrature"),
+        switch("encoder.on_fin", f"true: the position comes from an encoder on the fin shaft; false: from the {of}'s, "
+               "as the speed always does", sheet="encoder: whether there is one on the fin's shaft")),
+        rules=(ENCODER_RULE,), absent={"encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1,
+                                       "encoder.multiplier": 1})
+
+
+ENCODER = encoder()
+OPTIONAL = (LEVER, SCREW, COULOMB, HINGE_FRICTION, COMPENSATION, ENCODER, CURRENT_LIMIT, LIMITS, POLE_PAIRS)
+LOOPS = (VELOCITY_LOOP, LIMITS, POSITION_LOOP)
+SERVO = (MOTOR, CURRENT, POWER, INDUCTANCE, DELAY, CURRENT_GAIN, CURRENT_LIMIT, CURRENT_LOOP, COMPENSATION, POLE_PAIRS)
+
+
+def lever_and_screw(screw: Group) -> tuple[Group, ...]:
+    """Return the groups from the motor's shaft to the fin, with its loops and encoder."""
+    return LEVER, COULOMB, ENCODER, screw, *LOOPS, VISCOUS, HINGE, HINGE_FRICTION

@@ -1,0 +1,127 @@
+"""Rules for the parameters of electromechanical actuators: of lever, friction, gains and inertias."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import degrees, radians
+from typing import Any
+
+from ...ops.base import Ops, Value
+from ...physics.friction import coulomb_polynomial
+from ...rules import ANGLE, SLACK, Rule, in_degrees, when
+
+TABLE_POINTS = 5
+# The lever's tangent grows without bound towards 90 deg.
+LARGEST_LEVER_ANGLE = radians(85.0)
+
+
+def _lever(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    nominal, off = p.kinematics.initial_angle, p.deviation.kinematics.initial_angle
+    initial = ops.maximum(ops.fabs(nominal), ops.fabs(nominal + off))
+    stop = p.fin.stop_angle
+    return (when(ops, initial + stop >= LARGEST_LEVER_ANGLE * (1.0 - SLACK)), initial, in_degrees(initial),
+            stop, in_degrees(stop), initial + stop, in_degrees(initial + stop))
+
+
+def _friction(direction: str) -> Rule:
+    def check(ops: Ops, p: Any, share: Value) -> tuple[Value, ...]:
+        coefficients, stop = getattr(p.friction.coulomb, direction), p.fin.stop_angle
+        angle = stop * share
+        value = coulomb_polynomial(coefficients, angle)
+        largest = coulomb_polynomial([ops.fabs(c) for c in coefficients], stop)
+        below = -value - SLACK * largest
+        return below, *coefficients, value, angle, in_degrees(angle), stop, in_degrees(stop)
+
+    return Rule(check, f"friction.coulomb.{direction} = [{', '.join(['%.6g'] * 7)}] N.m gives a friction of %.6g N.m "
+                       f"at fin_angle = {ANGLE}; it must not be below 0 within +-fin.stop_angle = {ANGLE}", True)
+
+
+def _multiplier(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    value = p.encoder.multiplier
+    known = ops.either(ops.equal(value, 1.0), ops.either(ops.equal(value, 2.0), ops.equal(value, 4.0)))
+    return when(ops, ops.negate(known)), value
+
+
+def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    parts = p.inertia
+    total = parts.motor + parts.screw + parts.fin + parts.shaft + parts.fork
+    return when(ops, total <= 0.0), total
+
+
+def _stable(name: str, share: float) -> Rule:
+    """Check that what a gain [1/s] takes off in a sample is no more than there is."""
+    def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        gain, fastest = getattr(p.controller, name), share / p.controller.sample_time
+        return when(ops, gain > fastest * (1.0 + SLACK)), gain, fastest
+
+    return Rule(check, f"controller.{name} = %.6g 1/s must be at most {share:g}/controller.sample_time = %.6g 1/s")
+
+
+def _rising(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    points = p.friction.table.temperature
+    falls: Value = False
+    for low, high in pairwise(points):
+        falls = ops.either(falls, low >= high)
+    return when(ops, falls), *points
+
+
+def _identified(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    low, now, high = p.friction.identified_from, p.friction.temperature, p.friction.identified_to
+    return when(ops, ops.either(now < low, now > high)), now, low, high
+
+
+def _identified_range(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    low, high = p.friction.identified_from, p.friction.identified_to
+    return when(ops, low > high), low, high
+
+
+def _weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    position = p.controller.position
+    short = ops.both(ops.equal(position.ki, 0.0), ops.negate(ops.equal(position.setpoint_weight, 1.0)))
+    return when(ops, short), position.setpoint_weight, position.ki
+
+
+def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
+    """Return inertias at the motor [kg.m2]: of nut and hinge, and of motor and screw, with the ratio d/l.
+
+    `viscous` [kg.m2] counts beside the hinge's.
+    """
+    lead, lever = p.screw.lead, p.screw.lead / p.kinematics.moment_arm
+    fin = p.inertia.fork + p.inertia.shaft + p.inertia.fin + viscous
+    return p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
+
+
+# Of the rotor's inertia, that of the load side times minus the backward efficiency: the rest is left to accelerate.
+MOST_JAMMING = 0.9
+
+
+def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
+    """Return how far J_r + e J_l > 0 is broken within ticks [s], and `backward`, J_r and J_l [kg.m2].
+
+    With the hinge's viscous friction in the midpoint rule; R >= d/l.
+    """
+    load, rotor = inertias(p, 0.5 * tick * p.friction.fin_viscous)
+    return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load
+
+
+LEVER_RULE = Rule(
+    _lever, f"|kinematics.initial_angle| = {ANGLE}, nominal or as built, and fin.stop_angle = {ANGLE} add up to "
+            f"{ANGLE}; the sum must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
+FRICTION_RULES = (_friction("positive"), _friction("negative"))
+OBSERVER_RULE = _stable("load_observer", 1.0)
+# The drive's unwinds two integrals at once.
+ANTIWINDUP_RULES = (_stable("antiwindup", 1.0), _stable("drive_antiwindup", 0.5))
+WEIGHT_RULE = Rule(
+    _weight, "controller.position.setpoint_weight = %.6g with controller.position.ki = %.6g 1/s2: without an integral "
+             "the fin stops short of its command; set the weight to 1", warning=True)
+ENCODER_RULE = Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4")
+INERTIA_RULE = Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
+                              "must be above 0")
+TEMPERATURE_RULES = (
+    Rule(_rising, f"friction.table.temperature = [{', '.join(['%.6g'] * TABLE_POINTS)}] degC must rise from point to "
+                  "point"),
+    Rule(_identified_range, "friction.identified_from = %.6g degC must be at most friction.identified_to = %.6g degC"),
+    Rule(_identified, "friction.temperature = %.6g degC is outside friction.identified_from = %.6g to "
+                      "friction.identified_to = %.6g degC, where friction was tested: friction.table is an estimate "
+                      "there", warning=True),
+)
