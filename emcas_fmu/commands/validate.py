@@ -36,8 +36,9 @@ def validate(
     """Run a model on every reference case and judge it by the reference, where there is one of its actuator, and by
     requirements.
 
-    Exit code 0: all that was judged is met, or with --case nothing had a criterion and it ran (JSON: passed is null);
-    1: a criterion is not met, or nothing was judged and a case did not run to its end; 2: it cannot be carried out.
+    Exit code 0: all that was judged is met, or with --case the actuator has no reference and it ran (JSON: passed is
+    null); 1: a criterion is not met, or nothing was judged: a case did not run to its end, or the references are of
+    other parameters; 2: it cannot be carried out.
     In a gate leave --case out: with it no requirement is judged.
     """
     from ..api import validate as run

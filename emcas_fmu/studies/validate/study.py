@@ -96,6 +96,8 @@ class Result:
     linear_series: Mapping[float, tuple[Run, Any]] = field(repr=False)
     origin: str = ""
     """Where the actuator's equations come from; empty where it does not say."""
+    foreign: bool = False
+    """Whether the references of its actuator are of other parameters, and nothing was compared with them."""
 
     @property
     def of_thesis(self) -> bool:
@@ -124,8 +126,8 @@ class Result:
 
     @property
     def unjudged(self) -> bool:
-        """Whether what was asked for ran to its end and has no criterion."""
-        return not self.judged and bool(self.cases) and all(case.stopped is None for case in self.cases)
+        """Whether what was asked for ran to its end and there is no criterion for it."""
+        return not (self.judged or self.foreign) and bool(self.cases) and all(c.stopped is None for c in self.cases)
 
     @property
     def compared_with(self) -> str:
@@ -140,7 +142,8 @@ class Result:
         if not self.judged:
             short = [case.name for case in self.cases if case.stopped is not None]
             ended = f" and {', '.join(short)} did not run to the end" if short else ""
-            return f"nothing was judged{ended}: what was run has no reference of {self.about.model}"
+            lacking = "of these parameters" if self.foreign else f"of {self.about.model}"
+            return f"nothing was judged{ended}: what was run has no reference {lacking}"
         return verdict.in_words(self.criteria, "criterion", "criteria")
 
 
@@ -232,19 +235,19 @@ def _result(subject: Subject, where: str, inside: bool, cases: Sequence[stored.S
     trajectory = tuple(_trajectory(result, series[result.name]) for result in results if result.errors)
     compared = [case for case in cases if series[case.name].exact]
     independent = all(case.independent for case in compared)
-    notes[:0] = _origin(subject, where, inside, cases, compared)
+    foreign = not compared and any(case.model == subject.actuator.name for case in cases if case.reference)
+    notes[:0] = _origin(subject, where, inside, foreign, compared)
     findings = tuple(claims.claims(comparisons))
     notes += _notes(subject, compared, series)
     return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
                   where if trajectory else "", inside, independent, tuple(results), trajectory,
                   tuple(required), comparisons, findings, tuple(notes), series, linear,
-                  subject.actuator.origin)
+                  subject.actuator.origin, foreign)
 
 
-def _origin(subject: Subject, where: str, inside: bool, cases: Sequence[stored.Stored],
-            compared: Sequence[stored.Stored]) -> list[str]:
+def _origin(subject: Subject, where: str, inside: bool, foreign: bool, compared: Sequence[stored.Stored]) -> list[str]:
     """Return a note on where the references come from: nothing where they are those of a folder."""
-    if not compared and any(case.model == subject.actuator.name for case in cases if case.reference):
+    if foreign:
         return [f"Trajectories are not compared: the references in {where} are of other parameters than the subject's; "
                 "make its own with `emcas reference --parameters FILE --directory DIR` and validate with "
                 "`--directory DIR`"]
