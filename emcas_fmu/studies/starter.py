@@ -16,7 +16,7 @@ from ..actuators import NONLINEAR
 from ..files import models_directory
 from ..parameters import Entry, ParameterSet
 from .overview import offered
-from .tuning.study import StudyError, shipped_file, shipped_study
+from .tuning.study import has_shipped_study, shipped_file
 
 PARAMETERS, TUNING, CAMPAIGN, REQUIREMENTS = "actuator.toml", "tuning.toml", "campaign.toml", "requirements.toml"
 README = "README.md"
@@ -35,11 +35,8 @@ def starter_files(base: ParameterSet) -> dict[str, str]:
     """Return the files for an actuator by name; `base` is its default set. Tuning only where there is a study of it."""
     files = {PARAMETERS: parameter_text(base), CAMPAIGN: campaign_text(base),
              REQUIREMENTS: (models_directory() / REQUIREMENTS).read_text(encoding="utf-8")}
-    try:
-        shipped_study(base)
+    if has_shipped_study(base):
         files[TUNING] = shipped_file(base.model).read_text(encoding="utf-8")
-    except StudyError:
-        pass
     return {**files, README: _readme(base, files)}
 
 

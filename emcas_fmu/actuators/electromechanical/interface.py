@@ -154,8 +154,9 @@ def moment(ops: Ops, p: Any, x: Record, u: Acting, angle: Value, speed: Value, *
     """Return what outputs follow from: states `x`, what acts `u`, and of the fin, whose `angle` [rad] and `speed`
     [rad/s] are those referred to the motor, tan(phi) and angle.
 
-    Besides, `nut` [rad] is the angle of the screw at the nut, `current` [A] and `voltage` [V] are the motor's, and
-    `saturated()` says whether a limit is met; an actuator gives what its outputs ask for.
+    Further, `nut` [rad] is the angle of the screw at the nut, `current` [A] and `voltage` [V] are the motor's, and
+    `saturated()` says whether a limit is met, and `stop` [rad] is the angle of the stop; an actuator gives what its
+    outputs ask for.
     """
     tangent = kinematics.lever_tangent(ops, p, angle)
     return Record(x=x, u=u, speed=speed, tangent=tangent, fin=kinematics.fin_angle(ops, p, tangent), **further)

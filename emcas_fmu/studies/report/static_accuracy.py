@@ -16,7 +16,7 @@ from ...bench.excitation import HOLD, staircase
 from ...bench.metrics import bidirectional
 from ...bench.requirements import Case
 from ...parameters import load_parameters
-from ..tuning.study import shipped_study
+from ..tuning.study import shipped_cases
 from .outcome import Array, Outcome, Quantity
 from .rig import Rig
 
@@ -50,7 +50,7 @@ def course(targets: int, cycles: int) -> list[tuple[int, int, int]]:
 
 def tolerances() -> list[Case]:
     """Return the cases of the shipped tuning study that change nothing but how the unit as built deviates."""
-    return [case for case in shipped_study(load_parameters()).cases
+    return [case for case in shipped_cases(load_parameters())
             if case.values and all(name.startswith("deviation.") for name in case.values)]
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, ValidationInfo
 
-from ...actuators import NAMES, parts
+from ...actuators import NAMES, NONLINEAR, parts
 from ...bench.requirements import (
     NOMINAL,
     Case,
@@ -116,6 +116,12 @@ def _tunables(entries: Any, info: ValidationInfo) -> Any:
     return each(entries, read)
 
 
+class _CasesOfFile(Table):
+    tunables: dict[str, Any]
+    cases: Cases
+    requirements: list[Any]
+
+
 class _File(Table):
     tunables: Annotated[dict[str, Tunable], PlainValidator(_tunables), Field(min_length=1)]
     cases: Cases
@@ -129,30 +135,37 @@ def shipped_file(model: str) -> Path:
     return path if path.is_file() else folder / "tuning.toml"
 
 
+def shipped_cases(base: ParameterSet) -> list[Case]:
+    """Return the cases of the shipped study, whether or not its requirements can be measured here."""
+    return list(load(_CasesOfFile, shipped_file(base.model), StudyError, base).cases.values())
+
+
+def has_shipped_study(base: ParameterSet) -> bool:
+    """Return whether a shipped study is of this kind of actuator, or fits it; a missing package does not matter."""
+    kind = parts(base.model)[0]
+    if kind == NONLINEAR or shipped_file(base.model).stem == kind:
+        return True
+    try:
+        load_study(shipped_file(base.model), base)
+    except StudyError:
+        return False
+    return True
+
+
 def shipped_study(base: ParameterSet) -> Study:
     """Return the shipped study for a parameter set.
 
     Raises StudyError, for an actuator that has not what it tunes too.
     """
-    path = shipped_file(base.model)
-
-    def fits(model: str) -> bool:
-        if shipped_file(model).stem == model:
-            return True
-        try:
-            load_study(path, load_parameters(model=model))
-        except StudyError:
-            return False
-        return True
-
     try:
-        return load_study(path, base)
+        return load_study(shipped_file(base.model), base)
     except StudyError as error:
-        if fits(base.model):
+        if has_shipped_study(base):
             raise
         first, *_ = str(error).splitlines()
-        raise StudyError(f"--model {base.model}: the shipped studies are of {', '.join(filter(fits, NAMES))}, and do "
-                         f"not fit (first: {first}); name a study of this actuator's parameters") from error
+        having = [name for name in NAMES if has_shipped_study(load_parameters(model=name))]
+        raise StudyError(f"--model {base.model}: the shipped studies are of {', '.join(having)}, and do not fit "
+                         f"(first: {first}); name a study of this actuator's parameters") from error
 
 
 def load_study(path: Path, base: ParameterSet) -> Study:

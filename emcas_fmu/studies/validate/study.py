@@ -126,8 +126,9 @@ class Result:
 
     @property
     def unjudged(self) -> bool:
-        """Whether what was asked for ran to its end and there is no criterion for it."""
-        return not (self.judged or self.foreign) and bool(self.cases) and all(c.stopped is None for c in self.cases)
+        """Whether the cases that were asked for ran to their end and there is no criterion for them."""
+        criteria = self.judged or self.foreign or self.requirements
+        return not criteria and bool(self.cases) and all(case.stopped is None for case in self.cases)
 
     @property
     def compared_with(self) -> str:
@@ -142,8 +143,9 @@ class Result:
         if not self.judged:
             short = [case.name for case in self.cases if case.stopped is not None]
             ended = f" and {', '.join(short)} did not run to the end" if short else ""
-            lacking = "of these parameters" if self.foreign else f"of {self.about.model}"
-            return f"nothing was judged{ended}: what was run has no reference {lacking}"
+            why = (f"no requirement can be measured of {self.about.model}" if self.requirements else
+                   f"what was run has no reference of {'these parameters' if self.foreign else self.about.model}")
+            return f"nothing was judged{ended}: {why}"
         return verdict.in_words(self.criteria, "criterion", "criteria")
 
 

@@ -1,0 +1,29 @@
+"""What of the shipped studies works without the packages of the extra `analysis`."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.report.static_accuracy import tolerances
+from emcas_fmu.studies.starter import TUNING, starter_files
+from emcas_fmu.studies.tuning.study import StudyError, shipped_cases, shipped_study
+
+
+@pytest.fixture(autouse=True)
+def _absent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "control", None)  # as if it were not installed
+
+
+def test_cases_of_the_report_and_starter_files_are_the_same() -> None:
+    base = load_parameters()
+    assert {case.name for case in tolerances()} < {case.name for case in shipped_cases(base)}
+    assert TUNING in starter_files(base)
+
+
+def test_the_message_names_the_package() -> None:
+    with pytest.raises(StudyError, match="need the Python package") as refused:
+        shipped_study(load_parameters())
+    assert "do not fit" not in str(refused.value)
