@@ -45,9 +45,10 @@ def test_a_brown_out_gives_nothing_back_that_the_actuator_does_not(model: str, s
                      **inputs)
     inputs[line.input.name] = share * float(line.input.initial(values))
     own = simulate(values, 0.12, model=model, **inputs)
-    # The first row is before the first sample and the fault. A quotient differs by rounding.
+    # The first row is before the first sample and the fault. A quotient differs by rounding, and a share within 1e-12
+    # of 1 is no fault.
     power, at_drive = found["supply_power"][1:], own["supply_power"][1:]
-    np.testing.assert_allclose(power, np.where(at_drive > 0.0, at_drive / share, at_drive), rtol=1e-12)
+    np.testing.assert_allclose(power, np.where(at_drive > 0.0, at_drive / share, at_drive), rtol=2e-12)
 
 
 @pytest.mark.parametrize("model", RETURNING)
