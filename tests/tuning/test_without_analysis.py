@@ -6,10 +6,11 @@ import sys
 
 import pytest
 
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report.static_accuracy import tolerances
 from emcas_fmu.studies.starter import TUNING, starter_files
-from emcas_fmu.studies.tuning.study import StudyError, shipped_cases, shipped_study
+from emcas_fmu.studies.tuning.study import shipped_cases, shipped_study
 
 
 @pytest.fixture(autouse=True)
@@ -24,6 +25,6 @@ def test_cases_of_the_report_and_starter_files_are_the_same() -> None:
 
 
 def test_the_message_names_the_package() -> None:
-    with pytest.raises(StudyError, match="need the Python package") as refused:
+    with pytest.raises(EmcasError, match="need the Python package control") as refused:
         shipped_study(load_parameters())
     assert "do not fit" not in str(refused.value)

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, ValidationInfo
 
+from ... import extras
 from ...actuators import NAMES, NONLINEAR, parts
 from ...bench.requirements import (
     NOMINAL,
@@ -161,6 +162,7 @@ def shipped_study(base: ParameterSet) -> Study:
         return load_study(shipped_file(base.model), base)
     except StudyError as error:
         if has_shipped_study(base):
+            extras.require("analysis", "the margins of the shipped study need", "control", "casadi")
             raise
         first, *_ = str(error).splitlines()
         having = [name for name in NAMES if has_shipped_study(load_parameters(model=name))]
