@@ -107,7 +107,14 @@ MOUNTING = (
               "place of the hinge along body x, from the point whose acceleration is given"),
 )
 MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick", display="ms")
-PARAMETERS = (*turning(), SAMPLE_TIME, *TRAVEL, *MOUNTING, *BUS, MAX_TICK)
+
+
+def parameters(fork: str = "fork") -> tuple[Variable, ...]:
+    """Return the parameters of every actuator with a fin on its shaft; `fork` names what drives the shaft."""
+    return (*turning(fork), SAMPLE_TIME, *TRAVEL, *MOUNTING, *BUS, MAX_TICK)
+
+
+PARAMETERS = parameters()
 
 TERMINALS = (
     Terminal("command", "what the flight computer sends and gets back",

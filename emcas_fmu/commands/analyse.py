@@ -46,9 +46,10 @@ def analyse(
         from ..bench.writers import write_json
         from ..studies.analysis import output  # needs the extra
 
-        common.write_results(output.figures(analysis), (as_json, write_json))
+        figures = output.figures(analysis)
+        common.write_results(figures, (as_json, write_json))
         common.write_results(analysis, (report, output.write_report))
-    for table in _tables(output.figures(analysis), analysis.actuator.reference_name):
+    for table in _tables(figures, analysis.actuator.reference_name):
         common.out.print(table)
     lines = [f"{why}." for why in analysis.left_out.values()]
     if analysis.modes:

@@ -47,8 +47,7 @@ def hinge(fork: str = "fork", **descriptions: str) -> Group:
     outputs = fin_port.described({
         "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
         "saturated": "any limit active: command, speed, DAC, current or voltage", **descriptions})
-    return Group((*fin_port.turning(fork), fin_port.SAMPLE_TIME, *fin_port.TRAVEL, *fin_port.MOUNTING, *fin_port.BUS,
-                  fin_port.MAX_TICK, *as_built.FIN,
+    return Group((*fin_port.parameters(fork), *as_built.FIN,
                   parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
                  tuple(Output(v, equations[v.name]) for v in outputs), wired=False)
 

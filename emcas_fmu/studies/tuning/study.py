@@ -118,14 +118,13 @@ def _tunables(entries: Any, info: ValidationInfo) -> Any:
 
 
 class _CasesOfFile(Table):
-    tunables: dict[str, Any]
+    tunables: Any
     cases: Cases
-    requirements: list[Any]
+    requirements: Any
 
 
-class _File(Table):
+class _File(_CasesOfFile):
     tunables: Annotated[dict[str, Tunable], PlainValidator(_tunables), Field(min_length=1)]
-    cases: Cases
     requirements: Requirements
 
 
