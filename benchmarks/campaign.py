@@ -23,12 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.files import models_directory
 from emcas_fmu.studies.campaign.run import by_dask, in_process, local_client
 from emcas_fmu.studies.campaign.sample import rows
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.support.files import models_directory
 from tests.campaign.conftest import BASIC
 
 SHORT = BASIC.replace("samples = 24", "samples = 100000").replace("0.3 s", "0.6 s")

@@ -28,11 +28,11 @@ import numpy as np
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.fmu_subject import open_subject
-from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
 from emcas_fmu.reference.cases import CASES
+from emcas_fmu.support.files import models_directory
 
 INPUTS = get(NONLINEAR).inputs
 

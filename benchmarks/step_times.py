@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu.actuators import NAMES, get
-from emcas_fmu.compiler import local_compilers, local_platform
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics.loads import LOADS
 from emcas_fmu.runtime.c_sources import batch_sources
+from emcas_fmu.runtime.compiler import local_compilers, local_platform
 
 SOURCE = Path(__file__).parent / "native" / "step_times.c"
 LOAD = 150.0  # N.m, largest of either sign: more than most of them hold

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import actuators, extras
-from .arguments import brief, checked
+from . import actuators
 from .bench import excitation as excitations
 from .bench.excitation import COMMAND, STEP, Excitation, check_span
 from .bench.fmu_subject import open_subject
@@ -28,13 +27,15 @@ from .errors import EmcasError, EmcasWarning, hint
 from .fmi.interface import FmuInterface, fin_sets, require_shared
 from .fmi.package import Built, build
 from .parameters import ParameterError, ParameterSet, load_parameters
-from .progress import Progress, silent
 from .response import Response
 from .runtime import batch, compiled
 from .simulation import Array, Signal, simulate_fins, spread
 from .simulation import simulate as simulate_one
 from .studies.validate.study import Result as Validation
 from .studies.validate.study import validate as _validate
+from .support import extras
+from .support.arguments import brief, checked
+from .support.progress import Progress, silent
 from .units import quantity
 from .variables import Variable
 

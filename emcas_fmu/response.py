@@ -17,24 +17,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from . import extras
 from .actuators import extension_outputs, fin_port, get
-from .arguments import checked
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
 from .bench.provenance import ESTIMATE, conditions, resting_on
 from .bench.runs import Columns, Run
 from .bench.writers import code, number, stated, write_page
 from .errors import EmcasError, hint
+from .figures.plots import COLORS, figure, legend, picture, shade, style, write
+from .figures.plots import COMMAND as COMMAND_LINE
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .parameters import ParameterSet
-from .plots import COLORS, figure, legend, picture, shade, style, write
-from .plots import COMMAND as COMMAND_LINE
 from .simulation import Array
+from .support import extras
+from .support.arguments import checked
+from .support.writing import whole
 from .units import UnitError, convert
 from .variables import Variable
-from .writing import whole
 
 if TYPE_CHECKING:
     import pandas

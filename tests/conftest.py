@@ -23,10 +23,10 @@ from filelock import FileLock
 from hypothesis import settings
 from lark import Lark
 
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import library
+from emcas_fmu.runtime.compiler import local_platform
 
 ShippedUnit = Callable[..., Path]
 

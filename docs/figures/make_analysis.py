@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emcas_fmu import plots
+from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.analysis import pictures
 from emcas_fmu.studies.analysis.analyse import analyse

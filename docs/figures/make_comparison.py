@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 from make_tables import main, markdown
 
-from emcas_fmu import plots
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, slew_to, step_to, sweep
 from emcas_fmu.bench.measure import Test, measure
@@ -27,6 +26,7 @@ from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.writers import with_unit
 from emcas_fmu.extensions.fault_list import possible
+from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.compare import study
 from emcas_fmu.studies.report import mission, stiffness

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from emcas_fmu import plots
 from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.figures import plots
 from emcas_fmu.parameters import ParameterSet, load_parameters
 
 PAGE = Path(__file__).resolve().parents[1] / "model" / "control.md"

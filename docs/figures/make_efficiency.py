@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu import plots
 from emcas_fmu.bench.excitation import reference_case
 from emcas_fmu.bench.metrics import sustained_rate
+from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from make_tables import main, markdown
 
-from emcas_fmu import plots
 from emcas_fmu.bench.metrics import settling
+from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu import plots
+from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.envelope import draw, envelope

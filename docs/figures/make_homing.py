@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu import plots
 from emcas_fmu.actuators import get
 from emcas_fmu.extensions.status import OPERATIONAL, STATUS
+from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate

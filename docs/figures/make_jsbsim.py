@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from make_tables import main, markdown
 
-from emcas_fmu.plots import style
+from emcas_fmu.figures.plots import style
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from examples.jsbsim.pictures import kinds

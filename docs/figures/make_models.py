@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from make_tables import MODELS
 
-from emcas_fmu import plots
 from emcas_fmu.actuators import NONLINEAR
+from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from make_tables import main, markdown
 
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
 from emcas_fmu.reference.cases import CASES, Case
 from emcas_fmu.simulation import simulate
+from emcas_fmu.support.files import models_directory
 
 VALUES = load_parameters().values
 TICKS = (0.1e-3, 0.35e-3, VALUES["solver.max_tick"])  # s

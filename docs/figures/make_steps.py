@@ -9,9 +9,9 @@ import numpy as np
 from fmpy import simulate_fmu
 from matplotlib.text import Text
 
-from emcas_fmu import plots
-from emcas_fmu.files import models_directory
+from emcas_fmu.figures import plots
 from emcas_fmu.reference import files
+from emcas_fmu.support.files import models_directory
 
 CASES = {"step_plus20": plots.PURPLE, "step_plus10": plots.GREEN, "step_plus5": plots.VERMILLION,
          "step_plus1": plots.BLUE}

@@ -26,8 +26,8 @@ from make_tables import main, markdown
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.verdict import Judged, evaluate, judged
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.support.files import models_directory
 
 UNWOUND = "unwound.py"  # beside this script
 SAMPLES, SEED = 50, 1

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu import plots
 from emcas_fmu.actuators import get
+from emcas_fmu.figures import plots
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import worm

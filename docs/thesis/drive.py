@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 
-from emcas_fmu import plots
+from emcas_fmu.figures import plots
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.physics import drive as physics
 from emcas_fmu.studies.analysis import envelope

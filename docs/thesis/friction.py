@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu import plots
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.figures import plots
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import friction as physics

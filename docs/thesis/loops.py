@@ -8,10 +8,10 @@ from math import degrees, radians
 
 import numpy as np
 
-from emcas_fmu import plots
 from emcas_fmu.bench.excitation import COMMAND, HOLD, Excitation, sine_from_rest, slew_to, step_to
 from emcas_fmu.bench.metrics import FIGURES, FrequencyResponse, displayed, motion, rest, shown, usage
 from emcas_fmu.extensions.status import STATUS
+from emcas_fmu.figures import plots
 from emcas_fmu.reference.cases import LOAD
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.studies.tuning import pictures as tuning_pictures

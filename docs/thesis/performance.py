@@ -6,11 +6,11 @@ from math import degrees, isnan, radians
 
 import numpy as np
 
-from emcas_fmu import plots
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.metrics import SWEPT, displayed, motion, rms, sweep_response
 from emcas_fmu.bench.requirements import Specification, load_requirements
 from emcas_fmu.bench.verdict import judge
+from emcas_fmu.figures import plots
 
 from .entry import Show, Shown, Table
 from .pictures import Line, Panel, angle, current, of_run, panels, rate

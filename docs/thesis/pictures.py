@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from emcas_fmu import plots
 from emcas_fmu.bench.runs import Run
-from emcas_fmu.plots import COMMAND
+from emcas_fmu.figures import plots
+from emcas_fmu.figures.plots import COMMAND
 
 from .rigs import Columns
 

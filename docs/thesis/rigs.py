@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.schema import document
+from emcas_fmu.parameters.schema import document
 from emcas_fmu.simulation import Array
 
 Columns = Mapping[str, Array]

@@ -14,9 +14,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..arguments import checked
 from ..errors import EmcasError, hint
-from ..files import models_directory
+from ..support.arguments import checked
+from ..support.files import models_directory
 
 if TYPE_CHECKING:  # the names of models, of which every command's help has need, are no reason to load one
     from ..extensions.declaration import Extension

@@ -19,11 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..actuators import NONLINEAR, get
-from ..arguments import brief, checked
 from ..errors import ArgumentError, EmcasError, unreadable
 from ..fmi.interface import FmuInterface
 from ..reference.cases import CASES, LEAD_IN, LOAD_RISE, SUPPLY, SWEEP, with_supply
 from ..simulation import MOST_POINTS, Array
+from ..support.arguments import brief, checked
 
 STEP = 1e-3  # s
 SETTLE = 1.0  # s at the starting end of a slew, unloaded: three times what the settling of a large step takes

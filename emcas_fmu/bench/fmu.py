@@ -19,10 +19,10 @@ from fmpy.model_description import read_model_description
 from fmpy.simulation import instantiate_fmu
 
 from ..actuators import EXTENSIONS, NAMES, get
-from ..archives import reading
 from ..errors import EmcasError
 from ..fmi.fmi3.arrays import arrays
 from ..fmi.interface import FmuInterface, flat, model_name
+from ..support.archives import reading
 from .fmi3 import Element, Fmi3Slave, elements
 
 _NAME = re.compile(r"(EMCAS)(\d*)(|_\w+)")

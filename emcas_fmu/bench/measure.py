@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from .. import extras
 from ..actuators import capabilities
 from ..parameters import ParameterError, ParameterSet
 from ..simulation import Array
+from ..support import extras
 from .excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to, times
 from .metrics import (
     FIGURES,

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..actuators import get
 from ..actuators.fin_port import SAMPLE_TIME
-from ..dates import today
 from ..parameters import ParameterSet
 from ..reference.files import parameters_hash
+from ..support.dates import today
 
 if TYPE_CHECKING:
     from .subject import Identification

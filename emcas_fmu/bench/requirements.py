@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import Field, PlainValidator, ValidationInfo, create_model, field_validator, model_validator
 
 from ..errors import EmcasError
-from ..files import models_directory
 from ..parameters import ParameterSet
-from ..schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
+from ..parameters.schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
+from ..support.files import models_directory
 from ..variables import Variable
 from .excitation import SETTLE, STEP
 from .measure import BANDWIDTHS, KINDS, Test, obstacle

@@ -17,7 +17,7 @@ from rich.markup import escape
 from rich.table import Column
 from rich.table import Table as RichTable
 
-from ..progress import Progress, silent
+from ..support.progress import Progress, silent
 from .measure import BANDWIDTHS, KINDS, measure
 from .requirements import Case, Requirement, Specification
 from .subject import Subject

@@ -20,7 +20,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
 from .. import __version__
-from ..writing import whole, write
+from ..support.writing import whole, write
 from .provenance import Source, made
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from ..files import as_given
+from ..support.files import as_given
 from . import common
 
 _LOG_WIDTH = 110

@@ -12,8 +12,8 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from .. import extras
 from ..errors import EmcasError
+from ..support import extras
 from . import common
 
 _SHOWN = 5, 50, 95  # percentiles on the terminal
@@ -154,7 +154,7 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
          inputs: tuple[Path | None, ...]) -> None:
     """Run one sample again, here; print it, and write its signals and pictures."""
     from ..bench.writers import rounded, write_json
-    from ..plots import check_ending
+    from ..figures.plots import check_ending
     from ..studies.campaign.extension_outputs import in_words
     from ..studies.campaign.history import history
     from ..studies.campaign.sample import columns, listed, observed, rows, subject_of

@@ -21,9 +21,9 @@ from rich.table import Table
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError, EmcasWarning, in_words, writing
-from ..files import as_given
-from ..progress import LOG, Progress
-from ..writing import try_file, try_folder
+from ..support.files import as_given
+from ..support.progress import LOG, Progress
+from ..support.writing import try_file, try_folder
 
 if TYPE_CHECKING:
     from ..bench.subject import Subject

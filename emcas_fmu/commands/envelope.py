@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..errors import EmcasError
-from ..writing import whole
+from ..support.writing import whole
 from . import common
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def envelope(
             seconds = quantity(duration, "", "s")
         except UnitError as error:
             raise EmcasError(f"--duration {duration}: {error}") from error
-        from ..plots import check_ending
+        from ..figures.plots import check_ending
         from ..studies.analysis import envelope as study
 
         check_ending(plot)

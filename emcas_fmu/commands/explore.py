@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from .. import extras
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
-from ..files import as_given
 from ..parameters import load_parameters
+from ..support import extras
+from ..support.files import as_given
 from . import common
 from .settings import changed, read_settings
 
@@ -39,9 +39,9 @@ def explore(
     """
     from ..bench.excitation import COMMAND
     from ..bench.subject import ParameterSubject
-    from ..dates import today
     from ..fmi.interface import FmuInterface
     from ..studies.explore.page import About, write
+    from ..support.dates import today
 
     with common.failures():
         files = parameters or []

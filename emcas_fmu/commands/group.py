@@ -14,8 +14,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from ..dates import today
 from ..errors import unwritable
+from ..support.dates import today
 from .common import failures
 
 # Before NumPy comes. The matrices here are small: threads of the linear algebra gain nothing, and where the cores are

@@ -12,7 +12,7 @@ from rich.markup import escape
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from ..writing import write_folder
+from ..support.writing import write_folder
 from . import common
 
 EPILOG = ("Examples:\n\n  emcas init my_actuator\n\n  emcas init my_actuator --model electrohydrostatic"

@@ -13,8 +13,8 @@ from rich.table import Table
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
-from ..files import named_sets
 from ..parameters import ParameterSet
+from ..support.files import named_sets
 from . import common
 
 if TYPE_CHECKING:

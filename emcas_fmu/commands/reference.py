@@ -28,8 +28,8 @@ def reference(
     check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
 ) -> None:
     """Regenerate the reference responses by independent integration, or compare with those stored."""
-    from ..files import models_directory
     from ..reference import files
+    from ..support.files import models_directory
 
     with common.failures():
         if not directory and not check:

@@ -11,7 +11,7 @@ from ..actuators.line import LINES
 from ..errors import EmcasError, hint
 from ..fmi.interface import FmuInterface
 from ..parameters import ParameterError, ParameterSet
-from ..schema import In
+from ..parameters.schema import In
 
 _FIN = re.compile(r"fin\[(\d+)\]\.(.+)")
 

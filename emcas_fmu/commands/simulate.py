@@ -15,8 +15,8 @@ from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..fmi.interface import FmuInterface, fin_files, fin_sets, require_shared
 from ..parameters import load_parameters
+from ..parameters.schema import In
 from ..reference.cases import LEAD_IN
-from ..schema import In
 from . import common
 from .settings import changed, entered, read_settings
 
@@ -89,7 +89,7 @@ def simulate(
     from ..bench.excitation import STEP, csv_file, reference_case
     from ..bench.provenance import resting_on
     from ..bench.writers import number, write_json
-    from ..plots import check_ending
+    from ..figures.plots import check_ending
     from ..reference.files import supply_start
 
     with common.failures():

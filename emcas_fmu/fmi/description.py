@@ -11,12 +11,13 @@ from xml.etree.ElementTree import Element, indent, tostring
 
 from pythonfmu import Fmi2Slave
 
-from .. import __author__, __copyright__, __license__, __version__, dates
+from .. import __author__, __copyright__, __license__, __version__
 from ..actuators import fin_port
 from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
 from ..reference.files import parameters_hash
 from ..runtime import codegen
+from ..support import dates
 from ..trace.dependencies import ZERO
 from ..units import factor
 from ..variables import Terminal, Variable

@@ -9,11 +9,11 @@ from math import radians
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..files import models_directory
+from ..figures.plots import INK, figure, style, svg
 from ..parameters import ParameterSet, are_defaults
-from ..plots import INK, figure, style, svg
 from ..reference import files
 from ..simulation import simulate
+from ..support.files import models_directory
 
 _AMPLITUDES = (1.0, 5.0, 10.0, 20.0)  # deg
 _START, _STOP = 0.05, 0.4  # s

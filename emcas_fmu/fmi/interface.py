@@ -17,9 +17,9 @@ from typing import Any
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
 from ..actuators.line import Line
-from ..arguments import checked
 from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
+from ..support.arguments import checked
 from ..variables import Variable, real_input
 
 MOST_FINS = 8

@@ -10,9 +10,9 @@ from xml.etree.ElementTree import Element
 from pythonfmu import Fmi2Slave
 
 from .. import rules
-from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
-from ..progress import LOG, Progress
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
+from ..runtime.compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
+from ..support.progress import LOG, Progress
 from .description import element
 from .fmi2 import native as fmi2
 from .fmi3 import native as fmi3

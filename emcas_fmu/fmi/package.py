@@ -10,11 +10,11 @@ from typing import Any
 from uuid import UUID
 
 from .. import __version__
-from ..arguments import checked
 from ..errors import BuildError
 from ..parameters import ParameterSet
-from ..progress import Progress
-from ..writing import check_target, write_zip
+from ..support.arguments import checked
+from ..support.progress import Progress
+from ..support.writing import check_target, write_zip
 from . import native, python
 from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents

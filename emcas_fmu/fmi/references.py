@@ -21,12 +21,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from .. import __version__
 from ..actuators import get, parts
 from ..parameters import ParameterError, ParameterSet
-from ..progress import Progress, silent
 from ..reference import files
 from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
 from ..reference.responses import is_shipped, response, shipped
 from ..reference.simulate import OUTPUTS, Array
 from ..simulation import simulate
+from ..support.progress import Progress, silent
 from .description import element, to_bytes
 from .format import Format
 from .interface import FmuInterface

@@ -22,13 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from .. import schema
 from ..actuators import NONLINEAR, get
 from ..actuators.external import load_module
 from ..errors import EmcasError, unreadable
-from ..parameters import ParameterSet, load_parameters
-from ..progress import Progress, silent
-from ..writing import write_folder
+from ..parameters import ParameterSet, load_parameters, schema
+from ..support.progress import Progress, silent
+from ..support.writing import write_folder
 from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, with_supply
 from .plant import Value
 from .simulate import MAX_STEP, RTOL, SCALES, Array

@@ -14,9 +14,9 @@ import scipy
 from .. import __version__
 from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
-from ..files import cache_directory, models_directory
 from ..parameters import ParameterSet
-from ..writing import write
+from ..support.files import cache_directory, models_directory
+from ..support.writing import write
 from . import files, stored
 from .cases import Case
 from .plant import Value

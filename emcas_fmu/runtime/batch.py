@@ -13,7 +13,7 @@ import numpy as np
 
 from ..actuators import NONLINEAR, get
 from ..parameters import ParameterError, check_parameters
-from ..progress import Progress, silent
+from ..support.progress import Progress, silent
 from .codegen import MOTION
 from .compiled import REASONS, Array, address, all_finite, by_schedule, doubles, longest_line, prepare
 from .library import WORTH_VECTORS, loaded, vectors

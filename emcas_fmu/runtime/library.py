@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from ..actuators import NAMES, NONLINEAR, parts
-from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 from ..errors import EmcasError, in_words
-from ..files import cache_directory
-from ..progress import LOG, warn
-from ..writing import write
+from ..support.files import cache_directory
+from ..support.progress import LOG, warn
+from ..support.writing import write
 from .c_sources import batch_sources, vector_sources
+from .compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of, and zig.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}

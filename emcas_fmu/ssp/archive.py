@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..archives import reading
 from ..errors import unreadable
-from ..writing import write_zip
+from ..support.archives import reading
+from ..support.writing import write_zip
 from .schema import DEFAULT, SspError
 
 

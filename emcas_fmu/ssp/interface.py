@@ -10,7 +10,7 @@ from typing import Any
 
 from fmpy import read_model_description
 
-from ..archives import reading
+from ..support.archives import reading
 from .schema import SspError
 from .units import BASES, Unit
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..files import models_directory
 from ..fmi.interface import require_shared
 from ..parameters import ParameterError, ParameterSet
-from ..schema import In, document, leaves
+from ..parameters.schema import In, document, leaves
+from ..support.files import models_directory
 from .schema import DEFAULT, NOMINAL, SspError
 
 SHIPPED = ("cold", "degraded")  # variants, each a file among the models

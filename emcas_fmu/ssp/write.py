@@ -18,8 +18,8 @@ from ..fmi.description import STEP_SIZE, STOP_TIME, describe
 from ..fmi.interface import FmuInterface, fin_sets
 from ..fmi.package import build
 from ..parameters import Value, load_parameters
-from ..progress import Progress
-from ..writing import check_target, write
+from ..support.progress import Progress
+from ..support.writing import check_target, write
 from .archive import file_content, write_archive
 from .check import check
 from .findings import Report

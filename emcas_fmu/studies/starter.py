@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from textwrap import wrap
 
 from ..actuators import NONLINEAR
-from ..files import models_directory
 from ..parameters import Entry, ParameterSet
+from ..support.files import models_directory
 from .overview import offered
 from .tuning.study import has_shipped_study, shipped_file
 

@@ -6,10 +6,10 @@ import shlex
 from pathlib import Path
 
 from emcas_fmu.actuators import NONLINEAR
-from emcas_fmu.compiler import CompilerError, local_compilers, local_platform, zig
 from emcas_fmu.fmi.interface import model_name
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiler import CompilerError, local_compilers, local_platform, zig
 
 
 def build_unit(folder: Path, fins: int, model: str = NONLINEAR) -> Path:

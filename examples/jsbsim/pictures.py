@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from emcas_fmu.plots import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILLION, figure, shade
+from emcas_fmu.figures.plots import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILLION, figure, shade
 
 from .results import (
     AXES,

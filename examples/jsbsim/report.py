@@ -8,7 +8,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
 from emcas_fmu import __version__
-from emcas_fmu.plots import style, svg
+from emcas_fmu.figures.plots import style, svg
 from emcas_fmu.studies.fitting import NAMES
 
 from .convergence import REFERENCE

@@ -26,8 +26,8 @@ from typing import Any
 
 from lxml import etree
 
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.parameters import Value
+from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.findings import nearest

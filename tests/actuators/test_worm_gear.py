@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import get
 from emcas_fmu.bench.metrics import sustained_rate
-from emcas_fmu.files import models_directory
 from emcas_fmu.namespace import namespace
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
@@ -22,6 +21,7 @@ from emcas_fmu.physics import worm
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import evaluate
 from emcas_fmu.studies.tuning.study import load_study
+from emcas_fmu.support.files import models_directory
 
 MODEL = "worm-gear"
 # Friction of the flanks that falls from 0.15 at rest to 0.04 in motion: locked at rest, driven by a load in motion.

@@ -15,7 +15,7 @@ import junitparser
 import pytest
 import yaml
 
-from emcas_fmu.compiler import local_platform
+from emcas_fmu.runtime.compiler import local_platform
 from tests.docs.recipes import ROOT
 
 from .conftest import check, record

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from emcas_fmu import plots
 from emcas_fmu.bench.provenance import Source
 from emcas_fmu.bench.writers import write_page
 from emcas_fmu.cli import app
+from emcas_fmu.figures import plots
 from tests.explore.browser import Browser, chromium
 
 CURVES = "charts[0].panels"

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emcas_fmu import plots
-from emcas_fmu.curves import curves
-from emcas_fmu.thinning import packed, thinned
+from emcas_fmu.figures import plots
+from emcas_fmu.figures.curves import curves
+from emcas_fmu.figures.thinning import packed, thinned
 
 # Values are kept to 1/20000 of an axis: a line thinned to that and then rounded is off by no more than one and a half.
 FINEST = 1.5 / 20_000.0

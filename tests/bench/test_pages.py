@@ -10,10 +10,10 @@ import pytest
 import emcas_fmu
 from emcas_fmu.bench.provenance import Source, made, made_by
 from emcas_fmu.bench.writers import _environment, outlined, typeset, with_unit, write_page
-from emcas_fmu.dates import today
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.figures.plots import Picture
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.plots import Picture
+from emcas_fmu.support.dates import today
 
 FOLDER = Path(emcas_fmu.__file__).parent
 TEMPLATES = [path for path in sorted(FOLDER.rglob("*.html.j2")) if path.parent.name != "fmi"]  # has a style of its own

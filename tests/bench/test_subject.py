@@ -17,11 +17,11 @@ from emcas_fmu.bench.excitation import Excitation, reference_case, slew_to, step
 from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject, Subject
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.interface import fin_sets
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.runtime.compiler import local_platform
 
 from .subjects import FIN_PORT, Play
 

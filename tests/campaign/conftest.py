@@ -13,9 +13,9 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.bench.subject import Subject
 from emcas_fmu.cli import app
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.studies.campaign import sample
 from emcas_fmu.studies.campaign.plan import Plan
 from emcas_fmu.studies.campaign.run import local_client

@@ -14,7 +14,6 @@ import pytest
 
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions import fault_list
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.runtime import library
@@ -25,6 +24,7 @@ from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store, identity
 from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.support.files import models_directory
 
 from .conftest import SMALL, Write, assert_same_rows, campaign, native_unit, rows_of
 

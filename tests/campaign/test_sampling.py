@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from emcas_fmu.schema import In
+from emcas_fmu.parameters.schema import In
 from emcas_fmu.studies.campaign.distributions import KINDS, distribution
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.study import load_study

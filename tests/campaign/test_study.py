@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.support.files import models_directory
 from tests.default_actuator import FILE_ENTRIES
 
 from .conftest import GRID, ODD, SMALL, Write, campaign, replaced

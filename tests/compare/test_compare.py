@@ -13,10 +13,10 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.verdict import judge
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.files import named_sets
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.compare import study
 from emcas_fmu.studies.compare.study import DRIVES, Column, compare, load_sets
+from emcas_fmu.support.files import named_sets
 
 
 @pytest.fixture(scope="module")

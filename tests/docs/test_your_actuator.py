@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.studies.tuning.study import load_study
-from emcas_fmu.toml import tomllib
 
 from .recipes import ROOT, recipes
 

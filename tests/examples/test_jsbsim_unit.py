@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emcas_fmu.compiler import CompilerError, local_compilers, local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiler import CompilerError, local_compilers, local_platform
 from examples.jsbsim import build as building
 from examples.jsbsim.actuators import LIMIT
 from examples.jsbsim.flight import Turn

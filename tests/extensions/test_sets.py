@@ -7,10 +7,10 @@ from math import pi, radians, sqrt
 import numpy as np
 import pytest
 
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.envelope import envelope
+from emcas_fmu.support.files import models_directory
 
 SETS = models_directory() / "sets"
 

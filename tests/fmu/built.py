@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi import python
 from emcas_fmu.fmi.fmi2.multi_fin_slave import MultiFinSlave
 from emcas_fmu.fmi.fmi2.slave import Slave
@@ -15,6 +14,7 @@ from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterSet
 from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.trace.python_source import python_source
 
 

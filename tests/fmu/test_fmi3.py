@@ -21,13 +21,13 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.compiler import PLATFORMS, local_platform
 from emcas_fmu.errors import BuildError
 from emcas_fmu.fmi.fmi3.arrays import CLOCK, arrays
 from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.fmi.native import chosen
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiler import PLATFORMS, local_platform
 
 from .host import DISCARD, ERROR, OK, Fmu, Instance, Instance3
 

@@ -15,13 +15,14 @@ import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
-from emcas_fmu import __author__, __copyright__, __date__, __version__, compiler
+from emcas_fmu import __author__, __copyright__, __date__, __version__
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.description import about
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import parameters_hash
+from emcas_fmu.runtime import compiler
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
 pytestmark = pytest.mark.fmu

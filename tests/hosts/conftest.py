@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.compiler import PLATFORMS
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiler import PLATFORMS
 
 from .host import compile_host, missing, run, tool
 

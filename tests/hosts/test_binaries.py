@@ -12,7 +12,7 @@ from pathlib import Path
 import lief
 import pytest
 
-from emcas_fmu.compiler import PLATFORMS
+from emcas_fmu.runtime.compiler import PLATFORMS
 
 from .host import FMI_HEADERS, HERE, tool
 

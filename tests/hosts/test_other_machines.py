@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from emcas_fmu.compiler import PLATFORMS
+from emcas_fmu.runtime.compiler import PLATFORMS
 
 from .conftest import UNUSED, Host
 from .expected import MISUSE, MISUSE3, STATES

@@ -12,10 +12,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.cli import app
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.identification import backlash, drive, friction, inertia
 from emcas_fmu.studies.identification.result import Identification
+from emcas_fmu.support.files import models_directory
 from examples.identification_bench import bench
 
 from .truths import draw_truth

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.studies.identification import current_loop, drive, motion
 from emcas_fmu.studies.identification.estimation import correlation_time, weighted_fit
 from emcas_fmu.studies.identification.records import Array, Record
-from emcas_fmu.toml import tomllib
 from examples.identification_bench import bench, rig
 
 from .conftest import BENCH

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.studies.identification.result import Identification
-from emcas_fmu.toml import tomllib
 from examples.identification_bench import bench
 
 from .conftest import BENCH, recover

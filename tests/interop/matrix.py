@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.toml import tomllib
+from emcas_fmu.parameters.toml import tomllib
 from tests.hosts.host import Trajectory, difference, missing, tool, trajectory
 
 from .clients import ABSENT, CHECKS, CLIENTS

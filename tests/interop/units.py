@@ -8,10 +8,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.stored import Stored, load
+from emcas_fmu.runtime.compiler import local_platform
 
 REFERENCES = Path(__file__).parents[2] / "models" / "reference"
 

@@ -97,7 +97,7 @@ def test_commands_where_only_the_wheel_is(archives: tuple[Path, Path], tmp_path:
     elsewhere.mkdir()
     run([sys.executable, "-m", "venv", tmp_path / "environment"], elsewhere)
     run([programs / "python", "-m", "pip", "install", "--quiet", "--no-compile", archives[1]], elsewhere)
-    models = run([programs / "python", "-c", "from emcas_fmu.files import models_directory as m; print(m())"],
+    models = run([programs / "python", "-c", "from emcas_fmu.support.files import models_directory as m; print(m())"],
                  elsewhere).strip()
     assert Path(models).is_relative_to(tmp_path)
     assert run([programs / "emcas", "--version"], elsewhere).split() == ["emcas", __version__]

@@ -14,11 +14,11 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.actuators import fin_port
-from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import SINGLE
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
+from emcas_fmu.support.files import models_directory
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
 from ..fmu.built import slave_class as local_class

@@ -11,10 +11,10 @@ import pytest
 
 from emcas_fmu.actuators import get
 from emcas_fmu.bench.excitation import step_to
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.interface import require_shared
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.ssp.archive import Archive
 from emcas_fmu.ssp.settings import effective

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from emcas_fmu.actuators import get
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.schema import SSC, SSD, SspError, parse

@@ -14,9 +14,9 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
-from emcas_fmu.files import models_directory
 from emcas_fmu.reference import files
 from emcas_fmu.studies.baseline import study
+from emcas_fmu.support.files import models_directory
 
 OLD = b"# what was there\n"
 BENCH = models_directory() / "bench"

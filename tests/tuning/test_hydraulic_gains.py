@@ -11,11 +11,11 @@ import pytest
 
 from emcas_fmu.bench.measure import describing_function
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.files import named_sets
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import evaluate
 from emcas_fmu.studies.tuning.study import shipped_study
+from emcas_fmu.support.files import named_sets
 
 MODEL, PUMP = "electrohydraulic", "electrohydrostatic"
 GAINS = ("controller.position.kp", "controller.position.ki", "controller.position.setpoint_weight")

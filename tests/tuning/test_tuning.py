@@ -28,7 +28,6 @@ from emcas_fmu.bench.metrics import FIGURES, step_metrics
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.runtime.compiled import Tables
 from emcas_fmu.simulation import simulate
@@ -38,6 +37,7 @@ from emcas_fmu.studies.tuning.optimise import _parted, tune
 from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.pictures import conflict, front
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
+from emcas_fmu.support.files import models_directory
 from tests.campaign.conftest import ODD, replaced
 from tests.own_actuator.example import MODEL, changed
 

@@ -13,12 +13,12 @@ import pytest
 from typer.testing import CliRunner
 
 from emcas_fmu import EmcasError
-from emcas_fmu.archives import MOST_ENTRIES, MOST_FOLDERS, MOST_RATIO, SMALL, reading
 from emcas_fmu.cli import app
 from emcas_fmu.ssp.archive import Archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.interface import read_interface
 from emcas_fmu.ssp.schema import SspError, parse
+from emcas_fmu.support.archives import MOST_ENTRIES, MOST_FOLDERS, MOST_RATIO, SMALL, reading
 
 DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="g"><CoSimulation modelIdentifier="{}"/>
 <ModelVariables><ScalarVariable name="x" valueReference="0"><Real/></ScalarVariable></ModelVariables>

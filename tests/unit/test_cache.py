@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu import compiler, files
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.progress import LOG
-from emcas_fmu.runtime import library
+from emcas_fmu.runtime import compiler, library
 from emcas_fmu.simulation import simulate
+from emcas_fmu.support import files
+from emcas_fmu.support.progress import LOG
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="folders have modes and owners")
 SMALL = "second-order"

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from emcas_fmu import __version__, compiler
+from emcas_fmu import __version__
 from emcas_fmu.bench.excitation import csv_file
 from emcas_fmu.cli import app
 from emcas_fmu.reference.files import read_csv
+from emcas_fmu.runtime import compiler
 
 ROOT = Path(__file__).resolve().parents[2]
 

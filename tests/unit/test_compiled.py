@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu import compiler
 from emcas_fmu.actuators import get
-from emcas_fmu.compiler import CompilerError
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
-from emcas_fmu.runtime import batch, compiled, library
+from emcas_fmu.runtime import batch, compiled, compiler, library
 from emcas_fmu.runtime.batch import Batch
 from emcas_fmu.runtime.compiled import CompiledCore, parameter_row
+from emcas_fmu.runtime.compiler import CompilerError
 from emcas_fmu.simulation import KERNELS, respond, respond_all, simulate
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS
 

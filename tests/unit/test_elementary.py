@@ -15,11 +15,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emcas_fmu.compiler import local_compilers, local_platform
 from emcas_fmu.ops import elementary
 from emcas_fmu.ops.arrays import ArrayOps
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.runtime.c_sources import elementary_header
+from emcas_fmu.runtime.compiler import local_compilers, local_platform
 from emcas_fmu.trace.python_source import python_source
 from emcas_fmu.trace.tracer import Tracer
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from emcas_fmu import extras
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.files import models_directory
+from emcas_fmu.support import extras
+from emcas_fmu.support.files import models_directory
 
 EXTRAS = {"analysis": ("control", "casadi"), "campaign": ("filelock", "pyarrow", "distributed"),
           "native": ("ziglang",)}

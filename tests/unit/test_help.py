@@ -21,10 +21,10 @@ from emcas_fmu.bench.writers import number, rounded
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
 from emcas_fmu.commands.group import PANELS, summary
-from emcas_fmu.compiler import PLATFORMS
 from emcas_fmu.errors import in_words, unreadable
-from emcas_fmu.progress import LOG
 from emcas_fmu.runtime import library
+from emcas_fmu.runtime.compiler import PLATFORMS
+from emcas_fmu.support.progress import LOG
 
 HEAVY = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "jinja2", "fmpy", "emcas_fmu.actuators.declaration")
 NAMES = [name for names in PANELS.values() for name in names]

@@ -10,9 +10,9 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.cli import app
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import Entry, load_parameters, write_parameters
 from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.support.files import models_directory
 
 BENCH = models_directory() / "bench"
 COMMANDS = (

@@ -17,10 +17,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emcas_fmu import files, parameters, rules
-from emcas_fmu.files import models_directory
+from emcas_fmu import rules
 from emcas_fmu.parameters import ParameterError, ParameterSet, check_combinations, check_parameters, load_parameters
+from emcas_fmu.parameters import sets as parameters
 from emcas_fmu.rules import check_ranges
+from emcas_fmu.support import files
+from emcas_fmu.support.files import models_directory
 from emcas_fmu.units import UnitError, quantity
 from emcas_fmu.variables import Variable
 from tests.default_actuator import ACTUATOR, FILE_ENTRIES, namespace
@@ -701,13 +703,13 @@ def test_models_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, insid
     models.mkdir(parents=True)
     (models / "emcas.toml").touch()
     (tmp_path / "models").mkdir(exist_ok=True)  # somebody else's, when installed
-    monkeypatch.setattr(files, "__file__", str(package / "files.py"))
+    monkeypatch.setattr(files, "__file__", str(package / "support" / "files.py"))
     assert models_directory() == models
 
 
 def test_missing_models_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "models").mkdir()
-    monkeypatch.setattr(files, "__file__", str(tmp_path / "emcas_fmu" / "files.py"))
+    monkeypatch.setattr(files, "__file__", str(tmp_path / "emcas_fmu" / "support" / "files.py"))
     with pytest.raises(FileNotFoundError) as caught:
         models_directory()
     for part in ("emcas.toml", str(tmp_path / "models"), str(tmp_path / "emcas_fmu" / "models")):

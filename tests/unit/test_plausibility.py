@@ -12,10 +12,10 @@ from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.actuators.electromechanical import plausibility
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions import fault_list
-from emcas_fmu.files import named_sets
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.runtime import codegen
+from emcas_fmu.support.files import named_sets
 from emcas_fmu.trace.python_source import python_source
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.unit.test_sets import MODELS

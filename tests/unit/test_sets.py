@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.cli import app
 from emcas_fmu.commands.common import parameter_arguments
-from emcas_fmu.files import named_sets
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.toml import tomllib
+from emcas_fmu.parameters.toml import tomllib
+from emcas_fmu.support.files import named_sets
 
 SETS = named_sets()
 MODELS = {"heat-published-motor": "nonlinear+heat", "hinge-stiffness": "elastic",

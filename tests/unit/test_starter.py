@@ -18,12 +18,12 @@ from typer.testing import CliRunner, Result
 from emcas_fmu.actuators import NAMES
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.cli import app
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.studies import starter
 from emcas_fmu.studies.campaign import study as campaign
 from emcas_fmu.studies.overview import offered
 from emcas_fmu.studies.tuning.study import load_study
+from emcas_fmu.support.files import models_directory
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 
 MODELS = (*NAMES, "nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+supply+faults",

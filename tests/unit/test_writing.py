@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 import emcas_fmu
-from emcas_fmu import writing
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.support import writing
 
 PACKAGE = Path(emcas_fmu.__file__).parent
 posix = pytest.mark.skipif(os.name != "posix", reason="of POSIX systems")
@@ -225,7 +225,7 @@ def test_what_grows_is_as_it_was_where_the_rest_has_no_room(monkeypatch: pytest.
 
 def run(code: str, shell: str = "{}") -> subprocess.CompletedProcess[str]:
     """Run Python code, `{}` in a command of the shell."""
-    Path("code.py").write_text(f"from emcas_fmu.writing import write\n{code}\n")
+    Path("code.py").write_text(f"from emcas_fmu.support.writing import write\n{code}\n")
     return subprocess.run(["sh", "-c", shell.format(f"'{sys.executable}' code.py")], capture_output=True, text=True,
                           timeout=100, check=False)
 

@@ -27,7 +27,6 @@ from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.writers import write_json
 from emcas_fmu.cli import app
-from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
@@ -35,6 +34,7 @@ from emcas_fmu.reference.stored import load
 from emcas_fmu.studies.validate.output import as_dict, summary, write_junit, write_report
 from emcas_fmu.studies.validate.study import RECORDED, Series, _case_result, _trajectory, validate
 from emcas_fmu.studies.validate.study import Result as Validation
+from emcas_fmu.support.files import models_directory
 
 from ..bench.subjects import FIN_PORT, Play
 from ..own_actuator.example import MODEL as DIRECT_DRIVE

@@ -16,8 +16,8 @@ from ...bench.metrics import FrequencyResponse
 from ...bench.runs import Columns
 from ...errors import EmcasError
 from ...parameters import ParameterSet
-from ...progress import Progress, silent
 from ...reference.linear import obstacle
+from ...support.progress import Progress, silent
 from . import capability, final_values, locus, steps, sweep, thesis
 from .modes import Modes, load_rod, modes_at, thesis_modes
 

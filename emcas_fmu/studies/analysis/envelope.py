@@ -32,11 +32,11 @@ from ...actuators import capabilities, parts, require
 from ...bench.provenance import ESTIMATE, resting_on
 from ...bench.writers import write_page
 from ...errors import EmcasError
+from ...figures.plots import BLUE, GREEN, INK, PURPLE, VERMILLION, column, picture, style, write
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, heat
-from ...plots import BLUE, GREEN, INK, PURPLE, VERMILLION, column, picture, style, write
 from ...simulation import Array
 
 _POINTS = 201

@@ -17,10 +17,10 @@ from typing import Annotated, Any
 
 from ...actuators import NONLINEAR, get
 from ...errors import EmcasError
-from ...files import models_directory
 from ...ops.floats import FLOATS
+from ...parameters.schema import In, Table, load
 from ...physics import kinematics, mechanics
-from ...schema import In, Table, load
+from ...support.files import models_directory
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ... import __version__, plots
+from ... import __version__
 from ...bench import writers
 from ...bench.linear.frequency import continuous_poles
 from ...bench.linear.systems import System
+from ...figures import plots
 from ...reference.cases import LOAD
 from . import final_values
 from .analyse import Analysis, ClosedLoop

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ... import plots
 from ...actuators import capabilities
 from ...actuators.declaration import Actuator
 from ...bench.linear import frequency
 from ...bench.linear.systems import System
 from ...bench.metrics import FrequencyResponse
-from ...plots import LIMIT, Drawing
+from ...figures import plots
+from ...figures.plots import LIMIT, Drawing
 from .analyse import Analysis
 from .steps import STOP
 from .sweep import LIMITS, shared

@@ -27,9 +27,9 @@ from ...control import controllers, sensors
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...physics import drive
-from ...progress import Progress, silent
 from ...runtime.compiled import parameter_row
 from ...simulation import respond_all
+from ...support.progress import Progress, silent
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
 LIMITS = ("rate", "current", "voltage", "dac")

@@ -16,12 +16,11 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import PlainValidator, ValidationInfo, model_validator
 
-from ... import schema
 from ...actuators import NONLINEAR, get
 from ...errors import EmcasError
-from ...parameters import load_parameters
+from ...parameters import load_parameters, schema
+from ...support.writing import write_folder
 from ...variables import Variable
-from ...writing import write_folder
 from .model import (
     DIGITS,
     FILE,

@@ -21,8 +21,8 @@ from ...bench.metrics import FIGURES, shown
 from ...bench.runs import Run
 from ...bench.subject import Subject
 from ...errors import EmcasError
+from ...parameters.schema import In, Table, each, parameter_of, unknown
 from ...reference.files import supply_start
-from ...schema import In, Table, each, parameter_of, unknown
 from ...variables import Variable
 
 SCHEMA = "emcas-baseline/1"

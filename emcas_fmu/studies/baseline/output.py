@@ -16,9 +16,10 @@ from junitparser import TestCase
 from rich.console import RenderableType
 from rich.markup import escape
 
-from ... import __version__, plots
+from ... import __version__
 from ...bench import writers
-from ...writing import append
+from ...figures import plots
+from ...support.writing import append
 from .model import NEVER, output_units
 from .model import SCHEMA as BASELINE
 from .study import Comparison, Row

@@ -15,7 +15,7 @@ from ...bench.metrics import FIGURES, shown
 from ...bench.runs import Run
 from ...bench.subject import Identification, Subject, left_out
 from ...errors import EmcasError
-from ...progress import Progress
+from ...support.progress import Progress
 from .model import ALL, Array, Baseline, Case, rounded, start_entries, unit_of
 
 TEMPLATE = Path(__file__).parent / "default.toml"

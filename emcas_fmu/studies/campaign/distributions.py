@@ -15,7 +15,7 @@ from pydantic import Field, PlainValidator, ValidationInfo, create_model
 from scipy import stats
 
 from ...errors import EmcasError
-from ...schema import In, Quantity, Table, kind_of
+from ...parameters.schema import In, Quantity, Table, kind_of
 from ...simulation import Array
 
 Value = float | int | bool

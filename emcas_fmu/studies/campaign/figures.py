@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...bench.metrics import shown
-from ...plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing, column, figure, legend_above
+from ...figures.plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing, column, figure, legend_above
 from .experiments import Experiment
 from .history import history
 from .sample import subject_of

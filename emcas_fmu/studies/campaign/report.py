@@ -9,7 +9,7 @@ from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import shown
 from ...bench.provenance import Source
 from ...bench.writers import write_page
-from ...plots import pictures
+from ...figures.plots import pictures
 from ...reference.files import parameters_hash
 from .figures import drawings
 from .measure import lacking

@@ -14,7 +14,7 @@ from ...actuators import EXTENSIONS, NAMES, get, parts
 from ...bench.excitation import COMMAND, LOAD, STEP
 from ...errors import EmcasError, hint
 from ...parameters import ParameterSet
-from ...schema import In, Table, each, kind_of, leaves
+from ...parameters.schema import In, Table, each, kind_of, leaves
 from ...variables import Variable
 from .distributions import MOST_OUTSIDE, Value, distribution
 from .experiments import EXPERIMENTS, OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from ... import __version__
 from ...actuators import NONLINEAR
 from ...bench.requirements import Specification
-from ...schema import leaves
-from ...writing import PARTIAL, write
+from ...parameters.schema import leaves
+from ...support.writing import PARTIAL, write
 from .distributions import CampaignError
 from .sample import Rows, columns, observed
 from .study import Study

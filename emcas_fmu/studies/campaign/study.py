@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from ... import schema
 from ...actuators import NONLINEAR, full_name, get
 from ...bench.fmu_subject import open_subject
 from ...bench.requirements import load_requirements
@@ -27,9 +26,10 @@ from ...parameters import (
     check_parameters,
     load_parameters,
     parameter_file,
+    schema,
 )
+from ...parameters.schema import Table
 from ...rules import Rule
-from ...schema import Table
 from .distributions import MOST_OUTSIDE, CampaignError
 from .plan import UNJUDGED, Factor, Plan, source_sha256
 from .schema import Entries, Reader

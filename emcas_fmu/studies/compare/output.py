@@ -14,7 +14,7 @@ from rich.table import Column as Heading
 from ... import __version__
 from ...bench import writers
 from ...bench.verdict import Judged
-from ...plots import COMMAND, Drawing, figure, pictures
+from ...figures.plots import COMMAND, Drawing, figure, pictures
 from .study import DRAWN, Result
 
 SCHEMA = "emcas-compare/1"

@@ -17,7 +17,7 @@ from ...bench.subject import ParameterSubject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file
-from ...progress import Progress, silent
+from ...support.progress import Progress, silent
 
 DEFAULT = "default"
 """The name of the default set itself."""

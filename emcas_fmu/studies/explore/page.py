@@ -21,16 +21,16 @@ from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.subject import Identification, ParameterSubject, Subject
 from ...bench.verdict import SENSES, at_start
 from ...bench.writers import page, plain, typeset
-from ...compiler import WEB, zig
 from ...errors import EmcasError
 from ...parameters import Entry, ParameterSet, load_parameters
 from ...reference import cases
 from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels
 from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten
 from ...runtime.compiled import REASONS
+from ...runtime.compiler import WEB, zig
+from ...support.writing import write as write_file
 from ...units import factor
 from ...variables import Variable
-from ...writing import write as write_file
 
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...figures.plots import Drawing
 from ...parameters import ParameterSet
-from ...plots import Drawing
 from . import motion, pictures
 from .estimation import Fit, weighted_fit
 from .records import DIRECTIONS, Array, Record, RecordError, grouped, read_records, refuse_magnitude

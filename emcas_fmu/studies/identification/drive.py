@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
 from ...actuators.electromechanical import nonlinear
+from ...figures.plots import Drawing
 from ...ops.arrays import ARRAYS
 from ...parameters import ParameterSet
 from ...physics import drive
-from ...plots import Drawing
 from . import pictures
 from .current_loop import response
 from .estimation import Fit, weighted_fit

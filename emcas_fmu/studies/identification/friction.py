@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...actuators.electromechanical import nonlinear
+from ...figures.plots import Drawing
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import friction
-from ...plots import Drawing
 from . import motion, pictures
 from .estimation import Fit
 from .records import DIRECTIONS, Array, Record, RecordError, distinct, grouped, read_records

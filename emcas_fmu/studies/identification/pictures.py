@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from ...plots import COLORS, GRAY, Drawing, figure, legend
+from ...figures.plots import COLORS, GRAY, Drawing, figure, legend
 from .estimation import Fit
 from .records import Array
 

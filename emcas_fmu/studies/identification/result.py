@@ -10,8 +10,8 @@ from typing import Any
 
 from ... import __version__
 from ...bench.writers import write_page
+from ...figures.plots import Drawing, pictures
 from ...parameters import ParameterSet
-from ...plots import Drawing, pictures
 from .estimation import METHOD, Fit
 from .records import Record, RecordError
 

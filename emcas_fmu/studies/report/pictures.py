@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ... import plots
 from ...bench.excitation import HOLD
 from ...bench.metrics import ACCURACY as _ACCURACY
 from ...bench.verdict import Judged
 from ...bench.writers import with_unit
-from ...plots import COMMAND, LIMIT, Drawing, Picture, legend_above
+from ...figures import plots
+from ...figures.plots import COMMAND, LIMIT, Drawing, Picture, legend_above
 from .outcome import Array, Outcome
 from .study import Result
 

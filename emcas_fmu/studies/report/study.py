@@ -19,9 +19,9 @@ from ...bench.subject import Identification, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...parameters import load_parameters
-from ...progress import Progress, silent
+from ...parameters.schema import unknown
 from ...reference.cases import LOAD
-from ...schema import unknown
+from ...support.progress import Progress, silent
 from ...variables import Variable
 from . import mission, responses, static_accuracy, stepping, stiffness, threshold
 from .outcome import Outcome, Quantity, Value

@@ -11,7 +11,7 @@ from pathlib import Path
 from ...bench import verdict
 from ...bench.requirements import Requirement
 from ...bench.subject import ParameterSubject
-from ...writing import append, write
+from ...support.writing import append, write
 from .study import Study, StudyError
 
 # Share of its limit at which a figure stands that cannot be had: never reached, unstable, not finite.

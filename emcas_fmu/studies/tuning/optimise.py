@@ -23,8 +23,8 @@ from scipy.optimize import differential_evolution, minimize
 
 from ...bench.requirements import Case
 from ...parameters import ParameterSet
-from ...progress import Progress, silent
 from ...runtime import library
+from ...support.progress import Progress, silent
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Study, Tunable
 

@@ -12,8 +12,8 @@ from rich.table import Column, Table
 from ... import __version__
 from ...bench import writers
 from ...bench.metrics import FIGURES, shown
+from ...figures.plots import pictures
 from ...parameters import file_entry, write_parameters
-from ...plots import pictures
 from .evaluate import Evaluation
 from .optimise import Result
 from .pictures import drawings

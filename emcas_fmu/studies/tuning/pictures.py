@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 
 from ...bench.measure import Test, response
 from ...bench.subject import ParameterSubject
-from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend
+from ...figures.plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend
 from .evaluate import HOPELESS, Evaluation
 from .optimise import Result
 

@@ -12,7 +12,6 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, ValidationInfo
 
-from ... import extras
 from ...actuators import NAMES, NONLINEAR, parts
 from ...bench.requirements import (
     NOMINAL,
@@ -26,9 +25,10 @@ from ...bench.requirements import (
 )
 from ...bench.subject import ParameterSubject
 from ...errors import EmcasError
-from ...files import models_directory
 from ...parameters import ParameterSet, load_parameters
-from ...schema import In, Quantity, Table, each, load
+from ...parameters.schema import In, Quantity, Table, each, load
+from ...support import extras
+from ...support.files import models_directory
 
 _AT_BOUND = 0.01  # of the range searched, on its logarithmic scale
 

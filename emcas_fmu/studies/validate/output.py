@@ -17,7 +17,7 @@ from rich.table import Column, Table
 
 from ...bench import writers
 from ...bench.verdict import remarks, summary_table
-from ...plots import pictures
+from ...figures.plots import pictures
 from .pictures import drawings
 from .study import TRAJECTORY_LIMIT, Result
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ... import plots
 from ...bench import metrics
 from ...bench.excitation import Excitation
 from ...bench.references import CARRIED
-from ...plots import COMMAND, LIMIT, Drawing
+from ...figures import plots
+from ...figures.plots import COMMAND, LIMIT, Drawing
 from ...reference.linear import LinearModel
 from .study import DISPLAY, TRAJECTORY_LIMIT, Result, Series
 

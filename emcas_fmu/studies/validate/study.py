@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators import NAMES, NONLINEAR, parts
-from ...arguments import checked
 from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, step_to, with_encoder
 from ...bench.requirements import Specification, load_requirements
@@ -17,12 +16,13 @@ from ...bench.runs import Columns, Run
 from ...bench.subject import Identification, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError
-from ...files import models_directory
 from ...parameters import load_parameters
-from ...progress import Progress, silent
 from ...reference import files, stored
 from ...reference.cases import CASES, TOLERANCE
 from ...reference.linear import LinearModel, obstacle
+from ...support.arguments import checked
+from ...support.files import models_directory
+from ...support.progress import Progress, silent
 from . import claims
 
 TRAJECTORY_LIMIT = round(degrees(TOLERANCE), 9)  # deg

@@ -12,10 +12,10 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
-from .errors import EmcasError, hint, unreadable
+from ..errors import EmcasError, hint, unreadable
+from ..units import describe, quantity
+from ..variables import Variable
 from .toml import tomllib
-from .units import describe, quantity
-from .variables import Variable
 
 MOST_PROBLEMS = 20
 """How many problems of a file are listed; of the others their number is."""

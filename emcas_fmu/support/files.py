@@ -10,7 +10,7 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-from .errors import in_words
+from ..errors import in_words
 from .progress import warn
 
 _LIBRARY = 2_000_000  # bytes: a compiled library is smaller
@@ -21,7 +21,7 @@ def models_directory() -> Path:
 
     Raises FileNotFoundError naming the file looked for and both places.
     """
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     folders = (package / "models", package.parent / "models")
     for folder in folders:
         if (folder / "emcas.toml").is_file():

@@ -23,10 +23,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from ..errors import EmcasError
+from ..support.writing import whole
 from .curves import INK as INK
 from .curves import curves
-from .errors import EmcasError
-from .writing import whole
 
 # Okabe & Ito (2008), "Color universal design": distinguishable with every common colour blindness. Black and
 # yellow are left out, they vanish on a dark or a light page.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from .errors import EmcasError
+from ..errors import EmcasError
 
 
 def absent(extra: str, what: str, *modules: str) -> str:

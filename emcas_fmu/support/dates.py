@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from datetime import datetime, timezone
 
-from . import __date__
-from .errors import EmcasError
+from .. import __date__
+from ..errors import EmcasError
 
 
 def today() -> str:

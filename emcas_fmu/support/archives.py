@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 
-from .errors import EmcasError, unreadable
+from ..errors import EmcasError, unreadable
 
 # What an archive may hold. An FMU of ours for five platforms, with its references, is 50 files of 2 MB, packed to a
 # third; other people's with tables and documentation are up to a hundred times that.

@@ -16,15 +16,17 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators import NAMES, NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, parts
+from ..actuators.declaration import Actuator
+from ..errors import hint
+from ..ops.arrays import ARRAYS
+from ..ops.floats import FLOATS
+from ..rules import SHARES, Check, Rule, check_ranges, check_rules
+from ..support.arguments import checked
+from ..support.files import as_given, models_directory, named_sets
+from ..support.writing import write
 from . import schema
-from .actuators import NAMES, NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, parts
-from .actuators.declaration import Actuator
-from .arguments import checked
-from .errors import hint
-from .files import as_given, models_directory, named_sets
-from .ops.arrays import ARRAYS
-from .ops.floats import FLOATS
-from .parameter_entries import (
+from .entries import (
     Entry,
     ParameterError,
     Value,
@@ -35,8 +37,6 @@ from .parameter_entries import (
     known_names,
     read_entries,
 )
-from .rules import SHARES, Check, Rule, check_ranges, check_rules
-from .writing import write
 
 __all__ = ["MADE_FOR", "Entry", "ParameterError", "ParameterSet", "Value", "are_defaults", "broken_rules",
            "check_combinations", "check_parameters", "file_entry", "load_parameters", "parameter_file",

@@ -10,12 +10,12 @@ from math import isclose
 from numbers import Integral, Real
 from typing import Any
 
+from ..actuators import EXTENSIONS, NAMES, get, get_extension, parts
+from ..errors import EmcasError, hint
+from ..rules import check_ranges
+from ..units import describe, quantity
+from ..variables import Variable
 from . import schema
-from .actuators import EXTENSIONS, NAMES, get, get_extension, parts
-from .errors import EmcasError, hint
-from .rules import check_ranges
-from .units import describe, quantity
-from .variables import Variable
 
 Value = float | int | bool
 

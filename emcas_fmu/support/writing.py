@@ -20,7 +20,7 @@ from tempfile import TemporaryFile
 from types import FrameType
 from typing import IO, Any, BinaryIO
 
-from .errors import EmcasError, writing
+from ..errors import EmcasError, writing
 
 PARTIAL = ".partial"
 """How a file's name ends while it is written; only a process that was killed leaves one."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FunctionType, NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin
 
-from .errors import ArgumentError, EmcasError, in_words
+from ..errors import ArgumentError, EmcasError, in_words
 
 T = TypeVar("T", bound=Callable[..., Any])
 Test = Callable[[Any], bool]

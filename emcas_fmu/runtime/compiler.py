@@ -17,8 +17,8 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 
-from .errors import EmcasError
-from .files import cache_directory
+from ..errors import EmcasError
+from ..support.files import cache_directory
 
 # No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculation
 # of what may raise a floating-point exception: hosts run with traps on. No numbers read two at once that were just

@@ -1,0 +1,1 @@
+"""Figures of the pages and files: Matplotlib's, and the curves that a page draws from them."""
