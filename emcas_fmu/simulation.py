@@ -73,7 +73,7 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
 
     def arranged(row: Sequence[float]) -> Sequence[tuple[Any, ...]]:
         fins = [[row[i] for i in places] for places in unit.places]
-        return cores.acting(fins, cores.carried(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
+        return cores.acting(fins, cores.motion_loads(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
 
     rows = np.array(list(_rows(cores, table, step, arranged)), dtype=float)
     return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}

@@ -5,21 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from emcas_fmu.actuators.declaration import Asked, Values
+from emcas_fmu.actuators.declaration import SampleInputs, Values
 from emcas_fmu.actuators.electromechanical import nonlinear
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.base import Ops
 from emcas_fmu.physics import drive
 
 
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the sample of the shipped controllers, but for the velocity integral."""
-    values = dict(nonlinear.sample(ops, p, x, asked))
+    values = dict(nonlinear.sample(ops, p, x, inputs))
     reference = values["reference"]
     # What the speed loop asks beyond the drive's current limit, from the speed reference at its own limit.
     beyond = drive.followed(ops, p, reference) - reference
     drift = p.controller.sample_time * p.controller.drive_antiwindup * beyond
-    values["velocity_integral"] = values["velocity_integral"] + ops.where(asked.enable, drift, 0.0)
+    values["velocity_integral"] = values["velocity_integral"] + ops.where(inputs.enable, drift, 0.0)
     return values
 
 

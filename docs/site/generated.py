@@ -54,7 +54,7 @@ def declaration() -> str:
         _objects("actuators.declaration.Actuator", heading_level=2, members=False, show_signature=False),
         f"\n```python\n{inspect.cleandoc(fields)}\n```\n",
         *(_objects(f"actuators.declaration.{name}", heading_level=2)
-          for name in ("State", "Supply", "Acting", "Asked")),
+          for name in ("State", "Supply", "PlantInputs", "SampleInputs")),
         "\n## Variables\n", _objects("variables", **bare),
         "\n## Rules\n", _objects("rules", **bare, members=["Rule", "when", "in_degrees"]),
         "\n## Fin port\n", _objects("actuators.fin_port", **values),

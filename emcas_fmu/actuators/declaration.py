@@ -4,14 +4,14 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
 (``p.motor.resistance``), and named values; all SI.
 
     initial(ops, p, start)       states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``
-    sample(ops, p, x, asked)     what the sampled controllers do, every controller.sample_time
+    sample(ops, p, x, inputs)     what the sampled controllers do, every controller.sample_time
     step(ops, p, x, u, h)        the plant after h [s] or at the first event before, and the time that took; or
     derivatives(ops, p, x, u)    d/dt of the states where the equations are smooth: enabled, without dry friction, gaps
                                  and limits. Linear analysis takes these (:mod:`emcas_fmu.bench.linear.actuator`), and
                                  stepping where there is no `step` (:mod:`emcas_fmu.steppers.smooth`)
     output_values(ops, p, x, u)  every output
 
-``x`` has the states by name, ``u`` what acts and is held through a step (:class:`Acting`). The functions give a
+``x`` has the states by name, ``u`` what acts and is held through a step (:class:`PlantInputs`). The functions give a
 mapping of names to values; all but `output_values` leave out what does not change (from 0, for `initial`).
 """
 
@@ -45,17 +45,17 @@ from .plant_fault import check_names
 Values = Mapping[str, Value]
 Parameters = Any
 """Parameters as attributes by their dotted names, with the actuator's `structure`."""
-Acting = Record
+PlantInputs = Record
 """What acts on the plant through a step. To `step` and `outputs`:
 
 ``reference``, as it has arrived in the drive; ``aero_torque`` [N.m]; what the vehicle's motion makes, ``f_x``,
-``f_z``, ``wx2_wz2``, ``wx_wz``, ``alpha_x``, ``alpha_y`` (:class:`emcas_fmu.physics.loads.Carried`); ``supply``;
+``f_z``, ``wx2_wz2``, ``wx_wz``, ``alpha_x``, ``alpha_y`` (:class:`emcas_fmu.physics.loads.MotionLoads`); ``supply``;
 ``enabled``; the actuator's further inputs; its sampled states; ``rated_current_limit`` [A], the drive's without a
 fault, None where that is drive.current_limit.
 To `outputs` besides: ``command`` [rad]; ``sampled_reference``, the last sample's; ``measured_fin_angle`` [rad];
 ``limited``, whether the last sample met a limit.
 """
-Asked = Record
+SampleInputs = Record
 """What a sample is asked for: ``command`` [rad], ``supply``, ``enable``, the further inputs, and ``encoder_offset``
 [counts], None of an encoder whose zero is the fin's, and ``position`` [rad], the state of angle that the encoder of
 position reads."""
@@ -118,15 +118,15 @@ def _at_start_angle(ops: Ops, p: Parameters, start: Record) -> Values:
     return {"fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle}
 
 
-def _none_sampled(ops: Ops, p: Parameters, x: Record, asked: Asked) -> Values:
+def _none_sampled(ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> Values:
     return {"reference": 0.0}
 
 
-def _no_step(ops: Ops, p: Parameters, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def _no_step(ops: Ops, p: Parameters, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     raise NotImplementedError  # one made of the derivatives takes its place
 
 
-def _no_outputs(ops: Ops, p: Parameters, x: Record, u: Acting) -> Values:
+def _no_outputs(ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
     return {}
 
 
@@ -204,10 +204,10 @@ class Actuator:
 
     # Equations.
     initial: Callable[[Ops, Parameters, Record], Values] = _at_start_angle
-    sample: Callable[[Ops, Parameters, Record, Asked], Values] = _none_sampled
+    sample: Callable[[Ops, Parameters, Record, SampleInputs], Values] = _none_sampled
     derivatives: Derivatives | None = None
-    step: Callable[[Ops, Parameters, Record, Acting, Value], tuple[Values, Value]] = _no_step
-    output_values: Callable[[Ops, Parameters, Record, Acting], Values] = _no_outputs
+    step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step
+    output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = _no_outputs
     # What the equations of a family are put together from, and parameters with constants in place of those that others
     # of the family have and this one does not.
     structure: Any = None
@@ -344,7 +344,7 @@ class Actuator:
             ("initial", (), self._initial),
             ("sample", (*plant, *kept, *held, "command", "supply", "enable",
                         *(identifier(v.name) for v in self.further_inputs)), self._sample),
-            ("carried", tuple(identifier(v.name) for v in fin_port.MOTION), fin_port.carried),
+            ("motion_loads", tuple(identifier(v.name) for v in fin_port.MOTION), fin_port.motion_loads),
             ("step", (*plant, *held, "active", *acting, "h"), self._step),
             ("outputs", (*plant, "active", "reference", "measured", "limited", *held, "command", *acting),
              self._output_values),
@@ -375,10 +375,10 @@ class Actuator:
         names = self._state_names
         x = Record(**dict(zip(names, arguments, strict=False)))
         command, supply, enable, *further = arguments[len(names):]
-        asked = Record(command=command, supply=supply, enable=enable, encoder_offset=None,
-                       position=self.position(ops, p, x),
-                       **{identifier(v.name): value for v, value in zip(self.further_inputs, further, strict=True)})
-        given = self.commanded(ops, p, x, asked)
+        inputs = Record(command=command, supply=supply, enable=enable, encoder_offset=None,
+                        position=self.position(ops, p, x),
+                        **{identifier(v.name): value for v, value in zip(self.further_inputs, further, strict=True)})
+        given = self.commanded(ops, p, x, inputs)
         kept, held = (tuple(s.name for s in states) for states in (self.controller_states, self.sampled_states))
         return tuple(given[name] for name in ("reference", *kept, "measured_fin_angle", "limited", *held))
 
@@ -387,37 +387,37 @@ class Actuator:
         angle = getattr(x, self.encoder[0])
         return angle if self.fin_side is None else ops.where(p.encoder.on_fin, getattr(x, self.fin_side[0]), angle)
 
-    def motor_current(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> Value:
+    def motor_current(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Value:
         """Return the motor current [A] of an actuator that has one: the state of that name, else the output."""
         if any(s.name == "motor_current" for s in self.states):
             return x.motor_current
         return self.plant_outputs(ops, p, x, u)["motor_current"]
 
-    def commanded(self, ops: Ops, p: Parameters, x: Record, asked: Asked) -> dict[str, Value]:
+    def commanded(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
         """Return :meth:`sampled` with the command taken from the bus (:mod:`emcas_fmu.control.command`)."""
-        command, *after = bus.taken(ops, p, asked.command, *(getattr(x, name) for name in bus.STATES))
-        return {**self.sampled(ops, p, x, asked.replace(command=command)), **dict(zip(bus.STATES, after, strict=True))}
+        command, *after = bus.taken(ops, p, inputs.command, *(getattr(x, name) for name in bus.STATES))
+        return {**self.sampled(ops, p, x, inputs.replace(command=command)), **dict(zip(bus.STATES, after, strict=True))}
 
-    def sampled(self, ops: Ops, p: Parameters, x: Record, asked: Asked) -> dict[str, Value]:
+    def sampled(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
         """Return all that a sample gives: ``reference``, ``measured_fin_angle``, ``limited``, controller states and
         sampled states; the command is that which the controllers have."""
         names = tuple(s.name for s in (*self.controller_states, *self.sampled_states))
-        given = _complete(self.sample, self.sample(ops, p, x, asked), ("reference",),
+        given = _complete(self.sample, self.sample(ops, p, x, inputs), ("reference",),
                           ("measured_fin_angle", "limited", *names))
         before = {name: getattr(x, name) for name in names}
-        return {"measured_fin_angle": asked.position, "limited": 0.0, **before, **given}
+        return {"measured_fin_angle": inputs.position, "limited": 0.0, **before, **given}
 
-    def rates(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> dict[str, Value]:
+    def rates(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> dict[str, Value]:
         """Return d/dt of every state of an actuator that has derivatives."""
         assert self.derivatives is not None
         names = tuple(s.name for s in self.states)
         return {**dict.fromkeys(names, 0.0), **_complete(self.derivatives, self.derivatives(ops, p, x, u), (), names)}
 
-    def _every_rate(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> Mapping[str, Value]:
+    def _every_rate(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Mapping[str, Value]:
         assert self.derivatives is not None
         return _complete(self.derivatives, self.derivatives(ops, p, x, u), (s.name for s in self.states))
 
-    def plant_outputs(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> Values:
+    def plant_outputs(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
         """Return every output, those of command and sample as if both were 0."""
         unsampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
         return self.output_values(ops, p, x, Record(**{**vars(u), **unsampled}))

@@ -142,10 +142,10 @@ def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -
 # -- equations ---------------------------------------------------------------------
 
 
-def carried(ops: Ops, p: Any, *motion: Value) -> tuple[Value, ...]:
-    """Return what the vehicle's motion makes of the actuator, loads.Carried, from the inputs MOTION."""
+def motion_loads(ops: Ops, p: Any, *motion: Value) -> tuple[Value, ...]:
+    """Return what the vehicle's motion makes of the actuator, loads.MotionLoads, from the inputs MOTION."""
     a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
-    return loads.carried(ops, p, (a_x, a_y, a_z), roll, pitch, (w_x, w_y, w_z), (d_x, d_y, d_z))
+    return loads.motion_loads(ops, p, (a_x, a_y, a_z), roll, pitch, (w_x, w_y, w_z), (d_x, d_y, d_z))
 
 
 def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> Value:

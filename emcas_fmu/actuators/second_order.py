@@ -16,7 +16,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..variables import parameter
 from . import capabilities, fin_port
-from .declaration import Acting, Actuator, Asked, State, Values
+from .declaration import Actuator, PlantInputs, SampleInputs, State, Values
 
 PARAMETERS = (
     *fin_port.PARAMETERS,
@@ -33,12 +33,12 @@ PARAMETERS = (
 _DOUBLE = 1e-9
 
 
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the command [rad] on its way; a disabled fin's is where it stands."""
-    command = fin_port.clipped_command(ops, p, asked.command)
-    limited = ops.where(ops.fabs(asked.command) > p.command.limit, 1.0, 0.0)
-    return {"reference": ops.where(asked.enable, command, x.fin_angle),
-            "limited": ops.where(asked.enable, limited, 0.0)}
+    command = fin_port.clipped_command(ops, p, inputs.command)
+    limited = ops.where(ops.fabs(inputs.command) > p.command.limit, 1.0, 0.0)
+    return {"reference": ops.where(inputs.enable, command, x.fin_angle),
+            "limited": ops.where(inputs.enable, limited, 0.0)}
 
 
 def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) -> tuple[Value, ...]:
@@ -62,7 +62,7 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
     return target + c * x + s * (rate + zeta * w * x), c * rate - s * (zeta * w * rate + w * w * x)
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return angle and rate after h [s], and h: events within a step are met to its order, the second.
 
     Disabled, the fin stands at once and stays, whatever command is on its way.
@@ -87,7 +87,7 @@ def _driven(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, h: Va
     return (ops.clip(new_angle, -stop, stop), ops.where(ops.both(beyond, outward), 0.0, new_rate))
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     at_rate = ops.fabs(x.fin_rate) >= p.second_order.rate_limit * (1.0 - 1e-12)
     return {

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from ..actuators import capabilities
-from ..actuators.declaration import Acting, Actuator, PlantFault
+from ..actuators.declaration import Actuator, PlantFault, PlantInputs
 from ..errors import EmcasError, place
 from ..namespace import Names, Record, with_values
 from ..ops.base import Ops, Value
@@ -113,7 +113,7 @@ def _value(p: Any, name: str, fault: PlantFault) -> Value:
     return value
 
 
-def blocked(ops: Ops, p: Any, actuator: Actuator, u: Acting, jam: Value) -> tuple[Any, Acting]:
+def blocked(ops: Ops, p: Any, actuator: Actuator, u: PlantInputs, jam: Value) -> tuple[Any, PlantInputs]:
     """Return parameters and surroundings in which a jam of the fin itself holds it through a step.
 
     Of an actuator without screw drive that reads its fin and feels forces: its inertia is one that nothing moves, and
@@ -126,7 +126,7 @@ def blocked(ops: Ops, p: Any, actuator: Actuator, u: Acting, jam: Value) -> tupl
     return with_values(p, {"inertia.fin": ops.where(jam, _HEAVY, p.inertia.fin)}), u.replace(**still)
 
 
-def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: Acting) -> Acting:
+def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: PlantInputs) -> PlantInputs:
     """Return what acts on the plant under the faults: supply, bridge, load, and the current limit without them."""
     changes = {}
     if actuator.supply is not None:

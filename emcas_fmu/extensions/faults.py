@@ -21,7 +21,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from ..actuators import capabilities, fin_port
-from ..actuators.declaration import Acting, Actuator, Asked, State, Values, with_outputs
+from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values, with_outputs
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import free_fin, kinematics
@@ -111,7 +111,7 @@ class _Faulty:
         kept = _Kept(0.0, turned, 0.0, p.fin.start_angle, measured, measured)
         return {**begun, **_named(_KEPT, kept), **dict.fromkeys(_WAITING, p.fin.start_angle), **_named(_HELD, SOUND)}
 
-    def sample(self, ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    def sample(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         """Return reference and states after a sample: of the controllers with what is faulty, and of the monitors."""
         actuator = self.actuator
         q = actuator.equation_parameters(ops, p)
@@ -124,9 +124,9 @@ class _Faulty:
             if fault.lasting:
                 kinds[fault.name] = ops.either(kinds[fault.name], getattr(x, self.of_kind[fault.name]) > 0.0)
 
-        angle, offset, seen, turned = self._seen(ops, p, x, asked, k, on)
+        angle, offset, seen, turned = self._seen(ops, p, x, inputs, k, on)
         late = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
-        arriving = ops.where(on["command_delay"], _picked(ops, late, (asked.command, *line)), asked.command)
+        arriving = ops.where(on["command_delay"], _picked(ops, late, (inputs.command, *line)), inputs.command)
         command = ops.where(on["command_freeze"], k.command, arriving)
 
         now = self._amounts(ops, p, before, on)
@@ -136,20 +136,20 @@ class _Faulty:
         lasting = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}  # for good
         shown = {**there, **{name: still for name, still in lasting.items() if name in there}, **kinds}
 
-        supply = now.supply * asked.supply
+        supply = now.supply * inputs.supply
         given = actuator.sampled(ops, p, x.replace(**turned),
-                                 asked.replace(command=command, supply=supply, position=seen))
+                                 inputs.replace(command=command, supply=supply, position=seen))
         reference = given["reference"]
         if any(fault.name == "hard_over" for fault in self.faults):
             limited = capabilities.REFERENCE_LIMIT in actuator.provides
             full = p.drive.reference_limit if limited else p.fin.stop_angle
-            reference = ops.where(ops.both(on["hard_over"], asked.enable), p.fault.hard_over.share * full, reference)
+            reference = ops.where(ops.both(on["hard_over"], inputs.enable), p.fault.hard_over.share * full, reference)
 
         # An actuator that is not in closed loop follows no command.
-        here = Record(reference=0.0, **vars(NONE), supply=supply, enabled=asked.enable, rated_current_limit=None,
+        here = Record(reference=0.0, **vars(NONE), supply=supply, enabled=inputs.enable, rated_current_limit=None,
                       **{v.name: 0.0 for v in actuator.acting_inputs},
                       **{s.name: given[s.name] for s in actuator.sampled_states})
-        watching = ops.both(asked.enable, ops.equal(self._status(ops, p, x, here), OPERATIONAL))
+        watching = ops.both(inputs.enable, ops.equal(self._status(ops, p, x, here), OPERATIONAL))
         has_current = capabilities.MOTOR_CURRENT in actuator.provides
         seen_by = monitors.Watched(
             command, given["measured_fin_angle"], k.measured, k.modelled, reference,
@@ -162,10 +162,10 @@ class _Faulty:
         kept = _Kept(k.samples + 1.0, angle, offset, command, given["measured_fin_angle"],
                      monitors.modelled(ops, p, response, seen_by))
         return {**given, "reference": reference, **_named(_KEPT, kept), **_named(self.counters, counted),
-                **_named(self.flags, tripped), **_named(_WAITING, (asked.command, *line[:-1])), **_named(_HELD, now),
+                **_named(self.flags, tripped), **_named(_WAITING, (inputs.command, *line[:-1])), **_named(_HELD, now),
                 **{self.of_kind[name]: ops.where(kind, 1.0, 0.0) for name, kind in kinds.items()}}
 
-    def step(self, ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    def step(self, ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         """Return the plant's states after at most `h` [s], and the time [s] that this took."""
         actuator, f = self.actuator, Held(*_of(u, _HELD))
         names, broken = [s.name for s in actuator.states], [s.name for s in self.broken]
@@ -188,7 +188,7 @@ class _Faulty:
         *moved, used = ops.branch(f.acting > 0.0, faulty, sound)
         return _named((*names, *broken), moved), used
 
-    def output_values(self, ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    def output_values(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         """Return the outputs, those of faults and monitors among them."""
         actuator, f = self.actuator, Held(*_of(u, _HELD))
         q = actuator.plant_parameters(ops, p)
@@ -217,12 +217,12 @@ class _Faulty:
         at_motor = kinematics.motor_angle(ops, p, fin)
         return ops.where(ops.both(ops.equal(bias, 0.0), ops.negate(p.encoder.on_fin)), counted, at_motor)
 
-    def _seen(self, ops: Ops, p: Any, x: Record, asked: Asked, k: _Kept, on: Mapping[str, Value],
+    def _seen(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs, k: _Kept, on: Mapping[str, Value],
               ) -> tuple[Value, Value, Value, Values]:
         """Return the encoder's angle and offset [rad], the position [rad] that it shows, and the states as shown."""
         plant = self.actuator.plant_parameters(ops, p)
         angle_name, rate_name = self.actuator.encoder
-        angle, speed = self._encoder(ops, plant, asked.position), getattr(x, rate_name)
+        angle, speed = self._encoder(ops, plant, inputs.position), getattr(x, rate_name)
         off = ops.both(x.fin_broken_off > 0.0, plant.encoder.on_fin) if self.geared else False
         if self.geared:
             angle = ops.where(off, x.broken_fin_angle, angle)
@@ -234,7 +234,7 @@ class _Faulty:
         wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
         bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
         # Where nothing is wrong the angle goes through as it is, to the bit.
-        (seen,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),), lambda: (asked.position,))
+        (seen,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),), lambda: (inputs.position,))
         # The motor's encoder counts the speed: one on the fin takes no part in that.
         turned = {angle_name: seen, rate_name: counting * speed}
         if self.geared:
@@ -256,15 +256,15 @@ class _Faulty:
             supply=amount("brown_out", "share", 1.0), friction=amount("friction_rise", "factor", 1.0),
             gap=ops.maximum(before.gap, amount("backlash_growth", "gap", 0.0)) if grows else 0.0)
 
-    def _status(self, ops: Ops, p: Any, x: Record, u: Acting) -> Value:
+    def _status(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Value:
         """Return what the actuator says of itself where it is sound; the bridge open by a fault is unknown to it."""
         return self.actuator.plant_outputs(ops, p, x, u)[STATUS.name] if self.has_status else OPERATIONAL
 
-    def _under(self, ops: Ops, q: Any, f: Held, u: Acting) -> Any:
+    def _under(self, ops: Ops, q: Any, f: Held, u: PlantInputs) -> Any:
         """Return the plant's parameters `q` under the faults that act."""
         return faulted(ops, q, self.actuator, f, {name: getattr(u, state) for name, state in self.of_kind.items()})
 
-    def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: Acting, used: Value) -> tuple[Value, ...]:
+    def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: PlantInputs, used: Value) -> tuple[Value, ...]:
         """Return that the fin is broken off, and its angle [rad] and rate [rad/s] after the time `used` [s]."""
         f = Held(*_of(u, _HELD))
         rubbing = with_values(q, {"friction.fin_viscous": f.friction * q.friction.fin_viscous,
@@ -279,12 +279,12 @@ def _named(names: Iterable[str], values: Iterable[Value]) -> dict[str, Value]:
     return dict(zip(names, values, strict=True))
 
 
-def _of(holder: Acting | Record, names: Iterable[str]) -> list[Value]:
+def _of(holder: PlantInputs | Record, names: Iterable[str]) -> list[Value]:
     """Return the states of these names."""
     return [getattr(holder, name) for name in names]
 
 
-def _off_shaft(ops: Ops, q: Any, x: Record, u: Acting, outputs: Values) -> Values:
+def _off_shaft(ops: Ops, q: Any, x: Record, u: PlantInputs, outputs: Values) -> Values:
     """Return the outputs that are of a fin that is broken off, where it is."""
     fin, broken = x.broken_fin_angle, x.fin_broken_off > 0.0
     values = {

@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..actuators import capabilities
-from ..actuators.declaration import Acting, Actuator, Asked, State, Values
+from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import course, heat
@@ -82,12 +82,12 @@ def extend(actuator: Actuator) -> Actuator:
     ambient = () if capabilities.AMBIENT_TEMPERATURE in actuator.provides else (AMBIENT,)
     stepped = capabilities.DRIVE_STEP in actuator.provides
 
-    def at(ops: Ops, p: Any, u: Acting, winding: Value, case: Value, load: Value) -> Any:
+    def at(ops: Ops, p: Any, u: PlantInputs, winding: Value, case: Value, load: Value) -> Any:
         warm = heat.at_temperatures(ops, p, winding, case)
         return warm if not limits else with_values(
             warm, {"drive.current_limit": heat.current_limit(ops, p, load, u.rated_current_limit)})
 
-    def through(ops: Ops, p: Any, x: Record, u: Acting, current: Value, h: Value) -> Any:
+    def through(ops: Ops, p: Any, x: Record, u: PlantInputs, current: Value, h: Value) -> Any:
         """Return parameters through a step of `h` [s] that starts with a current [A].
 
         Temperatures are those of its middle. The limit is that of its end if all of the limit at its start flowed: so
@@ -106,12 +106,12 @@ def extend(actuator: Actuator) -> Actuator:
         return {**begun, "winding_temperature": ambient + p.heat.winding_start_rise,
                 "case_temperature": ambient + p.heat.case_start_rise}
 
-    def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         """Return a sample of the controllers, whose anti-windup knows the limit in force."""
         limit = heat.current_limit(ops, p, x.i2t_load)
-        return actuator.sample(ops, with_values(p, {"drive.current_limit": limit}), x, asked)
+        return actuator.sample(ops, with_values(p, {"drive.current_limit": limit}), x, inputs)
 
-    def mean_square(ops: Ops, q: Any, x: Record, u: Acting, h: Value, current: Value, moved: Values, used: Value
+    def mean_square(ops: Ops, q: Any, x: Record, u: PlantInputs, h: Value, current: Value, moved: Values, used: Value
                     ) -> Value:
         """Return the mean of i^2 [A^2] over the `used` [s] of a step of `h` [s] from a `current` [A]."""
         if not stepped:
@@ -123,7 +123,7 @@ def extend(actuator: Actuator) -> Actuator:
         tau = electrical_mode(ops, actuator.plant_parameters(ops, q), plant, u, h).tau
         return course.mean_square(ops, current, moved["motor_current"], used / tau)
 
-    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         current = actuator.motor_current(ops, p, x, u)
         if stepped:
             current = ops.where(u.enabled, current, 0.0)  # a disabled drive's bridge is open
@@ -136,11 +136,11 @@ def extend(actuator: Actuator) -> Actuator:
             moved["i2t_load"] = heat.loaded(ops, p, x.i2t_load, square, used, u.rated_current_limit)
         return moved, used
 
-    def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         """Return d/dt of the states of a motor whose temperatures stay: seconds pass before they do not."""
         return actuator.rates(ops, heat.at_temperatures(ops, p, x.winding_temperature, x.case_temperature), x, u)
 
-    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         load = x.i2t_load if limits else None
         q = at(ops, p, u, x.winding_temperature, x.case_temperature, load)
         outputs = {**actuator.output_values(ops, q, x, u), "winding_temperature": x.winding_temperature,

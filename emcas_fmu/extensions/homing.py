@@ -18,7 +18,7 @@ from math import radians
 from typing import Any
 
 from ..actuators import capabilities
-from ..actuators.declaration import Acting, Actuator, Asked, State, Values
+from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..actuators.electromechanical.rules import inertias
 from ..namespace import Record
 from ..ops.base import Ops, Value
@@ -62,20 +62,20 @@ def extend(actuator: Actuator) -> Actuator:
         phase = ops.where(p.homing.required, run.UNKNOWN, run.READY)
         return {**begun, "homing_offset": offset, "homing_phase": phase}
 
-    def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
-        edge = ops.both(asked.home, ops.negate(x.home_before))
+    def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
+        edge = ops.both(inputs.home, ops.negate(x.home_before))
         progress = run.Progress(*(getattr(x, name) for name in PROGRESS))
-        now = run.sample(ops, p, actuator, x, asked, edge, x.homing_phase, progress)
-        return {**now.given, "home_before": ops.where(asked.home, 1.0, 0.0),
+        now = run.sample(ops, p, actuator, x, inputs, edge, x.homing_phase, progress)
+        return {**now.given, "home_before": ops.where(inputs.home, 1.0, 0.0),
                 **dict(zip(PROGRESS, now.progress, strict=True)), "homing_phase": now.phase}
 
-    def powered(ops: Ops, u: Acting) -> Acting:
+    def powered(ops: Ops, u: PlantInputs) -> PlantInputs:
         return u.replace(enabled=ops.both(u.enabled, run.driven(ops, u.homing_phase)))
 
-    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         return actuator.step(ops, p, x, powered(ops, u), h)
 
-    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         values = actuator.output_values(ops, p, x, powered(ops, u))
         phase = u.homing_phase
         ready = ops.equal(phase, run.READY)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..actuators.declaration import Actuator, Asked
+from ..actuators.declaration import Actuator, SampleInputs
 from ..control import controllers, sensors
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
@@ -94,22 +94,22 @@ def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
                 (getattr(high, angle) - getattr(low, angle)) / span)
 
 
-def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, edge: Value, phase: Value,
+def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs, edge: Value, phase: Value,
            progress: Progress) -> Sampled:
     """Return one sample: `edge` is whether home has risen, `phase` and `progress` are as they were.
 
     Outside a run it is the actuator's sample, disabled unless ready, with the encoder's offset.
     """
     running = moving(ops, phase)
-    starts = ops.both(ops.both(edge, asked.enable), ops.negate(running))
-    phase = ops.where(starts, SEEKING, ops.where(ops.both(running, ops.negate(asked.enable)), UNKNOWN, phase))
-    follows = ops.both(asked.enable, ops.equal(phase, READY))
-    seen = actuator.sampled(ops, p, x, asked.replace(enable=follows, encoder_offset=progress.offset))
+    starts = ops.both(ops.both(edge, inputs.enable), ops.negate(running))
+    phase = ops.where(starts, SEEKING, ops.where(ops.both(running, ops.negate(inputs.enable)), UNKNOWN, phase))
+    follows = ops.both(inputs.enable, ops.equal(phase, READY))
+    seen = actuator.sampled(ops, p, x, inputs.replace(enable=follows, encoder_offset=progress.offset))
     names = ("reference", "measured_fin_angle", "limited",
              *(s.name for s in (*actuator.controller_states, *actuator.sampled_states)))
 
     def homing() -> tuple[Value, ...]:
-        run = _homing(ops, p, actuator, x, asked, seen, starts, phase, progress)
+        run = _homing(ops, p, actuator, x, inputs, seen, starts, phase, progress)
         return *(run.given[name] for name in names), run.phase, *run.progress
 
     values = ops.branch(moving(ops, phase), homing, lambda: (*(seen[name] for name in names), phase, *progress))
@@ -117,11 +117,11 @@ def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, edge: 
     return Sampled(dict(zip(names, values, strict=False)), values[count], Progress(*values[count + 1:]))
 
 
-def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen: dict[str, Value], starts: Value,
-            phase: Value, g: Progress) -> Sampled:
+def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs, seen: dict[str, Value],
+            starts: Value, phase: Value, g: Progress) -> Sampled:
     way = _way(ops, with_values(p, actuator.nominal), actuator)
     period, limit = p.controller.sample_time, p.homing.reference_limit
-    at = reading(ops, p, asked.position, seen["counts"], g.offset)
+    at = reading(ops, p, inputs.position, seen["counts"], g.offset)
     target, origin, mark = (ops.where(starts, at, x) for x in (g.target, g.origin, g.mark))
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
     seeks, crosses, returns = (ops.equal(phase, x) for x in (SEEKING, CROSSING, RETURNING))
@@ -133,14 +133,14 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
     target = ops.where(stalled > _WAITS * p.homing.stall_time, target, target + rate * period)
     frame = _whole(ops, p, target)
     forward = rate * way.motor
-    asked = asked.replace(command=0.0, encoder_offset=g.offset - frame)
+    inputs = inputs.replace(command=0.0, encoder_offset=g.offset - frame)
     # A weight of 1: the frame moves, and the loop must not see where it stands.
     pushing = with_values(p, {"drive.reference_limit": limit, "controller.position.setpoint_weight": 1.0,
                               "controller.position.velocity_feedforward": 0.0})
     at_motor = kinematics.motor_angle(ops, actuator.equation_parameters(ops, p), seen["measured_fin_angle"])
     weighed = controllers.resting_integral(p, at_motor)
     integral = ops.where(starts, x.integral - weighed, x.integral)
-    moved = actuator.sampled(ops, pushing, x.replace(integral=integral + forward), asked)
+    moved = actuator.sampled(ops, pushing, x.replace(integral=integral + forward), inputs)
 
     pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time

@@ -21,7 +21,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..actuators import capabilities
-from ..actuators.declaration import Acting, Actuator, State, Values
+from ..actuators.declaration import Actuator, PlantInputs, State, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import friction, mechanics
@@ -48,13 +48,13 @@ OUTPUTS = (
 
 def extend(actuator: Actuator) -> Actuator:
     """Return `actuator` on bristles, one more state."""
-    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         plant = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
         moved, deflection, used = advance(ops, actuator.plant_parameters(ops, p), plant, x.bristle_deflection, u, h)
         return {"motor_angle": moved.angle, "motor_speed": moved.speed, "motor_current": moved.current,
                 "drive_integral": moved.integral, "bristle_deflection": deflection}, used
 
-    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         built = actuator.plant_parameters(ops, p)
         m = mechanics.coefficients(ops, built, x.motor_angle, u)
         rate, damping = friction.bristles(ops, built, m.fin, m.ratio, x.motor_speed)

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..actuators import capabilities, fin_port
-from ..actuators.declaration import Acting, Actuator, Asked, State, Values
+from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import course, drive, supply
@@ -77,7 +77,7 @@ def extend(actuator: Actuator) -> Actuator:
     has_status = STATUS in actuator.outputs
     angle, speed = actuator.encoder
 
-    def electrical(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Value, Value]:
+    def electrical(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Value, Value]:
         """Return motor voltage [V] and current [A]."""
         shown = actuator.plant_outputs(ops, p, x, u)
         return shown["motor_voltage"], shown["motor_current"]
@@ -85,11 +85,11 @@ def extend(actuator: Actuator) -> Actuator:
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         return {**actuator.initial(ops, p, start), "link_voltage": _UNCHARGED}
 
-    def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
-        link, enabled = _link(ops, p, x, asked.supply, asked.enable)
-        return actuator.sample(ops, p, x, asked.replace(supply=link, enable=enabled))
+    def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
+        link, enabled = _link(ops, p, x, inputs.supply, inputs.enable)
+        return actuator.sample(ops, p, x, inputs.replace(supply=link, enable=enabled))
 
-    def ahead(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Value:
+    def ahead(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Value:
         """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral."""
         voltage, current = electrical(ops, p, x, u)
         built, mode = mode_of(ops, p, x, u, h)
@@ -99,13 +99,13 @@ def extend(actuator: Actuator) -> Actuator:
         falls = (mode.loop - built.motor.resistance) * change  # with the current, where the loop is closed
         return _mean_power(ops, p, (voltage, current), (voltage - falls, current + change), h / mode.tau)
 
-    def mode_of(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Any, Any]:
+    def mode_of(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Any, Any]:
         """Return the parameters of the plant, and the electrical mode that a step of `h` [s] starts in."""
         built = actuator.plant_parameters(ops, p)
         plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
         return built, electrical_mode(ops, built, plant, u, h)
 
-    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
         acting = u.replace(supply=link, enabled=enabled)
         load = supply.load_current(ops, p, link, ahead(ops, p, x, acting, 0.5 * h))
@@ -120,7 +120,7 @@ def extend(actuator: Actuator) -> Actuator:
         tripped = supply.tripped(ops, p, link, x.supply_tripped)
         return {**moved, "link_voltage": link, "supply_tripped": ops.where(tripped, 1.0, 0.0)}, used
 
-    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
         shown = actuator.output_values(ops, p, x, u.replace(supply=link, enabled=enabled))
         well = shown[STATUS.name] if has_status else OPERATIONAL

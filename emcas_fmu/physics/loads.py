@@ -37,7 +37,7 @@ GRAVITY = 9.80665  # m/s2, standard gravity (CGPM 1901)
 Vector = tuple[Value, Value, Value]
 
 
-class Carried(NamedTuple):
+class MotionLoads(NamedTuple):
     """What the vehicle's motion makes of an actuator that it carries, in the fin's frame.
 
     ``f_x``, ``f_z`` [m/s2] specific force at the hinge; ``wx2_wz2`` = W_x^2 - W_z^2 and ``wx_wz`` = W_x W_z [rad2/s2];
@@ -52,13 +52,13 @@ class Carried(NamedTuple):
     alpha_y: Value
 
 
-LOADS = ("aero_torque", *Carried._fields)
+LOADS = ("aero_torque", *MotionLoads._fields)
 """What acts on the plant from outside, by name; of each the plant feels its mean over a tick."""
 NONE = Record(**dict.fromkeys(LOADS, 0.0))
 
 
-def carried(ops: Ops, p: Any, acceleration: Vector, roll: Value, pitch: Value, rate: Vector, turning: Vector
-            ) -> Carried:
+def motion_loads(ops: Ops, p: Any, acceleration: Vector, roll: Value, pitch: Value, rate: Vector, turning: Vector
+            ) -> MotionLoads:
     """Return what a vehicle's motion makes, (2.27)-(2.33), (2.36).
 
     Body acceleration [m/s2], roll and pitch [rad], body rates [rad/s] and angular acceleration [rad/s2]; yaw turns
@@ -74,14 +74,14 @@ def carried(ops: Ops, p: Any, acceleration: Vector, roll: Value, pitch: Value, r
     f_z = g * ops.cos(roll) * ops.cos(pitch) - (a_z + station * (w_x * w_z - d_y))
     cosine, sine = ops.cos(azimuth), ops.sin(azimuth)
     across = cosine * w_z - sine * w_y
-    return Carried(f_x, cosine * f_z - sine * f_y, w_x * w_x - across * across, w_x * across, d_x,
+    return MotionLoads(f_x, cosine * f_z - sine * f_y, w_x * w_x - across * across, w_x * across, d_x,
                    cosine * d_y + sine * d_z)
 
 
 def level(ops: Ops, p: Any, aero_torque: Value = 0.0) -> Record:
     """Return the LOADS of a vehicle at rest and level under an aerodynamic moment [N.m]."""
     still = 0.0, 0.0, 0.0
-    return Record(aero_torque=aero_torque, **carried(ops, p, still, 0.0, 0.0, still, still)._asdict())
+    return Record(aero_torque=aero_torque, **motion_loads(ops, p, still, 0.0, 0.0, still, still)._asdict())
 
 
 def fin_inertia(p: Any) -> Value:
@@ -92,7 +92,7 @@ def fin_inertia(p: Any) -> Value:
 def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
     """Return moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
 
-    `u` has what :class:`Carried` has.
+    `u` has what :class:`MotionLoads` has.
     """
     # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
     sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)

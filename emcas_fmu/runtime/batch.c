@@ -12,7 +12,7 @@ typedef struct {
     double parameters[MODEL_PARAMETERS];
     double constants[KERNEL_CONSTANTS];
     double motion[MODEL_MOTION];
-    double carried[CORE_CARRIED]; /* by this motion */
+    double motion_loads[CORE_MOTION_LOADS]; /* by this motion */
     core_state state;
 } actuator;
 
@@ -45,9 +45,9 @@ API int actuator_start(actuator *a, const double *parameters)
     return 1;
 }
 
-API void actuator_carried(const actuator *a, const double *motion, double *out)
+API void actuator_motion_loads(const actuator *a, const double *motion, double *out)
 {
-    core_carried(a->parameters, a->constants, motion, out);
+    core_motion_loads(a->parameters, a->constants, motion, out);
 }
 
 static void outputs(const actuator *a, const core_inputs *in, double *out)
@@ -84,9 +84,9 @@ static void row(actuator *a, const double *in, core_inputs *out)
 {
     if (memcmp(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion) != 0) {
         memcpy(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion);
-        actuator_carried(a, a->motion, a->carried);
+        actuator_motion_loads(a, a->motion, a->motion_loads);
     }
-    core_inputs_of(in, a->carried, out);
+    core_inputs_of(in, a->motion_loads, out);
 }
 
 /* How many actuators the vectors of this processor hold that vectors.c is compiled for: 8 with AVX-512, 4 with AVX2, 1 with

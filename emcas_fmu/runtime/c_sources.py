@@ -88,7 +88,7 @@ def model_header(actuator: Actuator) -> str:
         f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
         f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
         f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
-        f"    CORE_SAMPLED = {kept + 2 + held},\n    CORE_LOADS = {loads},\n    CORE_CARRIED = {loads - 1},\n"
+        f"    CORE_SAMPLED = {kept + 2 + held},\n    CORE_LOADS = {loads},\n    CORE_MOTION_LOADS = {loads - 1},\n"
         f"    MODEL_MOTION = {motion}\n}};\n\n"
         "/* Inputs besides the fin port's, and how many of them, the first ones, act on the plant. */\n"
         f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"

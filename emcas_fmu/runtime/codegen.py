@@ -13,7 +13,7 @@ from ..actuators.line import drawn
 from ..errors import EmcasError
 from ..namespace import namespace
 from ..ops.base import Ops, Value
-from ..physics.loads import LOADS, Carried
+from ..physics.loads import LOADS, MotionLoads
 from ..trace.dependencies import ZERO, Known, dependencies
 from ..trace.python_source import python_source
 from ..trace.tracer import Tracer
@@ -115,9 +115,9 @@ def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
     """Return what is known of each output by what is of all that the actuator keeps from before."""
     actuator, tracer = get(model), traced(False, model)
     inputs, parameters = _known(actuator.inputs), _known(actuator.parameters)
-    carried = dependencies(tracer, "carried", [inputs[v.name] for v in fin_port.MOTION], parameters)
+    motion_loads = dependencies(tracer, "motion_loads", [inputs[v.name] for v in fin_port.MOTION], parameters)
     outputs = dependencies(tracer, "outputs", (
-        *states, inputs["fin_command"], inputs["aero_torque"], *carried,
+        *states, inputs["fin_command"], inputs["aero_torque"], *motion_loads,
         ZERO if actuator.supply is None else inputs[actuator.supply.input.name], inputs["enable"],
         *(inputs[v.name] for v in actuator.acting_inputs)), parameters)
     return {v.name: known for v, known in zip(actuator.outputs, outputs, strict=True)}
@@ -154,12 +154,12 @@ def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: s
 
 def core_inputs(core: Any, row: Sequence[Any], model: str = NONLINEAR) -> Inputs:
     """Return the inputs of a core, in Python or compiled, from a row of its actuator's inputs."""
-    return inputs_of(row, core.carried(*row[MOTION]), len(fin_port.MOTION), get(model).supply is not None)
+    return inputs_of(row, core.motion_loads(*row[MOTION]), len(fin_port.MOTION), get(model).supply is not None)
 
 
 def inputs_at_rest(command: float, aero_torque: float, supply: float, enable: bool = True, *further: float) -> Inputs:
     """Return a core's inputs [rad, N.m, V] with a vehicle that neither moves nor weighs."""
-    return (command, aero_torque, *(0.0 for _ in Carried._fields), supply, enable, *further)
+    return (command, aero_torque, *(0.0 for _ in MotionLoads._fields), supply, enable, *further)
 
 
 def power_place(actuator: Actuator) -> int | None:

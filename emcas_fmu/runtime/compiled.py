@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..actuators import NONLINEAR, get
 from ..actuators.fin_port import MOTION
 from ..parameters import ParameterError, check_parameters
-from ..physics.loads import LOADS, Carried
+from ..physics.loads import LOADS, MotionLoads
 from . import core
 from .library import loaded, milliseconds, vectors
 from .schedule import Schedule
@@ -116,12 +116,12 @@ class CompiledCore:
         """Take parameter values, anew after a tunable one changed."""
         _take(self._library.actuator_bind, self._at, values, self._model)
 
-    def carried(self, *motion: float) -> tuple[float, ...]:
+    def motion_loads(self, *motion: float) -> tuple[float, ...]:
         """Return what the vehicle's motion makes of the actuator, from the inputs of the motion."""
         if len(motion) != len(MOTION):
             raise TypeError(f"the motion has {len(MOTION)} inputs, not {len(motion)}")
-        out = (ct.c_double * len(Carried._fields))()
-        self._library.actuator_carried(self._at, (ct.c_double * len(MOTION))(*motion), out)
+        out = (ct.c_double * len(MotionLoads._fields))()
+        self._library.actuator_motion_loads(self._at, (ct.c_double * len(MOTION))(*motion), out)
         return tuple(out)
 
     def outputs(self, inputs: core.Inputs) -> tuple[Any, ...]:

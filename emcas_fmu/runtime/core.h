@@ -68,7 +68,7 @@ static inline bool core_finite(double x)
     return (bits & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
 }
 
-/* The same of many: an exponent of all ones and one more carry into the sign's place. */
+/* The same of many: an exponent of all ones and one more carry into the sign bit. */
 static inline bool core_all_finite(const double *x, size_t count)
 {
     uint64_t carried = 0;
@@ -120,17 +120,17 @@ static inline void core_start(const double *p, const double *c, core_state *s)
 }
 
 /* What the vehicle's motion makes of the actuator, all loads but the first, from the inputs of the motion. */
-static inline void core_carried(const double *p, const double *c, const double *motion, double *out)
+static inline void core_motion_loads(const double *p, const double *c, const double *motion, double *out)
 {
-    kernel_carried(p, c, MODEL_MOTION_OF(motion), out);
+    kernel_motion_loads(p, c, MODEL_MOTION_OF(motion), out);
 }
 
 /* A core's inputs from an actuator's, in the interface's order, and what its vehicle's motion makes. */
-static inline void core_inputs_of(const double *in, const double *carried, core_inputs *out)
+static inline void core_inputs_of(const double *in, const double *motion_loads, core_inputs *out)
 {
     out->command = in[INPUT_FIN_COMMAND];
     out->loads[0] = in[INPUT_AERO_TORQUE];
-    for (int i = 0; i < CORE_CARRIED; ++i) out->loads[i + 1] = carried[i];
+    for (int i = 0; i < CORE_MOTION_LOADS; ++i) out->loads[i + 1] = motion_loads[i];
     out->supply = 0.0;
 #if MODEL_SUPPLY >= 0
     out->supply = in[MODEL_SUPPLY];

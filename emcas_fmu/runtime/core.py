@@ -44,13 +44,13 @@ class Sizes(NamedTuple):
     acting: int
 
 
-def inputs_of(row: Sequence[Any], carried: Sequence[float], motion: int, supplied: bool) -> Inputs:
+def inputs_of(row: Sequence[Any], motion_loads: Sequence[float], motion: int, supplied: bool) -> Inputs:
     """Return a core's inputs from an actuator's, in the interface's order, and what its vehicle's motion makes.
 
     `motion` is the number of inputs of the motion; the supply of an actuator that is not `supplied` is 0 V.
     """
     supply = () if supplied else (0.0,)
-    return (*row[:FIRST], *carried, *supply, *row[FIRST + motion:])
+    return (*row[:FIRST], *motion_loads, *supply, *row[FIRST + motion:])
 
 
 def finite(value: Any) -> bool:
@@ -72,9 +72,9 @@ class Core:
     The inputs are the command, the loads, ``supply, enable`` and the further ones.
     """
 
-    __slots__ = ("_acting", "_active", "_commands", "_controller", "_further", "_kernel_carried", "_kernel_initial",
-                 "_kernel_locate", "_kernel_outputs", "_kernel_sample", "_kernel_step", "_line", "_loads", "_part",
-                 "_period", "_plant", "_position", "_sampled", "_states", "_supply", "_tentative", "schedule")
+    __slots__ = ("_acting", "_active", "_commands", "_controller", "_further", "_kernel_initial", "_kernel_locate",
+                 "_kernel_motion_loads", "_kernel_outputs", "_kernel_sample", "_kernel_step", "_line", "_loads",
+                 "_part", "_period", "_plant", "_position", "_sampled", "_states", "_supply", "_tentative", "schedule")
 
     def __init__(self, functions: Functions, sizes: Sizes) -> None:
         self._states, self._controller, _, loads, acting = sizes
@@ -85,7 +85,7 @@ class Core:
 
     def bind(self, functions: Functions) -> None:
         """Take the kernel's functions, anew after a tunable parameter changed."""
-        (kernel_schedule, self._kernel_locate, self._kernel_initial, self._kernel_sample, self._kernel_carried,
+        (kernel_schedule, self._kernel_locate, self._kernel_initial, self._kernel_sample, self._kernel_motion_loads,
          self._kernel_step, self._kernel_outputs) = functions
         period, before, after, *rest = kernel_schedule()
         self.schedule = (period, int(before), int(before) + int(after), *rest)
@@ -134,9 +134,9 @@ class Core:
             return "part of a tick"
         return ""
 
-    def carried(self, *motion: float) -> tuple[float, ...]:
+    def motion_loads(self, *motion: float) -> tuple[float, ...]:
         """Return what the vehicle's motion makes of the actuator, from the inputs of the motion."""
-        made: tuple[float, ...] = self._kernel_carried(*motion)
+        made: tuple[float, ...] = self._kernel_motion_loads(*motion)
         return made
 
     def start(self) -> None:

@@ -187,7 +187,7 @@ def _declared(library: ct.CDLL) -> ct.CDLL:
     library.actuators_run.restype = library.actuators_simulate.restype = ct.c_size_t
     for function in ("bind", "start"):
         getattr(library, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES]
-    for function in ("carried", "outputs"):
+    for function in ("motion_loads", "outputs"):
         getattr(library, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES, _DOUBLES]
     library.actuator_run.argtypes = [ct.c_void_p, ct.c_double, _DOUBLES, _DOUBLES, _DOUBLES]
     library.actuators_run.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p,

@@ -62,11 +62,11 @@ static double multi_fin_interval(const multi_fin *m)
 }
 #endif
 
-/* What acts on a fin, but for the line, of its actuator's inputs and the mixing commands. But for `carried`, linear. */
+/* What acts on a fin, but for the line, of its actuator's inputs and the mixing commands. But for `motion_loads`, linear. */
 static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
-                             const double *carried, core_inputs *out)
+                             const double *motion_loads, core_inputs *out)
 {
-    core_inputs_of(in, carried, out);
+    core_inputs_of(in, motion_loads, out);
 #if FINS > 1
     kernel_mixed_command(m->p[fin], m->c[fin], in[INPUT_FIN_COMMAND], mixing[0], mixing[1], mixing[2],
                          &out->command);

@@ -82,15 +82,15 @@ class MultiFin:
             placed = 0.0 <= ahead <= interval * (1.0 + 1e-9) + 1e-9
         return "" if placed else "place in time of the supply's line"
 
-    def carried(self, *motion: float) -> list[tuple[float, ...]]:
+    def motion_loads(self, *motion: float) -> list[tuple[float, ...]]:
         """Return what the vehicle's motion makes of each fin, from the inputs of the motion."""
-        return [core.carried(*motion) for core in self.cores]
+        return [core.motion_loads(*motion) for core in self.cores]
 
-    def acting(self, rows: Sequence[Sequence[Any]], carried: Sequence[Sequence[float]], mixing: Sequence[float]
+    def acting(self, rows: Sequence[Sequence[Any]], motion_loads: Sequence[Sequence[float]], mixing: Sequence[float]
                ) -> tuple[Inputs, ...]:
-        """Return each fin's inputs from those of its actuator, what `carried` gave, and roll, pitch and yaw command."""
+        """Return each fin's core inputs from its actuator's inputs, its motion loads and the mixing commands."""
         inputs = [inputs_of(row, made, self._motion, self._power is not None)
-                  for row, made in zip(rows, carried, strict=True)]
+                  for row, made in zip(rows, motion_loads, strict=True)]
         return tuple((*f[_CORE](command, *mixing), *rest)
                      for f, (command, *rest) in zip(self._functions, inputs, strict=True))
 

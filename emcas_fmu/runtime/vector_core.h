@@ -40,10 +40,10 @@ typedef struct {
     lanes line[CORE_LINE];
 } group_state;
 
-/* `carried` is of `motion`: where that is all groups', of the one with this number. */
+/* `motion_loads` is of `motion`: where that is all groups', of the one with this number. */
 typedef struct {
     uint64_t common_motion;
-    lanes motion[MODEL_MOTION], carried[CORE_CARRIED];
+    lanes motion[MODEL_MOTION], motion_loads[CORE_MOTION_LOADS];
     group_state state; /* its line as long as the longest that is needed */
 } group;
 

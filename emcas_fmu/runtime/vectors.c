@@ -195,7 +195,7 @@ static unsigned move(const group_step *g, group_state *s, const group_inputs *in
 
 /* What the vehicle's motion makes of a group, anew if it has changed. The motion that all groups have in common has a
  * number above 0, another one if it has changed. */
-static void carry(group *at, const group_step *g, const lanes *motion, uint64_t common)
+static void update_motion_loads(group *at, const group_step *g, const lanes *motion, uint64_t common)
 {
     if (common && at->common_motion == common) return;
     lanes_mask same = lanes_of_bits(LANES_ALL);
@@ -203,7 +203,7 @@ static void carry(group *at, const group_step *g, const lanes *motion, uint64_t 
     at->common_motion = common;
     if (lanes_bits(same) == LANES_ALL) return;
     memcpy(at->motion, motion, sizeof at->motion);
-    vector_carried(LANES_ALL, g->p, g->c, MODEL_MOTION_OF(motion), at->carried);
+    vector_motion_loads(LANES_ALL, g->p, g->c, MODEL_MOTION_OF(motion), at->motion_loads);
 }
 
 /* A group's inputs from a row of the interface's. */
@@ -211,7 +211,7 @@ static void inputs_of(const group *at, const lanes *row, group_inputs *in)
 {
     in->command = row[INPUT_FIN_COMMAND];
     in->loads[0] = row[INPUT_AERO_TORQUE];
-    for (int i = 0; i < CORE_CARRIED; ++i) in->loads[i + 1] = at->carried[i];
+    for (int i = 0; i < CORE_MOTION_LOADS; ++i) in->loads[i + 1] = at->motion_loads[i];
     in->supply = lanes_set(0.0);
 #if MODEL_SUPPLY >= 0
     in->supply = row[MODEL_SUPPLY];
@@ -229,7 +229,7 @@ static void prefetch_from(const void *first, const void *last)
 /* Have what a step of a group needs on its way from memory, which is not the part of a tick. */
 static void prefetch(const group *at, size_t bytes)
 {
-    prefetch_from(at->carried, &at->state);
+    prefetch_from(at->motion_loads, &at->state);
     prefetch_from(at->state.period, (const char *)at + bytes);
 }
 
@@ -291,7 +291,7 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
         lanes outputs[MODEL_OUTPUTS];
         group_inputs in;
         core_result why[LANES];
-        carry(at, &g, row + INPUT_ACCELERATION_X, motion);
+        update_motion_loads(at, &g, row + INPUT_ACCELERATION_X, motion);
         inputs_of(at, row, &in);
         const unsigned stopped = move(&g, &at->state, &in, outputs, why);
         if (beside && !stopped) {
@@ -345,7 +345,7 @@ static void simulate(const group_parameters *of, unsigned which, const size_t *r
         }
         if (k % held == 0) {
             which &= table_row(in, run, k / held, row);
-            carry(&at, &g, row + INPUT_ACCELERATION_X, 0);
+            update_motion_loads(&at, &g, row + INPUT_ACCELERATION_X, 0);
             inputs_of(&at, row, &inputs);
         }
         if (k == 0) group_outputs(&g, which, &at.state, &inputs, now);

@@ -39,17 +39,17 @@ MOTOR_CURRENT = real_output("motor_current", "A", "motor current", 10.0)
 MOTOR_VOLTAGE = real_output("motor_voltage", "V", "voltage on the winding", 10.0)
 
 
-def sample(ops, p, x, asked):
+def sample(ops, p, x, inputs):
     """Ask for a voltage, once a sample time; nothing while disabled."""
     c = p.controller
-    command = fin_port.clipped_command(ops, p, asked.command)
+    command = fin_port.clipped_command(ops, p, inputs.command)
     demand = c.kp * (c.setpoint_weight * command - x.fin_angle) + x.integral - c.kd * x.fin_rate
-    voltage = ops.clip(demand, -asked.supply, asked.supply)
-    clipped = ops.fabs(demand) > asked.supply
+    voltage = ops.clip(demand, -inputs.supply, inputs.supply)
+    clipped = ops.fabs(demand) > inputs.supply
     moved = x.integral + ops.where(clipped, 0.0, c.sample_time * c.ki * (command - x.fin_angle))
-    limited = ops.either(clipped, ops.fabs(asked.command) > p.command.limit)
-    return {"reference": ops.where(asked.enable, voltage, 0.0), "integral": ops.where(asked.enable, moved, 0.0),
-            "limited": ops.where(ops.both(asked.enable, limited), 1.0, 0.0)}
+    limited = ops.either(clipped, ops.fabs(inputs.command) > p.command.limit)
+    return {"reference": ops.where(inputs.enable, voltage, 0.0), "integral": ops.where(inputs.enable, moved, 0.0),
+            "limited": ops.where(ops.both(inputs.enable, limited), 1.0, 0.0)}
 
 
 def voltage(ops, u):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from emcas_fmu.actuators import fin_port
-from emcas_fmu.actuators.declaration import Acting, Actuator, Asked, State, Values
+from emcas_fmu.actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.base import Ops, Value
 from emcas_fmu.variables import boolean_input, parameter, real_input, real_output, tunable
@@ -25,18 +25,18 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
     return {"fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle, "gain": 1.0}
 
 
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
-    boost = ops.where(asked.boost, 2.0, 1.0)
-    return {"reference": ops.where(asked.enable, boost * fin_port.clipped_command(ops, p, asked.command), 0.0),
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
+    boost = ops.where(inputs.boost, 2.0, 1.0)
+    return {"reference": ops.where(inputs.enable, boost * fin_port.clipped_command(ops, p, inputs.command), 0.0),
             "samples": x.samples + 1.0, "gain": boost}
 
 
-def _rates(p: Any, angle: Value, rate: Value, u: Acting) -> tuple[Value, Value]:
+def _rates(p: Any, angle: Value, rate: Value, u: PlantInputs) -> tuple[Value, Value]:
     push = u.hydraulic_pressure / RATED * p.hydraulic.gain * u.gain * (u.reference - angle)
     return rate, (push - rate + u.drift + u.aero_torque * 1e-3) / p.hydraulic.time
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     angle, rate = x.fin_angle, x.fin_rate
     d_angle, d_rate = _rates(p, angle, rate, u)
     d_angle, d_rate = _rates(p, angle + 0.5 * h * d_angle, rate + 0.5 * h * d_rate, u)
@@ -44,7 +44,7 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
     return {"fin_angle": ops.clip(angle + h * d_angle, -stop, stop), "fin_rate": rate + h * d_rate}, h
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     return {
         "fin_angle": x.fin_angle, "fin_rate": x.fin_rate,
         "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),

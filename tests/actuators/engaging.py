@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.actuators.declaration import Acting, Actuator
+from emcas_fmu.actuators.declaration import Actuator, PlantInputs
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 
@@ -22,7 +22,7 @@ def ratio(values: Mapping[str, Any], fin: float = 0.0) -> float:
     return float(values["kinematics.moment_arm"] / values["screw.lead"] / np.cos(lever)**2)
 
 
-def assert_locks(actuator: Actuator, values: Mapping[str, Any], x: Record, u: Acting, torque: float,
+def assert_locks(actuator: Actuator, values: Mapping[str, Any], x: Record, u: PlantInputs, torque: float,
                  approach: float) -> None:
     """Check that a clutch locks after t = dw/a, with E = T_c dw^2/(2 a) as heat, and that it stays locked.
 

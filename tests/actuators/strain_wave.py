@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from emcas_fmu.actuators import capabilities
-from emcas_fmu.actuators.declaration import Acting, Values
+from emcas_fmu.actuators.declaration import PlantInputs, Values
 from emcas_fmu.actuators.electromechanical import groups, interface, nonlinear
 from emcas_fmu.actuators.electromechanical.interface import with_parameters
 from emcas_fmu.namespace import Record, with_values
@@ -33,7 +33,7 @@ def geared(_: Ops, p: Any) -> Any:
         "kinematics.moment_arm": p.gear.ratio, "screw.lead": 1.0, "inertia.screw": p.gear.inertia})
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     return nonlinear.shown(PARTS, ops, geared(ops, p), x, u)
 
 

@@ -209,8 +209,8 @@ def test_a_sampled_state_acts_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     base = plain.derivatives
     assert base is not None
 
-    def sample(ops: Any, p: Any, x: Any, asked: Any) -> dict[str, Any]:
-        given = plain.sample(ops, p, x, asked)
+    def sample(ops: Any, p: Any, x: Any, inputs: Any) -> dict[str, Any]:
+        given = plain.sample(ops, p, x, inputs)
         return {**given, "held": given["reference"]}
 
     other = replace(plain, sampled_states=(State("held", "V"),), sample=sample,

@@ -167,7 +167,7 @@ def test_ramps(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...]
         assert native.step(time, size) == OK
         begin, end = time, time + size
         there = {name: value + slopes[name] * (end - begin) for name, value in now.items()}
-        made, later = (core.carried(*(at.get(v.name, 0.0) for v in fin_port.MOTION)) for at in (now, there))
+        made, later = (core.motion_loads(*(at.get(v.name, 0.0) for v in fin_port.MOTION)) for at in (now, there))
         rise = ((b - a) / (end - begin) for a, b in zip(made, later, strict=True))
         outputs = core.run(end, (now["fin_command"], now["aero_torque"], *made, now["supply_voltage"], True),
                            (begin, (slopes["fin_command"], slopes["aero_torque"], *rise, slopes["supply_voltage"])))

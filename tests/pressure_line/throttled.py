@@ -22,10 +22,10 @@ SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure at the valve", m
 SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn: pressure times flow", 100.0)
 
 
-def sample(ops, p, x, asked):
+def sample(ops, p, x, inputs):
     """Open the valve as far as the error asks for; not while disabled."""
-    error = fin_port.clipped_command(ops, p, asked.command) - x.fin_angle
-    return {"reference": ops.where(asked.enable, ops.clip(p.valve.gain * error, -1.0, 1.0), 0.0)}
+    error = fin_port.clipped_command(ops, p, inputs.command) - x.fin_angle
+    return {"reference": ops.where(inputs.enable, ops.clip(p.valve.gain * error, -1.0, 1.0), 0.0)}
 
 
 def flow(ops, p, u):

@@ -46,7 +46,7 @@ def test_every_reference_case_to_the_bit(values: Mapping[str, Any], case: Any) -
 
 def test_the_contract_of_the_core(values: Mapping[str, Any]) -> None:
     fast, slow = CompiledCore(values), new_core(values)
-    assert fast.carried(*MOTION) == slow.carried(*MOTION)
+    assert fast.motion_loads(*MOTION) == slow.motion_loads(*MOTION)
     assert fast.outputs(COMMAND) == slow.outputs(COMMAND)
     assert fast.run(0.0123, COMMAND) == slow.run(0.0123, COMMAND)
     ramp = (0.0123, (1.0, -100.0, 10.0, 5.0, 30.0, 20.0, 200.0, 100.0, -30.0))
@@ -144,7 +144,7 @@ def test_tables_have_a_shape(values: Mapping[str, Any]) -> None:
     assert nothing.columns["fin_angle"].shape == (1, 0)
     assert not nothing.failures
     with pytest.raises(TypeError, match="12 inputs, not 1"):
-        CompiledCore(values).carried(1.0)
+        CompiledCore(values).motion_loads(1.0)
     with pytest.raises(TypeError, match="mapping"):
         CompiledCore([1.0])  # type: ignore[arg-type]
 

@@ -60,8 +60,8 @@ def _public(module: ModuleType) -> list[Function]:
 
 
 # Functions whose arguments are plain values; the others are reached through these.
-STRUCTURED = {kinematics.deviates, loads.carried, loads.level, mechanics.breakaway, mechanics.damping, rigid.advance,
-              controllers.sample, electrical.electrical_mode, electrical.resolved, electrical.sign,
+STRUCTURED = {kinematics.deviates, loads.motion_loads, loads.level, mechanics.breakaway, mechanics.damping,
+              rigid.advance, controllers.sample, electrical.electrical_mode, electrical.resolved, electrical.sign,
               rigid.acceleration, rigid.current_course, rigid.integral_end,
               rigid.stop_time, electrical.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
               friction.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,

@@ -32,7 +32,7 @@ from ...physics.structure import Structure
 from ...steppers import events, rigid
 from ...variables import parameter, real_output
 from .. import capabilities, fin_port
-from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
+from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import clutches, groups, interface, nonlinear
 from .as_built import NOMINAL, as_built
 from .interface import Group, Output
@@ -93,14 +93,14 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
             "clutch_temperature": p.friction.temperature}
 
 
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return a sample of the controllers. While disabled they are held in reset."""
     # The net current of both coils is what makes torque, as a motor's.
     cascade = clutches.as_cascade(x, x.coil_current_1 - x.coil_current_2)
-    return nonlinear.sample(ops, _screw_side(p), cascade, asked)
+    return nonlinear.sample(ops, _screw_side(p), cascade, inputs)
 
 
-def coil_references(ops: Ops, p: Any, u: Acting) -> tuple[Value, Value]:
+def coil_references(ops: Ops, p: Any, u: PlantInputs) -> tuple[Value, Value]:
     """Return the currents [A] asked of both coils: the net one split by its sign, with the bias; 0 while disabled."""
     net = drive.current_reference(ops, p, u.reference)
     # |net| and not a maximum: its slope at 0 is the mean of both sides', so that the two add up in linear analysis.
@@ -109,18 +109,18 @@ def coil_references(ops: Ops, p: Any, u: Acting) -> tuple[Value, Value]:
             ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0))
 
 
-def _coils(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[clutch.Coil, clutch.Coil]:
+def _coils(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[clutch.Coil, clutch.Coil]:
     first, second = coil_references(ops, p, u)
     return (clutch.coil(ops, p, first, p.drive.kp, x.coil_current_1, u.supply),
             clutch.coil(ops, p, second, p.drive.kp, x.coil_current_2, u.supply))
 
 
-def _surplus(ops: Ops, p: Any, speed: Value, u: Acting) -> Value:
+def _surplus(ops: Ops, p: Any, speed: Value, u: PlantInputs) -> Value:
     """Return the voltage [V] that drives the motor's current at a speed [rad/s]; below 0 its diode blocks."""
     return ops.maximum(u.supply, 0.0) - drive.back_emf(p, speed)
 
 
-def _bodies(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Bodies:
+def _bodies(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Bodies:
     """Return screw and rotor as two bodies in a mode."""
     c = m.mechanics
     wet = ops.where(x.screw_speed > 0.0, m.wet[0], m.wet[1])
@@ -134,7 +134,7 @@ def _bodies(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Bodies:
                   (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in capacities)))
 
 
-def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Record:
+def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
     """Return what a mode has before it is known what sticks; the linkage is that at a screw angle [rad]."""
     side = _screw_side(p)
     c = mechanics.coefficients(ops, side, angle, u)
@@ -147,7 +147,7 @@ def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Recor
                   signs=(0.0,) * len(coupled.NAMES))
 
 
-def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
+def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
     m = _surroundings(ops, p, x, u, x.screw_angle + 0.5 * h * x.screw_speed)
     return m.replace(signs=coupled.directions(ops, _bodies(ops, p, x, u, m), x.screw_speed, x.motor_speed))
@@ -160,7 +160,7 @@ def _slip_powers(ops: Ops, b: Bodies, signs: tuple[Value, ...], x: Record) -> tu
     return powers[0], powers[1]
 
 
-def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     b = _bodies(ops, p, x, u, m)
     screw, motor = coupled.accelerations(ops, b, m.signs)
     first, second = (coil.rate(ops, p, current)
@@ -171,7 +171,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
             "clutch_temperature": clutch.warming(p, sum(_slip_powers(ops, b, m.signs, x)), x.clutch_temperature)}
 
 
-def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states: of clutches that slip, amplifiers within their limits and a constant temperature;
     viscous friction is the mean of both directions."""
     p = as_built(ops, p)
@@ -182,7 +182,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     return {**_rates(ops, p, x, u, m), "clutch_temperature": 0.0}
 
 
-def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     surplus = _surplus(ops, p, x.motor_speed, u)
     direction, (low, high) = m.signs[coupled.SCREW], m.stops
     ahead = ops.where(direction > 0.0, high - x.screw_angle, x.screw_angle - low)
@@ -193,7 +193,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
             "coil_1": first.margin(ops, p, x.coil_current_1), "coil_2": second.margin(ops, p, x.coil_current_2)}
 
 
-def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
+def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     screw, motor = coupled.landed(ops, m.signs, (begin.screw_speed, begin.motor_speed),
                                   (x.screw_speed, x.motor_speed), events)
     stop = ops.where(m.signs[coupled.SCREW] > 0.0, m.stops[1], m.stops[0])
@@ -206,13 +206,13 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
 _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     moved, used = events.advance(ops, as_built(ops, p), _SYSTEM, x, u, h)
     return vars(moved), used
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     p = as_built(ops, p)
     m = mode(ops, p, x, u, 0.0)

@@ -21,7 +21,7 @@ from ...steppers.elastic import Pair
 from ...steppers.electrical import Plant
 from ...variables import Variable, in_group, parameter
 from .. import capabilities, fin_port
-from ..declaration import Acting, State, Values
+from ..declaration import PlantInputs, State, Values
 from . import groups, interface, nonlinear
 from .as_built import as_built
 from .interface import Group
@@ -109,7 +109,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
     return {**begun, FIN_SIDE[0]: begun["motor_angle"]}
 
 
-def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states: nut and fork are bonded where there is a gap, as a load presses them."""
     p = as_built(ops, p)
 
@@ -133,13 +133,13 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     return _states(Pair(*ops.branch(drive_line.rigid(ops, p), as_one, as_two)))
 
 
-def yielding(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def yielding(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return :func:`step` of a drive line that is not rigid."""
     moved, used = elastic_stepper.advance(ops, as_built(ops, p), sides(x), u, h)
     return _states(moved), used
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     def as_one() -> tuple[Value, ...]:
         now = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
@@ -154,7 +154,7 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
     return _states(Pair(*moved)), used
 
 
-def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return the outputs of an actuator of such parts: the fin's of the fin, the others of the motor."""
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
@@ -165,7 +165,7 @@ def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: Acting) -> Val
                                       saturated=lambda: ops.either(clipped > 0.0, u.limited > 0.0)))
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     return shown(PARTS, ops, p, x, u)
 

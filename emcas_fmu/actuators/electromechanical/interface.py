@@ -17,7 +17,7 @@ from ...ops.base import Ops, Value
 from ...physics import kinematics
 from ...rules import Rule
 from ...variables import Terminal, Variable, real_input, real_output
-from ..declaration import Acting, State, Supply, Values
+from ..declaration import PlantInputs, State, Supply, Values
 
 # -- states ------------------------------------------------------------------------
 
@@ -150,7 +150,7 @@ class Parts:
                                if name not in there})
 
 
-def moment(ops: Ops, p: Any, x: Record, u: Acting, angle: Value, speed: Value, **further: Value) -> Record:
+def moment(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value, speed: Value, **further: Value) -> Record:
     """Return what outputs follow from: states `x`, what acts `u`, and of the fin, whose `angle` [rad] and `speed`
     [rad/s] are those referred to the motor, tan(phi) and angle.
 

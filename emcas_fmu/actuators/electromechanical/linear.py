@@ -16,7 +16,7 @@ from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics.structure import Structure
 from .. import capabilities
-from ..declaration import Acting, Values
+from ..declaration import PlantInputs, Values
 from . import groups, interface, nonlinear, plausibility
 from .interface import with_parameters
 
@@ -32,12 +32,12 @@ def _linear(_: Ops, p: Any) -> Any:
         "friction.viscous.positive": viscous, "friction.viscous.negative": viscous})
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took; no supply limits it."""
     return nonlinear.step(ops, _linear(ops, p), x, u.replace(supply=inf), h)
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     return nonlinear.shown(PARTS, ops, _linear(ops, p), x, u.replace(supply=inf))
 

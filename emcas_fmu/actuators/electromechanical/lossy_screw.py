@@ -13,7 +13,7 @@ from ...ops.base import Ops, Value
 from ...physics import screw_loss
 from ...rules import Rule, when
 from ...variables import parameter, real_output
-from ..declaration import Acting, Actuator, Values
+from ..declaration import Actuator, PlantInputs, Values
 from .rules import MOST_JAMMING, jams
 
 PARAMETERS = (
@@ -34,7 +34,7 @@ def jamming_text(turning: str) -> str:
 
 def with_losses(actuator: Actuator) -> Actuator:
     """Return the actuator with such a screw: steps see its parameters."""
-    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         outputs = actuator.output_values(ops, p, x, u)
         return {**outputs, LOSS.name: screw_loss.loss(ops, actuator.plant_parameters(ops, p), x, u, outputs)}
 

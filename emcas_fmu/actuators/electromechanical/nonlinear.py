@@ -13,7 +13,7 @@ from ...steppers import rigid
 from ...steppers.electrical import Plant
 from ...steppers.rigid import advance
 from .. import capabilities, fin_port
-from ..declaration import Acting, Actuator, Asked, Values
+from ..declaration import Actuator, PlantInputs, SampleInputs, Values
 from . import groups, interface, plausibility
 from .as_built import NOMINAL, as_built
 
@@ -34,23 +34,23 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
             **controllers.at_rest(ops, p, measured, start.fin_angle)._asdict()}
 
 
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return a sample of the controllers. While the drive is disabled they are held in reset."""
-    measured = sensors.measure(ops, p, as_built(ops, p), asked.position, x.motor_angle, x.motor_speed, x.motor_counts,
-                               asked.encoder_offset)
+    measured = sensors.measure(ops, p, as_built(ops, p), inputs.position, x.motor_angle, x.motor_speed, x.motor_counts,
+                               inputs.encoder_offset)
     loops = controllers.Loops(x.integral, x.velocity_integral, x.target, x.momentum)
 
     def running() -> tuple[Value, ...]:
-        out = controllers.sample(ops, p, loops, measured, x.motor_current, asked.command)
+        out = controllers.sample(ops, p, loops, measured, x.motor_current, inputs.command)
         return out.reference, ops.where(out.limited, 1.0, 0.0), *out.loops
 
     reference, limited, *kept = ops.branch(
-        asked.enable, running, lambda: (0.0, 0.0, *controllers.at_rest(ops, p, measured, asked.command)))
+        inputs.enable, running, lambda: (0.0, 0.0, *controllers.at_rest(ops, p, measured, inputs.command)))
     return {"reference": reference, "counts": measured.counts, "motor_counts": measured.motor_counts,
             "measured_fin_angle": measured.fin_angle, "limited": limited, **controllers.Loops(*kept)._asdict()}
 
 
-def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states, (2.17), (2.46), (2.47); viscous friction is the mean of both directions."""
     p = as_built(ops, p)
     m = mechanics.coefficients(ops, p, x.motor_angle, u)
@@ -63,7 +63,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
             "drive_integral": integral}
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     now = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
     plant, used = advance(ops, as_built(ops, p), now, u, h)
@@ -71,7 +71,7 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
             "drive_integral": plant.integral}, used
 
 
-def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return the outputs of an actuator of such parts."""
     p = as_built(ops, p)
     now = interface.moment(ops, p, x, u, x.motor_angle, x.motor_speed)
@@ -81,12 +81,12 @@ def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: Acting) -> Val
                                       saturated=lambda: ops.either(clipped > 0.0, u.limited > 0.0)))
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     return shown(PARTS, ops, p, x, u)
 
 
-def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Value, ...]:
+def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tuple[Value, ...]:
     """Return motor voltage [V] and current [A] at a motor speed [rad/s], and whether a limit is met (above 0)."""
     if p.structure.current == "ideal":
         return _ideal(ops, p, speed, u)
@@ -99,7 +99,7 @@ def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Va
     return ops.branch(u.enabled, powered, lambda: (drive.back_emf(p, speed), 0.0, 0.0))
 
 
-def _ideal(ops: Ops, p: Any, speed: Value, u: Acting) -> tuple[Value, ...]:
+def _ideal(ops: Ops, p: Any, speed: Value, u: PlantInputs) -> tuple[Value, ...]:
     """Return the current of an ideal loop and the voltage that it would need."""
     current = ops.where(u.enabled, drive.current_reference(ops, p, u.reference), 0.0)
     over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(p, u.reference)) > p.drive.current_limit)

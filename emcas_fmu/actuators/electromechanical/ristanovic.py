@@ -23,7 +23,7 @@ from ...physics import kinematics
 from ...physics.structure import Structure
 from ...variables import parameter
 from .. import capabilities, fin_port
-from ..declaration import Acting, Values
+from ..declaration import PlantInputs, Values
 from . import groups, interface, nonlinear, plausibility
 from .as_built import as_built
 from .interface import with_parameters
@@ -47,23 +47,23 @@ def _uncompensated(_: Ops, p: Any) -> Any:
     return PARTS.completed(p, (groups.COMPENSATION,))
 
 
-def _loaded(ops: Ops, p: Any, angle: Value, u: Acting) -> Acting:
+def _loaded(ops: Ops, p: Any, angle: Value, u: PlantInputs) -> PlantInputs:
     built = as_built(ops, p)
     fin = kinematics.fin_angle(ops, built, kinematics.lever_tangent(ops, built, angle))
     return u.replace(aero_torque=u.aero_torque - p.load.torsion_bar * fin)
 
 
-def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states."""
     return nonlinear.derivatives(ops, p, x, _loaded(ops, p, x.motor_angle, u))
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took; the bar acts of mid-step."""
     return nonlinear.step(ops, p, x, _loaded(ops, p, x.motor_angle + 0.5 * h * x.motor_speed, u), h)
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output; hinge_torque has the bar's."""
     return nonlinear.shown(PARTS, ops, p, x, _loaded(ops, p, x.motor_angle, u))
 

@@ -40,7 +40,7 @@ from ...rules import Rule
 from ...steppers import current_loop, electrical, events, rigid
 from ...variables import parameter, real_output, tunable
 from .. import capabilities, fin_port
-from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
+from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import clutches, groups, interface, lossy_screw, nonlinear, plausibility, rules
 from .as_built import NOMINAL, as_built
 from .interface import Group, Output
@@ -101,12 +101,12 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
             "clutch_temperature": p.friction.temperature}
 
 
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return a sample of the controllers. While disabled they are held in reset."""
-    return nonlinear.sample(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), asked)
+    return nonlinear.sample(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), inputs)
 
 
-def _coil(ops: Ops, p: Any, x: Record, u: Acting) -> clutch.Coil:
+def _coil(ops: Ops, p: Any, x: Record, u: PlantInputs) -> clutch.Coil:
     asked = ops.where(u.enabled, p.coil.connected * p.clutch.rated_current, 0.0)
     return clutch.coil(ops, p, asked, p.coil.kp, x.coil_current, u.supply)
 
@@ -115,7 +115,7 @@ def _electrical(x: Record) -> electrical.Plant:
     return electrical.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
 
 
-def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Record:
+def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
     """Return what a mode has before it is known what sticks; the linkage is that at a screw angle [rad]."""
     c = mechanics.coefficients(ops, _screw_side(p), angle, u)
     high, low = (way * mechanics.breakaway(ops, p, c, way) for way in (1.0, -1.0))
@@ -141,7 +141,7 @@ def _train(ops: Ops, p: Any, x: Record, m: Record) -> Train:
         high=m.high, low=m.low, forward=screw.forward(ops, p), backward=screw.backward(ops, p))
 
 
-def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
+def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
     m = _surroundings(ops, p, x, u, x.screw_angle + 0.5 * h * x.screw_speed)
     t = _train(ops, p, x, m)
@@ -164,12 +164,12 @@ def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
             "clutch_temperature": clutch.warming(p, _slip_power(t, m, x), x.clutch_temperature)}
 
 
-def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     rise, integral = current_loop.rates(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)
     return {**_mechanical(ops, p, x, m), "motor_current": rise, "drive_integral": integral}
 
 
-def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states, (2.17), (2.46), (2.47): of a clutch that holds, without no-back and dry friction;
     viscous friction is the mean of both directions."""
     given = dict(nonlinear.derivatives(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), u))
@@ -177,7 +177,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     return {**given, "screw_angle": angle, "screw_speed": given["motor_speed"]}
 
 
-def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     way, (least, most) = m.motion.screw, m.stops
     ahead = ops.where(way > 0.0, most - x.screw_angle, x.screw_angle - least)
     return {**clutched_screw.margins(ops, _train(ops, p, x, m), m.motion, x.screw_speed, x.motor_speed),
@@ -185,7 +185,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
             "voltage": current_loop.reserve(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)}
 
 
-def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
+def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     turning, rotor = clutched_screw.landed(ops, m.motion, (begin.screw_speed, begin.motor_speed),
                                            (x.screw_speed, x.motor_speed), events)
     # Another event may be placed a rounding behind that of the stop.
@@ -202,7 +202,7 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
 _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     p = as_built(ops, p)
     now = electrical.switched(ops, _electrical(x), u.enabled)
@@ -211,7 +211,7 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
     return vars(moved), used
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)

@@ -22,7 +22,7 @@ from ...physics.structure import Structure
 from ...rules import Rule, when
 from ...variables import in_group, integer_parameter, parameter, real_output, tunable
 from .. import capabilities
-from ..declaration import Acting, PlantFault, Values
+from ..declaration import PlantFault, PlantInputs, Values
 from . import groups, interface, nonlinear, plausibility, rules
 from .as_built import as_built
 from .interface import with_parameters
@@ -71,7 +71,7 @@ def geared(_: Ops, p: Any) -> Any:
         "worm.friction": p.worm.friction * (1.0 + p.deviation.worm.friction), "deviation.worm.friction": 0.0})
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     p = geared(ops, p)
     values = nonlinear.shown(PARTS, ops, p, x, u)

@@ -2,7 +2,7 @@
 
 A worm is a screw on the rim of its wheel: m z_1/2 its lead per radian, m z_2/2 the lever, m the module. Worm, flanks
 and wheel yield in series as screw, flanks and fork of :mod:`emcas_fmu.actuators.electromechanical.elastic` do, and the
-torque T that they carry (:mod:`emcas_fmu.physics.drive_line`) is the load of the worm:
+torque T that they update_motion_loads (:mod:`emcas_fmu.physics.drive_line`) is the load of the worm:
 
     J_r dw/dt = T_m - C_m sgn w - b_m w - e T        e = 1/eta_f where T w > 0, else eta_b
 
@@ -23,7 +23,7 @@ from ...physics import worm as worm_and_wheel
 from ...physics.structure import Structure
 from ...steppers import elastic as elastic_stepper
 from .. import capabilities
-from ..declaration import Acting, Values
+from ..declaration import PlantInputs, Values
 from . import elastic, nonlinear, worm_gear
 from .as_built import as_built
 from .interface import with_parameters
@@ -46,7 +46,7 @@ def geared(ops: Ops, p: Any) -> Any:
         "screw.lead": lead, "kinematics.moment_arm": lead * worm_and_wheel.ratio(p)})
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     p = geared(ops, p)
     values = elastic.shown(PARTS, ops, p, x, u)

@@ -24,7 +24,7 @@ from ...physics.structure import Structure
 from ...steppers import events
 from ...variables import Terminal, parameter, real_input, real_output, tunable
 from .. import capabilities, fin_port
-from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
+from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from ..electromechanical.interface import transport_delay
 from ..electromechanical.rules import LEVER_RULE
 from . import as_built, interface
@@ -87,24 +87,24 @@ def full_speed(ops: Ops, p: Any) -> Value:
     return p.valve.rated_flow / p.cylinder.area
 
 
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return a sample of the controller; it is held in reset while disabled."""
-    measured = fluid_power.measured(ops, p, asked.position)
+    measured = fluid_power.measured(ops, p, inputs.position)
     full = full_speed(ops, p)
-    out = fluid_power.sample(ops, p, x.integral, x.piston, measured, asked.command, full)
+    out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command, full)
     at_rest = fluid_power.at_rest(ops, p, measured)
-    return {"reference": ops.where(asked.enable, out.speed / full, 0.0),
-            "integral": ops.where(asked.enable, out.integral, at_rest),
+    return {"reference": ops.where(inputs.enable, out.speed / full, 0.0),
+            "integral": ops.where(inputs.enable, out.integral, at_rest),
             "piston": cylinder.piston_position(ops, p, measured),
-            "measured_fin_angle": measured, "limited": ops.where(asked.enable, out.limited, 0.0)}
+            "measured_fin_angle": measured, "limited": ops.where(inputs.enable, out.limited, 0.0)}
 
 
-def spool_command(ops: Ops, p: Any, u: Acting) -> Value:
+def spool_command(ops: Ops, p: Any, u: PlantInputs) -> Value:
     """Return where [of the stroke] the valve is driven: centred while disabled."""
     return ops.clip(ops.where(u.enabled, u.reference, 0.0) + p.valve.null_shift, -1.0, 1.0)
 
 
-def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
+def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
     stop = p.fin.stop_angle
     c = cylinder.linkage(ops, p, ops.clip(x.fin_angle + 0.5 * h * x.fin_rate, -stop, stop), u)
@@ -121,7 +121,7 @@ def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
                      void_2=ops.both(x.pressure_2 <= 0.0, rates["pressure_2"] <= 0.0))
 
 
-def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     c, tank = m.linkage, p.tank.pressure
     flow_1, flow_2, _ = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
     flow_1 = flow_1 + cylinder.makeup(ops, p, x.pressure_1, tank, m.refill_1)
@@ -135,7 +135,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
             "spool_position": x.spool_speed, "spool_speed": ops.where(m.at_speed, 0.0, spool)}
 
 
-def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states: of a fin that moves without dry friction, a valve within its limits."""
     p = as_built.with_valve(ops, p)
     c = cylinder.linkage(ops, p, x.fin_angle, u)
@@ -144,7 +144,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
                                        refill_2=False, void_1=False, void_2=False))
 
 
-def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     torque = cylinder.pressing(p, m.linkage, x.pressure_1, x.pressure_2)
     tank, fastest = p.tank.pressure, servovalve.fastest(p)
     faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, m.command) * x.spool_speed
@@ -160,7 +160,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
             "void_1": ops.where(m.void_1, 1.0, x.pressure_1), "void_2": ops.where(m.void_2, 1.0, x.pressure_2)}
 
 
-def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
+def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     angle, rate = stick.landed(ops, m.slide, p.fin.stop_angle, (begin.fin_angle, begin.fin_rate),
                                (x.fin_angle, x.fin_rate), events["fin"], events["stop"])
     fastest, side = servovalve.fastest(p), ops.where(x.spool_position > 0.0, 1.0, -1.0)
@@ -179,13 +179,13 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
 _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     moved, used = events.advance(ops, as_built.with_valve(ops, p), _SYSTEM, x, u, h)
     return vars(moved), used
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     p = as_built.with_valve(ops, p)
     _, _, drawn = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)

@@ -30,7 +30,7 @@ from ...physics.structure import Structure
 from ...steppers import current_loop, electrical, events
 from ...variables import Terminal, only, parameter, switch, tunable
 from .. import capabilities, fin_port
-from ..declaration import Acting, Actuator, Asked, State, Values
+from ..declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..electromechanical import interface as electromechanical
 from ..electromechanical import nonlinear, plausibility
 from ..electromechanical.rules import LEVER_RULE
@@ -77,14 +77,14 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
             "piston": cylinder.piston_position(ops, p, measured), "measured_fin_angle": measured}
 
 
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return a sample of the controllers; they are held in reset while disabled."""
-    measured = fluid_power.measured(ops, p, asked.position)
+    measured = fluid_power.measured(ops, p, inputs.position)
     at_rest = fluid_power.at_rest(ops, p, measured)
 
     def running() -> tuple[Value, ...]:
         per_speed = p.pump.displacement / p.cylinder.area
-        out = fluid_power.sample(ops, p, x.integral, x.piston, measured, asked.command,
+        out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command,
                                  p.controller.speed_limit * per_speed)
         asked_speed = out.speed / per_speed
         compensation = controllers.fed_forward(ops, p, _dry_at_motor(ops, p, measured), asked_speed)
@@ -97,7 +97,7 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
         limited = ops.either(out.limited > 0.0, ops.fabs(raw) > largest)
         return reference, ops.where(held, out.held, out.integral), ops.where(limited, 1.0, 0.0)
 
-    reference, integral, limited = ops.branch(asked.enable, running, lambda: (0.0, at_rest, 0.0))
+    reference, integral, limited = ops.branch(inputs.enable, running, lambda: (0.0, at_rest, 0.0))
     return {"reference": reference, "integral": integral, "piston": cylinder.piston_position(ops, p, measured),
             "measured_fin_angle": measured, "limited": limited}
 
@@ -112,7 +112,7 @@ def _electrical(x: Record) -> electrical.Plant:
     return electrical.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
 
 
-def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
+def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
     stop = p.fin.stop_angle
     c = cylinder.linkage(ops, p, ops.clip(x.fin_angle + 0.5 * h * x.fin_rate, -stop, stop), u)
@@ -144,12 +144,12 @@ def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
             "motor_speed": stick.moves(ops, m.shaft, shaft)}
 
 
-def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     rise, integral = current_loop.rates(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)
     return {**_mechanical(ops, p, x, m), "motor_current": rise, "drive_integral": integral}
 
 
-def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states: moving without dry friction, valves shut, the drive within its limits."""
     p = as_built.with_pump(ops, p)
     smooth = with_values(p, {"pump.coulomb_friction": 0.0, "pump.pressure_friction": 0.0})
@@ -159,7 +159,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     return {**_mechanical(ops, smooth, x, m), "motor_current": rise, "drive_integral": integral}
 
 
-def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     drop = x.pressure_1 - x.pressure_2
     # The friction of the shaft moves with the pressure.
     dry = pump.dry(ops, p, drop)
@@ -172,7 +172,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
             "voltage": current_loop.reserve(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)}
 
 
-def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
+def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     def borne(pressure: Value, void: Value) -> Value:
         # A void begins with nothing: under its modulus what a step is beyond that would be thousands of times as much.
         return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
@@ -190,7 +190,7 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
 _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 
-def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     p = as_built.with_pump(ops, p)
     now = electrical.switched(ops, _electrical(x), u.enabled)
@@ -199,7 +199,7 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
     return vars(moved), used
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     p = as_built.with_pump(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)

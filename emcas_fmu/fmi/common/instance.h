@@ -53,7 +53,7 @@ typedef struct {
     int32_t check_inputs; /* one may not be finite */
     int32_t moved;      /* what the vehicle's motion makes is not that of the inputs */
     multi_fin fins;
-    double carried[FINS][CORE_CARRIED]; /* what the vehicle's motion makes of each fin */
+    double motion_loads[FINS][CORE_MOTION_LOADS]; /* what the vehicle's motion makes of each fin */
     bool warned[FINS][RULES]; /* which warnings the log has */
     model_state s;
 } instance;
@@ -216,7 +216,7 @@ static void prepare(instance *m)
 /* -- inputs and outputs ------------------------------------------------------- */
 
 /* What acts on a fin by the unit's inputs `values`. */
-static void acting(const instance *m, size_t fin, const double *values, const double *carried, core_inputs *out)
+static void acting(const instance *m, size_t fin, const double *values, const double *motion_loads, core_inputs *out)
 {
 #if FINS == 1
     const double *in = values; /* a single fin's inputs are the unit's */
@@ -224,23 +224,23 @@ static void acting(const instance *m, size_t fin, const double *values, const do
     double in[MODEL_INPUTS];
     for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = values[PLACE[fin][i]];
 #endif
-    multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, carried, out);
+    multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, motion_loads, out);
 }
 
 static void acting_now(const instance *m, core_inputs *in)
 {
-    for (size_t fin = 0; fin < FINS; ++fin) acting(m, fin, m->s.values, m->carried[fin], &in[fin]);
+    for (size_t fin = 0; fin < FINS; ++fin) acting(m, fin, m->s.values, m->motion_loads[fin], &in[fin]);
 }
 
-static void carry(const instance *m, const double *values, double (*out)[CORE_CARRIED])
+static void update_motion_loads(const instance *m, const double *values, double (*out)[CORE_MOTION_LOADS])
 {
     for (size_t fin = 0; fin < FINS; ++fin)
-        core_carried(m->fins.p[fin], m->fins.c[fin], values + MOTION_BEGIN, out[fin]);
+        core_motion_loads(m->fins.p[fin], m->fins.c[fin], values + MOTION_BEGIN, out[fin]);
 }
 
 static void carry_now(instance *m)
 {
-    carry(m, m->s.values, m->carried);
+    update_motion_loads(m, m->s.values, m->motion_loads);
     m->moved = 0;
 }
 

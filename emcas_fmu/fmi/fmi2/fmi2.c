@@ -161,17 +161,17 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
  * at the end of their ramps, and are held there until they are set or given derivatives again. */
 static core_result ramped_step(instance *m, double begin, double end)
 {
-    double final[UNIT_INPUTS], carried[FINS][CORE_CARRIED];
+    double final[UNIT_INPUTS], motion_loads[FINS][CORE_MOTION_LOADS];
     const double size = end - begin;
     core_inputs in[FINS];
     core_ramp ramp[FINS];
     for (size_t i = 0; i < UNIT_INPUTS; ++i) final[i] = m->s.values[i] + m->s.rates[i] * size;
     if (!(size > 0.0) || !core_all_finite(final, UNIT_INPUTS)) return CORE_NOT_FINITE;
-    carry(m, final, carried);
+    update_motion_loads(m, final, motion_loads);
     acting_now(m, in);
     for (size_t fin = 0; fin < FINS; ++fin) {
-        double slopes[CORE_CARRIED];
-        for (size_t i = 0; i < CORE_CARRIED; ++i) slopes[i] = (carried[fin][i] - m->carried[fin][i]) / size;
+        double slopes[CORE_MOTION_LOADS];
+        for (size_t i = 0; i < CORE_MOTION_LOADS; ++i) slopes[i] = (motion_loads[fin][i] - m->motion_loads[fin][i]) / size;
         core_inputs rates;
         acting(m, fin, m->s.rates, slopes, &rates); /* linear in all but these */
         ramp[fin] = (core_ramp){.begin = begin, .command = rates.command, .supply = rates.supply};
@@ -181,7 +181,7 @@ static core_result ramped_step(instance *m, double begin, double end)
     const core_result result = run(m, end, in, ramp);
     if (result == CORE_DONE) {
         memcpy(m->s.values, final, sizeof final);
-        memcpy(m->carried, carried, sizeof carried);
+        memcpy(m->motion_loads, motion_loads, sizeof motion_loads);
         memset(m->s.rates, 0, sizeof m->s.rates);
         m->s.rated = 0;
     }

@@ -45,7 +45,7 @@ class MultiFinSlave(Slave):
     def _acting(self, core: Any) -> tuple[Any, ...]:
         values = self._values
         rows = [[values[i] for i in places] for places in self.places]
-        return core.acting(rows, self._carried, [values[i] for i in self.mixing])  # type: ignore[no-any-return]
+        return core.acting(rows, self._motion_loads, [values[i] for i in self.mixing])  # type: ignore[no-any-return]
 
     def _shape_of_inputs(self) -> tuple[Any, ...]:
         return inputs_of((0.0,) * len(self.places[0]), self._unknown[0], self._core_sizes.motion,

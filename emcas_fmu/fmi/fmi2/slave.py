@@ -97,7 +97,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._held: tuple[Any, ...] | None = None  # the core's inputs, until a variable is set
         self._ready = False  # nothing stands against a step
         self._slack = 0.0
-        self._carried: Any = None  # what this motion makes
+        self._motion_loads: Any = None  # what this motion makes
 
     # -- FMI life cycle --------------------------------------------------------
 
@@ -194,7 +194,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         motion = self._values[self._motion_slice]
         if motion != self._motion:
             # Not finite: let the caller's check find it, trigonometry would raise.
-            self._carried = core.carried(*motion) if isfinite(sum(motion)) else self._unknown
+            self._motion_loads = core.motion_loads(*motion) if isfinite(sum(motion)) else self._unknown
             self._motion = motion
         return self._acting(core)
 
@@ -226,7 +226,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return Core(self._functions(values), self._core_sizes)
 
     def _acting(self, core: Any) -> tuple[Any, ...]:
-        return inputs_of(self._values[:self._outputs.start], self._carried, self._core_sizes.motion,
+        return inputs_of(self._values[:self._outputs.start], self._motion_loads, self._core_sizes.motion,
                          self.power is not None)
 
     def _shape_of_inputs(self) -> tuple[Any, ...]:
