@@ -15,11 +15,11 @@ from . import common
 if TYPE_CHECKING:
     from ..studies.identification.result import Identification
 
-EPILOG = ("Examples:\n\n  emcas identify drive models/bench/drive_*.csv --output identified.toml"
-          "\n\n  emcas identify inertia models/bench/inertia_*.csv -p identified.toml -o identified.toml"
-          "\n\n  emcas identify friction models/bench/friction_*.csv -p identified.toml -o identified.toml --report "
-          "r.html"
-          "\n\n  emcas identify backlash models/bench/backlash.csv --json backlash.json"
+EPILOG = ("Examples, in a folder of records such as examples/identification_bench/records:"
+          "\n\n  emcas identify drive drive_*.csv --output identified.toml"
+          "\n\n  emcas identify inertia inertia_*.csv -p identified.toml -o identified.toml"
+          "\n\n  emcas identify friction friction_*.csv -p identified.toml -o identified.toml --report r.html"
+          "\n\n  emcas identify backlash backlash.csv --json backlash.json"
           "\n\n  emcas parameters -p identified.toml")
 # Of the experiments without options of their own, what they identify and an example.
 _EXPERIMENTS = {

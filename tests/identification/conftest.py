@@ -15,12 +15,11 @@ from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.identification import backlash, drive, friction, inertia
 from emcas_fmu.studies.identification.result import Identification
-from emcas_fmu.support.files import models_directory
 from examples.identification_bench import bench
 
 from .truths import draw_truth
 
-BENCH = models_directory() / "bench"
+BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
 IDENTIFY: Mapping[str, Callable[..., Identification]] = {
     "friction": friction.identify, "drive": drive.identify, "inertia": inertia.identify, "backlash": backlash.identify}
 # What the experiments take for known: assembly and winding are measured otherwise.

@@ -20,8 +20,9 @@ from emcas_fmu import __author__, __copyright__, __date__, __license__, __versio
 from tests.hosts.host import missing
 
 ROOT = Path(__file__).resolve().parents[2]
+RECORDS = ROOT / "examples/identification_bench/records"
 PROGRAMS = "Scripts" if os.name == "nt" else "bin"
-# Those of the README that the base install is enough for; MODELS is the installed folder of data.
+# Those of the README that the base install is enough for; MODELS is the installed folder of data, RECORDS a user's.
 COMMANDS = (
     "emcas --help", "emcas parameters --sets", "emcas parameters -p drive-pi",
     "emcas build", "emcas validate EMCAS.fmu --report report.html",
@@ -30,7 +31,7 @@ COMMANDS = (
     "emcas simulate --step 10 --torque -50 --plot response.html",
     "emcas build --backend native --cc CC --output Native.fmu", "fmpy validate Native.fmu",
     "emcas build --model electrohydraulic+faults --output Valve.fmu",
-    "emcas identify backlash MODELS/bench/backlash.csv --report backlash.html")
+    "emcas identify backlash RECORDS/backlash.csv --report backlash.html")
 
 
 def test_the_changelog_begins_with_the_version() -> None:
@@ -102,7 +103,9 @@ def test_commands_where_only_the_wheel_is(archives: tuple[Path, Path], tmp_path:
     assert Path(models).is_relative_to(tmp_path)
     assert run([programs / "emcas", "--version"], elsewhere).split() == ["emcas", __version__]
     for line in COMMANDS:
-        program, *arguments = line.replace("MODELS", models).replace("CC", str(compiler)).split()
+        for name, path in {"MODELS": models, "RECORDS": RECORDS, "CC": compiler}.items():
+            line = line.replace(name, str(path))
+        program, *arguments = line.split()
         run([programs / program, *arguments], elsewhere)
     made = {path.name for path in elsewhere.iterdir() if path.stat().st_size}
     assert made == {"EMCAS.fmu", "Native.fmu", "Valve.fmu", "report.html", "out.csv", "response.html", "backlash.html"}

@@ -16,10 +16,9 @@ from emcas_fmu.cli import app
 from emcas_fmu.commands import common
 from emcas_fmu.reference import files
 from emcas_fmu.studies.baseline import study
-from emcas_fmu.support.files import models_directory
 
 OLD = b"# what was there\n"
-BENCH = models_directory() / "bench"
+BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
 CAMPAIGN = """
 [campaign]
 samples = 2

@@ -12,9 +12,8 @@ from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import Entry, load_parameters, write_parameters
 from emcas_fmu.studies.campaign.study import load_study
-from emcas_fmu.support.files import models_directory
 
-BENCH = models_directory() / "bench"
+BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
 COMMANDS = (
     "parameters", "build", "simulate --step 1", "reference --directory refs", "analyse", "compare", "envelope", "tune",
     "explore", "fit", "report", "report unit.toml", "baseline record unit.toml -o base", "ssp",

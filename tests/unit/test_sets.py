@@ -146,7 +146,7 @@ def test_a_set_is_written_by_its_name_into_a_command() -> None:
 
 
 def test_a_reported_quantity_is_of_a_set_by_name(tmp_path: Path) -> None:
-    bench, out = Path(__file__).resolve().parents[2] / "models" / "bench", str(tmp_path / "x.toml")
+    bench, out = Path(__file__).resolve().parents[2] / "examples/identification_bench/records", str(tmp_path / "x.toml")
     done = CliRunner().invoke(app, ["identify", "backlash", str(bench / "backlash.csv"), "-o", out, "-p", "drive-pi"])
     assert done.exit_code == 0, done.output
     assert load_parameters(out).values == load_parameters("drive-pi").values
