@@ -20,8 +20,9 @@ from make_tables import main, markdown
 
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, slew_to, step_to, sweep
+from emcas_fmu.bench.frequency_response import FrequencyResponse, sweep_response
 from emcas_fmu.bench.measure import Test, measure
-from emcas_fmu.bench.metrics import FrequencyResponse, motion, sweep_response
+from emcas_fmu.bench.metrics import motion
 from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.writers import with_unit

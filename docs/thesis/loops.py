@@ -9,7 +9,8 @@ from math import degrees, radians
 import numpy as np
 
 from emcas_fmu.bench.excitation import COMMAND, HOLD, Excitation, sine_from_rest, slew_to, step_to
-from emcas_fmu.bench.metrics import FIGURES, FrequencyResponse, displayed, motion, rest, shown, usage
+from emcas_fmu.bench.frequency_response import FrequencyResponse
+from emcas_fmu.bench.metrics import FIGURES, displayed, motion, rest, shown, usage
 from emcas_fmu.extensions.status import STATUS
 from emcas_fmu.figures import plots
 from emcas_fmu.reference.cases import LOAD

@@ -7,7 +7,8 @@ from math import degrees, isnan, radians
 import numpy as np
 
 from emcas_fmu.bench.excitation import step_to
-from emcas_fmu.bench.metrics import SWEPT, displayed, motion, rms, sweep_response
+from emcas_fmu.bench.frequency_response import SWEPT, sweep_response
+from emcas_fmu.bench.metrics import displayed, motion, rms
 from emcas_fmu.bench.requirements import Specification, load_requirements
 from emcas_fmu.bench.verdict import judge
 from emcas_fmu.figures import plots

@@ -4,7 +4,8 @@
     fmu_subject.py  the same of an FMU, and opening either kind
     runs.py         responses, of one run and of many
     excitation.py   what is done to it: rows of inputs
-    metrics.py      what is read off a response, SI, each figure defined once
+    metrics.py      the figures of a response, SI, each defined once
+    frequency_response.py  the figures of sweeps and sines
     linear/         the actuator linearised: responses, margins (extra `analysis`)
     verdict.py      figures against requirements
     writers.py      JSON, JUnit and pages of the blocks in macros.html.j2 over base.html.j2; curves.js draws with uPlot

@@ -24,7 +24,7 @@ from ..simulation import Array
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
-from .references import carried
+from .references import embedded
 from .runs import Run
 from .subject import Identification, ParameterSubject, Subject, differences
 
@@ -81,7 +81,7 @@ class FmuSubject(Subject):
 
     @cached_property
     def references(self) -> Sequence[Stored]:
-        return carried(self.unit.folder, self.unit.path, self.unit.names_in_files, self.actuator.name)
+        return embedded(self.unit.folder, self.unit.path, self.unit.names_in_files, self.actuator.name)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:

@@ -20,19 +20,8 @@ from ..parameters import ParameterError, ParameterSet
 from ..simulation import Array
 from ..support import extras
 from .excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to, times
-from .metrics import (
-    FIGURES,
-    MOTION,
-    PURE,
-    RESTING,
-    USAGE,
-    FrequencyResponse,
-    fundamental_weights,
-    motion,
-    rest,
-    swept,
-    usage,
-)
+from .frequency_response import PURE, FrequencyResponse, fundamental_weights, swept
+from .metrics import FIGURES, MOTION, RESTING, USAGE, motion, rest, usage
 from .runs import Run, Runs
 from .subject import Subject
 

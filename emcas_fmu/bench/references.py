@@ -1,4 +1,4 @@
-"""The references inside an FMU, as its manifest names them (FMI-LS-REF)."""
+"""The references embedded in an FMU, as its manifest lists them (FMI-LS-REF)."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from ..reference import files
 from ..reference.cases import CASES
 from ..reference.stored import Stored
 
-CARRIED = "carried"  # kind of an experiment that is none of the usual cases
+EMBEDDED = "embedded"  # kind of an experiment that is not one of the reference cases
 _KINDS = {case.name: case.kind for case in CASES}
 _INDEPENDENT = {f"experiment/{role}": independent for independent, role in ROLES.items()}
 
 
-def carried(unit: Path, file: Path, names: Mapping[str, str], model: str) -> tuple[Stored, ...]:
-    """Return the experiments in the folder `unit`, to which the FMU `file` is unpacked, as those of one fin.
+def embedded(root: Path, file: Path, names: Mapping[str, str], model: str) -> tuple[Stored, ...]:
+    """Return the experiments embedded in the FMU `file`, which is unpacked in the folder `root`, as those of one fin.
 
-    `names` are the FMU's variables by the names of a single actuator. Raises EmcasError where they cannot be read.
+    `names` maps a single actuator's names to the FMU's variables. Raises EmcasError where they cannot be read.
     """
-    folder = unit / FOLDER
+    folder = root / FOLDER
     single = {"time": "time", **{full: name for name, full in names.items()}}
 
     def path(element: Element | None) -> Path:
         source = folder / unquote(str(None if element is None else element.get("source")))
-        if not source.resolve().is_relative_to(unit.resolve()):
+        if not source.resolve().is_relative_to(root.resolve()):
             raise ValueError(f"{source} is outside the FMU")
         return source
 
@@ -61,7 +61,7 @@ def _stored(experiment: Element, path: Callable[[Element | None], Path], single:
     given = () if parameters is None else parse(path(parameters)).findall(".//{*}Parameter")
     name = experiment.attrib["name"]
     return Stored(
-        name, experiment.get("description", name), _KINDS.get(name, CARRIED), float(experiment.attrib["stepSize"]),
+        name, experiment.get("description", name), _KINDS.get(name, EMBEDDED), float(experiment.attrib["stepSize"]),
         float(experiment.attrib["stopTime"]),
         {single[name]: value for name, value in _scalars({p.attrib["name"]: _value(p[0]) for p in given})
          if name in single},
@@ -69,7 +69,7 @@ def _stored(experiment: Element, path: Callable[[Element | None], Path], single:
 
 
 def _scalars(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Give columns and values by name; the elements of an array with their places from 0 on."""
+    """Yield columns and values by name; elements of an array with their indices from 0."""
     for name, value in values.items():
         if isinstance(value, list) or getattr(value, "ndim", 1) > 1:
             yield from ((f"{name}[{k}]", each) for k, each in enumerate(value if isinstance(value, list) else value.T))
@@ -78,6 +78,6 @@ def _scalars(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _value(element: Element) -> bool | float | list[bool | float]:
-    """Return a value of a parameter set; what is a text there has the elements of an array."""
+    """Return a value of a parameter set; a string holds the elements of an array."""
     values = [word == "true" if word in ("true", "false") else float(word) for word in element.attrib["value"].split()]
     return values if element.tag.endswith("String") else values[0]

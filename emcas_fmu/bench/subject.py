@@ -36,8 +36,6 @@ from .provenance import shipped
 from .runs import Run, Runs, spread
 
 COMMAND_RANGE = radians(20.0)  # Table 2's; of an actuator that does not say its own
-_LAST_MESSAGES = 20  # kept of a run's log
-_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,7 @@ class Subject(ABC):
 
     @property
     def references(self) -> Sequence[Stored]:
-        """Responses of it that it carries."""
+        """Reference responses embedded in it."""
         return ()
 
     @property

@@ -46,7 +46,7 @@ class Case:
 
     name: str
     title: str
-    kind: str  # step, square, chirp, load, cold, sag or carried: what to look at in the response
+    kind: str  # step, square, chirp, load, cold, sag or embedded: what to look at in the response
     stop_time: float  # s
     amplitude: float  # rad, of the largest command
     build: Callable[[Array], Columns]  # input columns at the row times [s]
@@ -141,7 +141,7 @@ CASES = [
 
 # What an FMU carries of an actuator whose responses to the cases above are not stored: short, since it is integrated
 # when the FMU is built, with the command's sign and that of the hinge moment.
-STEP_AND_LOAD = Case("step_and_load", "Step to +10 deg, and 50 N.m against it from 0.2 s on", "carried", 0.35,
+STEP_AND_LOAD = Case("step_and_load", "Step to +10 deg, and 50 N.m against it from 0.2 s on", "embedded", 0.35,
                      math.radians(10.0),
                      lambda time: _levels((LEAD_IN, 10.0))(time) | {
                          "aero_torque": -50.0 * np.clip((time - 0.2) / LOAD_RISE, 0.0, 1.0)})

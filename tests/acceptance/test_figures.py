@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench import metrics
+from emcas_fmu.bench.frequency_response import fundamental, held
 from emcas_fmu.bench.metrics import unit_of
 from emcas_fmu.bench.runs import StoppedError
 from emcas_fmu.bench.subject import ParameterSubject
@@ -91,11 +92,11 @@ def test_play_has_the_thresholds_of_its_width(half: float, values: Mapping[str, 
 def test_fundamental_beside_offset_drift_and_harmonic() -> None:
     time = 0.7 + np.arange(2000) * 1e-3  # eight cycles of 4 Hz
     values = 3.0 * np.cos(2 * pi * 4.0 * time + 0.4) + 5.0 + 0.2 * time
-    assert metrics.fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j), abs=1e-9)
+    assert fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j), abs=1e-9)
     # Over whole cycles a harmonic gets in by way of the drift only: that takes up to 6/(pi 24) of 24 cycles, and gives
     # 2/(pi 8) of itself to 8 cycles.
     values += 0.5 * np.cos(2 * pi * 12.0 * time)
-    assert metrics.fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j),
+    assert fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j),
                                                                      abs=0.5 * 6 / (pi * 24) * 2 / (pi * 8))
 
 
@@ -105,7 +106,7 @@ def test_fundamental_of_a_held_sinusoid() -> None:
     samples = np.cos(2 * pi * frequency * np.floor(np.arange(100 * fine) / fine) * step)
     found = 2.0 * np.mean(samples * np.exp(-2j * pi * frequency * time))
     # The sum over the fine grid is the integral to half a fine step: 40 Hz x 2 pi x 2.5 us.
-    assert metrics.held(1.0, frequency, step) == pytest.approx(found, abs=1e-3)
+    assert held(1.0, frequency, step) == pytest.approx(found, abs=1e-3)
 
 
 def test_stiffness_of_a_second_order_system() -> None:

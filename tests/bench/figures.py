@@ -18,6 +18,7 @@ import numpy as np
 
 from emcas_fmu.bench import excitation, metrics
 from emcas_fmu.bench.excitation import Excitation
+from emcas_fmu.bench.frequency_response import frequency_response, fundamental, held, swept
 from emcas_fmu.bench.measure import KINDS
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import load_requirements
@@ -108,7 +109,7 @@ def measured() -> dict[str, list[Any]]:
     power = 30.0 * np.sin(7.0 * time) + 12.0
     sweep = excitation.sweep(0.02, 6.0)
     lagged = np.convolve(sweep.command, 0.05 * 0.95 ** np.arange(400))[:len(sweep.time)]
-    response = metrics.frequency_response(sweep.time, sweep.command, lagged, 0.7, 22.0)
+    response = frequency_response(sweep.time, sweep.command, lagged, 0.7, 22.0)
     several = np.array([[0.1, 0.13, 0.08], [-0.2, -0.25, -0.21], [0.4, np.nan, 0.3]])
     weights = metrics.leap_weights(60, 0.01, np.array([0.083, 0.2, 0.4449, 0.581]))
     found = {
@@ -118,10 +119,10 @@ def measured() -> dict[str, list[Any]]:
         "rates": [metrics.sustained_rate(time, each, 0.2, 0.15) for each in responses],
         "energies": metrics.energies(time, power), "leaps": [weights, metrics.leaping_power(power[:60], weights)],
         "frequency response": [response, response.gain_db, response.bandwidth, response.phase_bandwidth,
-                               response.beyond, response.bandwidths, metrics.swept(response)],
-        "fundamental": [metrics.fundamental(time, responses[0] + 0.3 * np.cos(11.0 * time), 11.0 / 6.0, drift)
+                               response.beyond, response.bandwidths, swept(response)],
+        "fundamental": [fundamental(time, responses[0] + 0.3 * np.cos(11.0 * time), 11.0 / 6.0, drift)
                         for drift in (True, False)],
-        "held": metrics.held(0.3 + 0.2j, 9.0, 4e-3), "breakaway": metrics.breakaway(power, responses[0]),
+        "held": held(0.3 + 0.2j, 9.0, 4e-3), "breakaway": metrics.breakaway(power, responses[0]),
         "bidirectional": metrics.bidirectional(several, several[::-1] * 0.9),
         "units": [[metrics.unit_of(key), metrics.in_words(key)] for key in (
             "a_n_m_per_rad", "b_deg_per_s", "c_l_per_min", "d_percent", "e_n_m", "f_deg", "g_mpa", "h_hz", "i_db",

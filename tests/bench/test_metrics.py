@@ -10,6 +10,7 @@ from scipy import signal
 
 from emcas_fmu.bench import metrics
 from emcas_fmu.bench.excitation import Excitation
+from emcas_fmu.bench.frequency_response import FrequencyResponse, frequency_response
 from emcas_fmu.bench.metrics import Array
 from emcas_fmu.bench.runs import Run
 from emcas_fmu.reference.cases import CASES
@@ -136,7 +137,7 @@ def respond(command: Array, hertz: float, damping: float, delay: int) -> tuple[A
 @pytest.mark.parametrize(("hertz", "damping"), [(15.0, 0.6), (18.0, 0.3), (12.0, 1.0)])
 def test_frequency_response_of_a_second_order_system_with_delay(hertz: float, damping: float) -> None:
     response, b, a = respond(SWEEP["fin_command"], hertz, damping, delay=4)
-    found = metrics.frequency_response(SWEEP["time"], SWEEP["fin_command"], response, 0.5, 24.0)
+    found = frequency_response(SWEEP["time"], SWEEP["fin_command"], response, 0.5, 24.0)
 
     def exact(frequency: Array) -> Array:
         return np.asarray(signal.freqz(b, a, 2.0 * math.pi * frequency * STEP)[1])
@@ -167,13 +168,13 @@ def test_frequency_response_is_that_of_the_fundamental() -> None:
     command = SWEEP["fin_command"]
     amplitude = np.max(np.abs(command))
     response = command + 0.4 * command**3 / amplitude**2
-    found = metrics.frequency_response(SWEEP["time"], command, response, 0.7, 22.0)
+    found = frequency_response(SWEEP["time"], command, response, 0.7, 22.0)
     np.testing.assert_allclose(found.gain, 1.3, rtol=0.01)
     np.testing.assert_allclose(found.phase, 0.0, atol=0.01)
 
 
 def test_flat_response_has_no_bandwidth() -> None:
-    found = metrics.frequency_response(SWEEP["time"], SWEEP["fin_command"], SWEEP["fin_command"], 0.5, 24.0)
+    found = frequency_response(SWEEP["time"], SWEEP["fin_command"], SWEEP["fin_command"], 0.5, 24.0)
     assert math.isnan(found.bandwidth)
     assert math.isnan(found.phase_bandwidth)
     np.testing.assert_allclose(found.gain, 1.0, rtol=1e-12)
@@ -181,6 +182,6 @@ def test_flat_response_has_no_bandwidth() -> None:
 
 def test_a_response_that_stands_still_has_no_gain() -> None:
     """Of one of two lines nothing comes through: -inf, and not a warning. Between them it falls below -3 dB."""
-    found = metrics.FrequencyResponse(np.array([1.0, 2.0]), np.array([1.0, 0.0]), np.zeros(2), np.ones(2))
+    found = FrequencyResponse(np.array([1.0, 2.0]), np.array([1.0, 0.0]), np.zeros(2), np.ones(2))
     assert found.gain_db[1] == -math.inf
     assert 1.0 <= found.bandwidth <= 2.0

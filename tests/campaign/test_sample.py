@@ -13,6 +13,7 @@ import pytest
 
 from emcas_fmu.bench import metrics
 from emcas_fmu.bench.excitation import step_to
+from emcas_fmu.bench.frequency_response import frequency_response
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES, LEAD_IN
@@ -74,7 +75,7 @@ def test_a_sweep_has_the_validations_bandwidth(values: Mapping[str, Any]) -> Non
     case = next(c for c in CASES if c.name == "chirp_1deg")
     inputs = case.inputs()
     angle = simulate(values, case.stop_time, fin_command=inputs["fin_command"])["fin_angle"]
-    expected = metrics.frequency_response(inputs["time"], inputs["fin_command"], angle, 0.5, 30.0)
+    expected = frequency_response(inputs["time"], inputs["fin_command"], angle, 0.5, 30.0)
     found = figures(Experiment("a", "chirp", case.stop_time - LEAD_IN), {
         "experiments.a.amplitude": case.amplitude, "experiments.a.low": 0.5, "experiments.a.high": 30.0})
     assert found["bandwidth_3db"] == pytest.approx(expected.bandwidth, rel=1e-4)

@@ -118,7 +118,7 @@ def test_a_slew_is_loaded_both_ways() -> None:
 
 def test_bandwidth_of_small_sines_is_that_of_the_swept_response() -> None:
     """Bisected sines against the sweep of the validation, which states 1.5 % of its own."""
-    from emcas_fmu.bench.metrics import frequency_response
+    from emcas_fmu.bench.frequency_response import frequency_response
     from emcas_fmu.reference.cases import CASES
 
     values = dict(load_parameters().values)

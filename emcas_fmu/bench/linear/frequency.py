@@ -9,7 +9,7 @@ from math import inf, nan, pi
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..metrics import FrequencyResponse
+from ..frequency_response import FrequencyResponse
 from .systems import Array, System
 
 LOWEST = 1e-3  # Hz

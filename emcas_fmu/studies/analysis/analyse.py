@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators import capabilities, get, parts
+from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
 from ...bench.linear.actuator import LinearActuator, sound
 from ...bench.linear.systems import ROUNDING, Array, System, cleared, decays, largest_pole
-from ...bench.metrics import FrequencyResponse
 from ...bench.runs import Columns
 from ...errors import EmcasError
 from ...parameters import ParameterSet

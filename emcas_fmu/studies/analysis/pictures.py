@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 
 from ...actuators import capabilities
 from ...actuators.declaration import Actuator
+from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
 from ...bench.linear.systems import System
-from ...bench.metrics import FrequencyResponse
 from ...figures import plots
 from ...figures.plots import LIMIT, Drawing
 from .analyse import Analysis

@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...actuators import NONLINEAR, capabilities, get
+from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear.frequency import of_ratio
 from ...bench.linear.systems import Array
-from ...bench.metrics import CREPT, FrequencyResponse
+from ...bench.metrics import CREPT
 from ...control import command as bus
 from ...control import controllers, sensors
 from ...ops.arrays import ARRAYS

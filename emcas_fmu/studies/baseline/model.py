@@ -15,6 +15,7 @@ from pydantic import Field, PlainValidator, ValidationInfo, field_validator
 from ...actuators import get
 from ...bench import metrics
 from ...bench.excitation import Excitation, csv_file, reference_case, step_to, sweep
+from ...bench.frequency_response import sweep_response
 from ...bench.measure import Test, sweep_figures
 from ...bench.measure import excitation as measured
 from ...bench.metrics import FIGURES, shown
@@ -202,7 +203,7 @@ class Sweep(Case):
         return sweep(radians(self.command), self.duration)
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
-        response = metrics.sweep_response(run)
+        response = sweep_response(run)
         return {**metrics.usage(run), **sweep_figures(response, subject, abs(radians(self.command)), self.start)}
 
 

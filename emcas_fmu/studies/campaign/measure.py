@@ -12,7 +12,8 @@ import numpy as np
 
 from ...actuators import get
 from ...bench.excitation import Excitation
-from ...bench.metrics import FIGURES, Figure, leap_weights, leaping_power, motion, sweep_response, swept, usage
+from ...bench.frequency_response import sweep_response, swept
+from ...bench.metrics import FIGURES, Figure, leap_weights, leaping_power, motion, usage
 from ...bench.runs import Run
 from ...bench.subject import Subject, left_out
 from ...simulation import Array

@@ -7,8 +7,9 @@ from math import isfinite, isnan, radians
 import numpy as np
 
 from ...bench.excitation import HOLD, SETTLE, step_to, sweep
+from ...bench.frequency_response import SWEPT, sweep_response
 from ...bench.measure import BANDWIDTHS, Test, excitation, sweep_figures
-from ...bench.metrics import SWEPT, motion, since, sweep_response
+from ...bench.metrics import motion, since
 from ...reference.cases import LOAD_RISE, SWEEP
 from .outcome import Outcome, displayed, quantity
 from .rig import Rig

@@ -8,7 +8,8 @@ from math import degrees, nan
 import numpy as np
 
 from ...bench.excitation import LOAD, STEP, Excitation, load_ramp, sine
-from ...bench.metrics import breakaway, fundamental, held
+from ...bench.frequency_response import fundamental, held
+from ...bench.metrics import breakaway
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 

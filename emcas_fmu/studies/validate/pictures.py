@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 
 from ...bench import metrics
 from ...bench.excitation import Excitation
-from ...bench.references import CARRIED
+from ...bench.frequency_response import SWEPT, FrequencyResponse, sweep_response
+from ...bench.references import EMBEDDED
 from ...figures import plots
 from ...figures.plots import COMMAND, LIMIT, Drawing
 from ...reference.linear import LinearModel
@@ -50,7 +51,7 @@ def drawings(result: Result) -> Iterator[Drawing]:
     if "sag" in complete:
         yield sag(result)
     for case in result.cases:
-        if case.name in complete and case.kind == CARRIED:
+        if case.name in complete and case.kind == EMBEDDED:
             yield _angle_and_error(result, case.name, "Inside the FMU", plots.BLUE, f"{case.title}.", dots=10)
     if result.linear_series:
         yield linear(result)
@@ -145,13 +146,13 @@ def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
 def bode(result: Result, names: Sequence[str]) -> Drawing:
     """Draw gain and phase of the sweeps beside the linear model's, where there is one."""
     figure, (gain, phase) = plots.column("", "", height=2.6)
-    curves: list[tuple[metrics.FrequencyResponse, str, str, Any]] = [
-        (metrics.sweep_response(result.series[name].run), f"{name[6:-3].replace('p', '.')} deg", color, "-")
+    curves: list[tuple[FrequencyResponse, str, str, Any]] = [
+        (sweep_response(result.series[name].run), f"{name[6:-3].replace('p', '.')} deg", color, "-")
         for name, color in zip(names, (plots.BLUE, plots.VERMILLION), strict=False)]
     if result.linear_series:
-        frequency = np.geomspace(*metrics.SWEPT, 300)
+        frequency = np.geomspace(*SWEPT, 300)
         response = LinearModel(result.parameters).frequency_response(frequency)
-        model = metrics.FrequencyResponse(frequency, np.abs(response), np.unwrap(np.angle(response)), np.ones(300))
+        model = FrequencyResponse(frequency, np.abs(response), np.unwrap(np.angle(response)), np.ones(300))
         curves.insert(0, (model, "linear model", plots.GREEN, (0, (5, 1.5))))
     for curve, label, color, line in curves:
         plots.bode(gain, phase, curve.frequency, curve.gain_db, np.degrees(curve.phase),
@@ -161,7 +162,7 @@ def bode(result: Result, names: Sequence[str]) -> Drawing:
     for axes in (gain, phase):
         plots.limits(axes, 10.0, across=False, label="-3 dB, -90 deg; 10 Hz required")
     plots.legend_above(gain)
-    phase.set_xlim(metrics.SWEPT)
+    phase.set_xlim(SWEPT)
     plots.frequency_axis(phase, (0.5, 1, 2, 5, 10, 20))
     gain.minorticks_off()
     # The jump is no artefact: steady sines of 3.5 deg, with the defaults, lag 81 deg at 13.5 Hz and 105 deg at 14 Hz.

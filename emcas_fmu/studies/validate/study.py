@@ -156,7 +156,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     Trajectories are judged by the stored references where these are of the subject's actuator and parameters, by those
     of a `directory` where they are of its actuator; the requirements of a `specification` (the shipped ones unless
     given) always. With `inside`, or where the stored ones are of another actuator or other
-    parameters, trajectories are judged by the references that an FMU carries. With `names`, only these cases are run
+    parameters, trajectories are judged by the references embedded in an FMU. With `names`, only these cases are run
     and no requirement is judged. `progress` is called with the name of the run, how many are done and how many there
     are. Raises EmcasError where the validation cannot be carried out; a failing subject is a result.
     """
@@ -199,16 +199,16 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     return _result(subject, where, from_inside, cases, series, required, notes)
 
 
-def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, carried: Sequence[stored.Stored],
+def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, embedded: Sequence[stored.Stored],
             inside: bool) -> tuple[list[stored.Stored], bool]:
-    """Return the cases to run, and whether their references are those that the subject carries.
+    """Return the cases to run, and whether their references are those embedded in the subject.
 
     Raises EmcasError where these are asked for and there are none, and as `stored.load` does.
     """
-    if inside and not carried:
+    if inside and not embedded:
         raise EmcasError(f"{subject.identification.file}: there are no references inside; an FMU that `emcas build` "
                          "makes without --no-references has some")
-    chosen = {case.name: case for case in carried if not names or case.name in names}
+    chosen = {case.name: case for case in embedded if not names or case.name in names}
     usual = {case.name for case in CASES}
     others = [name for name in names or () if name in usual or name not in chosen]
     needed = () if names else [case.name for case in files.cases(load_parameters(model=subject.model))]

@@ -1,0 +1,138 @@
+"""Frequency responses estimated from runs: sine sweeps by Welch's method, steady sines by least squares.
+
+Frequencies in Hz, phases in rad, gains as numbers; columns are sampled uniformly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, isfinite, nan, pi
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+
+from .metrics import Array, crossing
+
+if TYPE_CHECKING:
+    from .runs import Run
+
+SWEPT = (0.5, 24.0)  # Hz; above, a sweep to 30 Hz ends within half a segment of the estimate
+# Least share of the power of a sine's response that its fundamental has: a triangle has 0.986, a square 0.81.
+PURE = 0.9
+
+# Hann segments of the frequency response. A second is thirty times the actuator's memory, so that truncating a
+# response at a segment's end matters little, and short enough that a sweep's harmonics, which occur at
+# other times than the same frequency in the command, fall into other segments.
+SEGMENT = 1.0  # s
+OVERLAP = 15.0 / 16.0
+# Share of the strongest input power below which a frequency counts as not excited.
+EXCITED = 1e-2
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Response over command: ``frequency`` [Hz], ``gain`` [1], ``phase`` [rad, unwrapped], ``coherence`` [1]."""
+
+    frequency: Array
+    gain: Array
+    phase: Array
+    coherence: Array
+
+    @property
+    def gain_db(self) -> Array:
+        """Gain [dB]; -inf where the response is zero, as for a sine within the backlash."""
+        with np.errstate(divide="ignore"):
+            return 20.0 * np.log10(self.gain)
+
+    @property
+    def bandwidth(self) -> float:
+        """Lowest frequency [Hz] at which the gain falls 3 dB below unity; nan if it does not."""
+        return float(crossing(self.frequency, -self.gain_db, 3.0))
+
+    @property
+    def phase_bandwidth(self) -> float:
+        """Lowest frequency [Hz] at which the response lags by 90 degrees; nan if it does not."""
+        return float(crossing(self.frequency, -np.degrees(self.phase), 90.0))
+
+    @property
+    def beyond(self) -> float:
+        """Highest frequency [Hz], a lower bound of a bandwidth that is nan; nan where the gain is not finite."""
+        measured = len(self.gain) > 0 and bool(np.all(np.isfinite(self.gain)))
+        return float(self.frequency[-1]) if measured else nan
+
+    @property
+    def bandwidths(self) -> str:
+        """Both bandwidths in words."""
+        return ", ".join(
+            f"{level} at {at:.1f} Hz" if isfinite(at) else
+            f"{level} above {self.beyond:.4g} Hz" if isfinite(self.beyond) else f"no {level}"
+            for level, at in (("-3 dB", self.bandwidth), ("-90 deg", self.phase_bandwidth)))
+
+
+def frequency_response(time: Array, command: Array, response: Array, low: float, high: float) -> FrequencyResponse:
+    """Return the H1 estimate, S_cr / S_cc by Welch's method, between two frequencies [Hz] of a swept command.
+
+    H1 (Bendat & Piersol, "Random Data", 4th ed., section 6.2) weights each segment by the command's power in it. The
+    harmonics of a nonlinear response occur while the sweep is at other frequencies and cancel: the result is the
+    fundamental, the describing function at the amplitude of the sweep.
+    The response is first shifted back by its lag, which would bias the estimate (ibid., section 11.3).
+    Frequencies that the command does not excite are left out. Near the ends of a sweep the estimate is poor
+    where the sweep lasts less than half a segment. One sweep of 12 s from 0.5 to 30 Hz gives a second-order
+    system with delay to 1.5 % from 0.5 to 22 Hz, and to 5 % at 24 Hz.
+    """
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    lag = max(int(np.argmax(scipy.signal.correlate(response, command))) - (len(command) - 1), 0)
+    command, response = command[:len(command) - lag], response[lag:]
+    length = min(round(SEGMENT * rate), len(command))
+    kept = int(OVERLAP * length)
+    segments = scipy.signal.ShortTimeFFT(scipy.signal.get_window("hann", length), length - kept, rate, mfft=8 * length)
+    # Whole segments only, each from its first sample on.
+    of_command, of_response = (segments.stft(column, p0=0, p1=(len(command) - kept) // (length - kept),
+                                             k_offset=length // 2) for column in (command, response))
+    frequency, s_cc = segments.f, np.mean(np.abs(of_command) ** 2, axis=-1)
+    inside = (frequency >= low) & (frequency <= high) & (s_cc > EXCITED * np.max(s_cc))
+    frequency, s_cc, of_response = frequency[inside], s_cc[inside], of_response[inside]
+    s_cr = np.mean(np.conj(of_command[inside]) * of_response, axis=-1)
+    s_rr = np.mean(np.abs(of_response) ** 2, axis=-1)
+    ratio = s_cr / s_cc * np.exp(-2j * np.pi * frequency * lag / rate)
+    # The first phase is near zero: at the lowest frequency a servo follows its command.
+    return FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.abs(s_cr) ** 2 / (s_cc * s_rr))
+
+
+def sweep_response(run: Run, low: float = SWEPT[0], high: float = SWEPT[1]) -> FrequencyResponse:
+    """Return the frequency response of a finished run under a sweep; nan for a fin that does not move."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return frequency_response(run.columns["time"], run.excitation.command, run.columns["fin_angle"], low, high)
+
+
+def swept(response: FrequencyResponse) -> dict[str, float]:
+    """Return the figures of a frequency response."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        upto = response.frequency <= (inf if np.isnan(response.bandwidth) else response.bandwidth)
+        return {"bandwidth_3db": response.bandwidth, "bandwidth_90deg": response.phase_bandwidth,
+                "peak_gain": float(np.max(response.gain_db)) if len(response.gain) else nan,
+                "lowest_coherence": float(np.min(response.coherence[upto])) if upto.any() else nan}
+
+
+def fundamental(time: Array, values: Array, frequency: float, drift: bool = True) -> complex:
+    """Return the complex amplitude c of Re(c exp(2 pi i f t)) in `values`, by least squares together with an offset.
+
+    A linear `drift` is fitted as well, unless it is known to be negligible.
+    """
+    return complex(fundamental_weights(time, frequency, drift) @ values)
+
+
+def fundamental_weights(time: Array, frequency: float, drift: bool = True) -> Array:
+    """Return the complex weights whose product with values at these times [s] is their `fundamental`."""
+    angle = 2.0 * pi * frequency * time
+    span = float(time[-1] - time[0]) or 1.0
+    slow = (np.ones_like(time), (time - time[0]) / span)[:1 + drift]
+    cosine, sine, *_ = np.linalg.pinv(np.column_stack([np.cos(angle), np.sin(angle), *slow]))
+    weights: Array = cosine - 1j * sine
+    return weights
+
+
+def held(amplitude: complex, frequency: float, step: float) -> complex:
+    """Return the fundamental of a sinusoid of complex `amplitude` that is sampled and held every `step` [s]."""
+    return complex(amplitude * np.sinc(frequency * step) * np.exp(-1j * pi * frequency * step))
