@@ -1,1 +1,1 @@
-"""Figures of the pages and files: Matplotlib's, and the curves that a page draws from them."""
+"""Plots of pages and files by Matplotlib, and their curves as data for the pages' script."""

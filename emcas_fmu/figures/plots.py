@@ -1,8 +1,7 @@
-"""One look for every picture, and figures as inline SVG: the same figure gives the same bytes.
+"""The style of all pictures, and figures as inline SVG: the same figure gives the same bytes.
 
-Figures are made without pyplot, so that nothing global is touched. In a `style()`
-figure, lines of the frame and text take the colour of the page they are put into,
-so that one picture serves light and dark pages and print.
+Figures are made without pyplot, so that no global state changes. In a figure made in `style()`, frame and text take
+the text colour of the page, so that one picture serves light pages, dark pages and print.
 """
 
 from __future__ import annotations
@@ -29,12 +28,12 @@ from .curves import INK as INK
 from .curves import curves
 
 # Okabe & Ito (2008), "Color universal design": distinguishable with every common colour blindness. Black and
-# yellow are left out, they vanish on a dark or a light page.
+# yellow are left out because they vanish on a dark or a light page.
 BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#e69f00", "#cc79a7"
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 GRAY = "#8a8f98"
 PICTURES = (".html", ".svg", ".png", ".pdf")
-# Matplotlib brings DejaVu Sans and measures with it; the others are as wide or narrower, so that no text is cut.
+# Matplotlib lays out text with its DejaVu Sans; the others are as wide or narrower, so that no text is cut.
 FONTS = "'DejaVu Sans', Verdana, 'Liberation Sans', Arial, Helvetica, sans-serif"
 COMMAND: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
 LIMIT: Mapping[str, Any] = {"color": GRAY, "linewidth": 0.9, "linestyle": (0, (1, 1.2)), "zorder": 1.5}
@@ -53,16 +52,17 @@ _STYLE: Mapping[str, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Give figures made inside the house style; restore matplotlib's settings at the end."""
+    """Apply the common style to figures made inside; restore matplotlib's settings at the end."""
     with mpl.rc_context(), mpl.style.context(["default", {**_STYLE, "axes.prop_cycle": cycler(color=COLORS)}]):
         yield
 
 
 def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, x: str = "",
            y: Iterable[str] = (), **more: Any) -> tuple[Figure, Any]:
-    """Make a figure, inside `style()`, and its grid of axes as an array; `width` and `height` of a row in inches.
+    """Return a figure and its grid of axes as an array; call it inside `style()`.
 
-    `x` is the label below each column, `y` are those of the rows, at the left; `more` is as of matplotlib's subplots.
+    `width` and the `height` of a row are in inches. `x` labels the columns, below; `y` the rows, at the left. `more`
+    are arguments of matplotlib's subplots.
     """
     empty = Figure(figsize=(width, height * rows), layout="constrained")
     grid = empty.subplots(rows, columns, squeeze=False, **more)
@@ -74,25 +74,28 @@ def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2
 
 
 def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
-    """Make a figure of panels below each other with the labels `y`, over the same `x`; `more` as `figure` takes."""
+    """Return a figure of panels with labels `y` above each other, over the same `x`, and its axes; see `figure`."""
     empty, grid = figure(len(y), x=x, y=y, **{"sharex": True, **more})
     return empty, grid[:, 0]
 
 
 def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True, **look: Any) -> None:
-    """Draw levels along an axis as limits, on both `sides` of zero if so; `look` is what differs from `LIMIT`."""
+    """Draw levels as limits `across` the panel or along it, with `sides` also at their negatives.
+
+    `look` are line properties that override `LIMIT`.
+    """
     for at in (sign * level for level in levels for sign in ((1.0, -1.0) if sides else (1.0,))):
         (axes.axhline if across else axes.axvline)(at, **{**LIMIT, **look})
 
 
 def svg(drawn: Figure, label: str = "", description: str = "") -> str:
-    """Return an <svg> element to put into an HTML page; `label` and `description` are for those who cannot see it.
+    """Return an <svg> element for an HTML page; `label` and `description` are for screen readers.
 
-    The figure's layout stays as it is then.
+    The figure's layout is fixed from then on.
     """
     text = StringIO()
-    if layout := drawn.get_layout_engine():  # matplotlib would draw all of it once more, only to lay it out
-        FigureCanvasSVG(drawn)  # whose letters' sizes count
+    if layout := drawn.get_layout_engine():  # matplotlib would render the figure twice to lay it out
+        FigureCanvasSVG(drawn)  # text sizes are those of SVG
         layout.execute(drawn)
         drawn.set_layout_engine(None)
     with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "none"}):
@@ -100,12 +103,12 @@ def svg(drawn: Figure, label: str = "", description: str = "") -> str:
     body = text.getvalue()
     body = body[body.index("<svg"):]
     body = re.sub(r"\s*<metadata>.*?</metadata>|<!--.*?-->", "", body, flags=re.DOTALL)
-    # A hundredth of a point is less than a printer can show.
+    # A hundredth of a point is finer than a printer's resolution.
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
-    # One home for the fonts, on the element; a size alone stays with each word.
+    # The element declares the fonts once; each text keeps its size only.
     body = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", body)
     body = re.sub(r"font-family: [^;\"]*;? ?", "", body)
-    body = _own_ids(body).replace(INK, "currentColor")
+    body = _unique_ids(body).replace(INK, "currentColor")
     words = f"<desc>{escape(description)}</desc>" if description else ""
     start = f'<svg role="img" aria-label="{escape(label)}" font-family="{FONTS}"'
     return re.sub(r"<svg([^>]*)>", lambda rest: f"{start}{rest[1]}>{words}", body, count=1).rstrip()
@@ -120,7 +123,7 @@ class Drawing(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A figure as a page holds it; `curves`, empty where it stays a picture, is what a script draws anew."""
+    """A figure in a page; `curves` is its data for the page's script, empty if it stays a static picture."""
 
     title: str
     svg: str
@@ -129,19 +132,19 @@ class Picture(NamedTuple):
 
 
 def picture(drawn: Figure, title: str, caption: str) -> Picture:
-    """Return a figure as a page holds it."""
+    """Return a figure for a page."""
     return Picture(title, svg(drawn, title, caption), caption, curves(drawn))
 
 
 def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
-    """Return drawings as a page holds them, those that are None left out; drawn in `style()` if they come lazily."""
+    """Return drawings for a page, without those that are None; a generator's are made in `style()`."""
     with style():
         return [picture(d.figure, d.title, d.caption) for d in drawings if d is not None]
 
 
 def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, marks: tuple[float, float],
          **look: Any) -> None:
-    """Draw a frequency response into two panels, with dots at the frequencies of -3 dB and -90 deg (`marks` [Hz])."""
+    """Plot a frequency response in two panels, with dots at the frequencies `marks` [Hz] of -3 dB and -90 deg."""
     gain.semilogx(frequency, gain_db, **look)
     phase.semilogx(frequency, phase_deg, **look)
     for axes, at, level in zip((gain, phase), marks, (-3.0, -90.0), strict=True):
@@ -149,7 +152,7 @@ def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, 
 
 
 def bode_axes(gain: Axes, phase: Axes) -> None:
-    """Give the panels of frequency responses their ranges and the lines at -3 dB and -90 deg."""
+    """Set labels and ranges of the panels of a Bode plot, with lines at -3 dB and -90 deg."""
     limits(gain, -3.0)
     limits(phase, -90.0)
     gain.set(ylabel="gain [dB]", ylim=(-12, 3))
@@ -157,14 +160,14 @@ def bode_axes(gain: Axes, phase: Axes) -> None:
 
 
 def frequency_axis(axes: Axes, ticks: Iterable[float]) -> None:
-    """Write frequencies [Hz] along a logarithmic axis as plain numbers."""
+    """Label a logarithmic axis of frequencies [Hz] with plain numbers."""
     ticks = list(ticks)
     axes.set(xlabel="frequency [Hz]", xticks=ticks, xticklabels=[f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
 
 
 def legend(owner: Axes | Figure, **more: Any) -> None:
-    """Put a legend into axes or a figure: each label once, with the look it has first; what lies below comes last."""
+    """Add a legend to axes or a figure: each label once, as it is drawn first; the lowest layers come last."""
     entries: dict[str, Any] = {}
     for axes in owner.axes if isinstance(owner, Figure) else [owner]:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -174,8 +177,8 @@ def legend(owner: Axes | Figure, **more: Any) -> None:
 
 
 def legend_above(owner: Axes | Figure, columns: int = 6, **more: Any) -> None:
-    """Put a legend above the panel, or all panels of a figure, where it cannot hide anything."""
-    # On the figure where it is wider than its panel, whose column it would widen.
+    """Add a legend above a panel, or above all panels of a figure, where it cannot hide anything."""
+    # A legend wider than its panel belongs to the figure: it would widen the panel's column.
     place: dict[str, Any] = {"loc": "outside upper left"} if isinstance(owner, Figure) else {
         "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
     legend(owner, ncols=columns, handlelength=1.8, columnspacing=1.4, **place, **more)
@@ -189,19 +192,19 @@ def write(drawn: Figure, path: Path) -> None:
 
 
 def check_ending(path: Path | None) -> None:
-    """Raise EmcasError for the name of a picture that cannot be written; no path is none."""
+    """Raise EmcasError for a path whose ending is none of `PICTURES`."""
     if path is not None and path.suffix not in PICTURES:
         raise EmcasError(f"{path}: a plot ends in {', '.join(PICTURES)}")
 
 
 def shade(axes: Axes, time: Any, active: Any, label: str = "") -> None:
-    """Shade the times at which `active` holds; both have the same length."""
+    """Shade the times at which `active` holds; the two arrays are equally long."""
     axes.fill_between(time, 0, 1, where=active, step="post", transform=axes.get_xaxis_transform(), color=GRAY,
                       alpha=0.22, linewidth=0.0, label=label or None)
 
 
-def _own_ids(body: str) -> str:
-    """Remove ids nothing refers to and make the others unique to the figure: a page holds several."""
+def _unique_ids(body: str) -> str:
+    """Remove ids without a reference and make the others unique to the figure: a page has several figures."""
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', body))
     mark = hashlib.sha256(body.encode()).hexdigest()[:8]
     body = re.sub(r' id="([^"]+)"', lambda m: f' id="{mark}-{m[1]}"' if m[1] in used else "", body)

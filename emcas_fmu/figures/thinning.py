@@ -1,9 +1,9 @@
-"""Values of curves in few characters: lines thinned to what a screen shows, numbers rounded to that."""
+"""Curves in few characters: lines thinned, and numbers rounded, to the resolution of a screen."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, isfinite, log10
+from math import ceil, inf, isfinite, log10
 from typing import Any
 
 import numpy as np
@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
 
-# What a screen shows after a zoom of ten: values are kept to this share of an axis.
+# Resolution of a screen after a zoom of ten, as a share of an axis.
 _FINEST = 1.0 / 20_000.0
 
 
 def rounded(value: float, digits: int = 6) -> float:
-    """Return a value of no more than these significant digits."""
+    """Return a value rounded to significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def share(values: Values, log: bool, limits: Sequence[float]) -> Values:
-    """Return where values lie between the limits of an axis, which are 0 and 1."""
+    """Return the positions of values along an axis, whose limits are 0 and 1."""
     low, high = (np.log10(limits) if log else np.asarray(limits, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares: Values = ((np.log10(values) if log else values) - low) / ((high - low) or 1.0)
@@ -29,55 +29,58 @@ def share(values: Values, log: bool, limits: Sequence[float]) -> Values:
 
 
 def thinned(x: Values, y: Values, finite: NDArray[np.bool_]) -> list[int]:
-    """Return which points of a line to keep, so that it nowhere moves by more than what is seen (swinging door)."""
+    """Return the indices of the points of a rising line that keep it within the resolution (swinging door).
+
+    Points outside 0 <= x <= 1 are dropped except the nearest on each side; of each gap between finite points one index
+    remains.
+    """
     inside = np.flatnonzero((x >= 0.0) & (x <= 1.0) & finite)
     if not len(inside):
         return []
-    first, last = max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, len(x) - 1)
+    shown = slice(max(int(inside[0]) - 1, 0), int(inside[-1]) + 2)
+    edges = np.flatnonzero(np.diff(finite[shown].astype(int), prepend=0, append=0)) + shown.start
     kept: list[int] = []
-    begin = -1  # of the piece that is being drawn, whose slope stays between low and high
-    low, high = -np.inf, np.inf
-    at, up, sound = x.tolist(), y.tolist(), finite.tolist()
-    for i in range(first, last + 1):
-        if not sound[i]:
-            if begin >= 0:
-                kept += [i - 1] if i - 1 > begin else []
-                kept.append(i)
-            begin = -1
-            continue
-        if begin < 0:
-            kept.append(i)
-            begin, low, high = i, -np.inf, np.inf
-            continue
-        along = at[i] - at[begin]
-        if (along > 0.0 and not low <= (up[i] - up[begin]) / along <= high) or along <= 0.0:
-            if i - 1 > begin:
+    for begin, end in edges.reshape(-1, 2).tolist():
+        kept += [begin - 1] if kept else []  # the gap
+        kept += _thinned_piece(x, y, begin, end)
+    return kept
+
+
+def _thinned_piece(x: Values, y: Values, begin: int, end: int) -> list[int]:
+    """Return the indices to keep of finite points from `begin` up to before `end`."""
+    kept = [begin]
+    low, high = -inf, inf  # slopes from the point kept last that pass all points since
+    at, up = x.tolist(), y.tolist()
+    for i in range(begin + 1, end):
+        along = at[i] - at[kept[-1]]
+        if along <= 0.0 or not low <= (up[i] - up[kept[-1]]) / along <= high:
+            if i - 1 > kept[-1]:
                 kept.append(i - 1)
-            begin, low, high = i - 1, -np.inf, np.inf
-            along = at[i] - at[begin]
-            if along <= 0.0:
-                kept.append(i)
-                begin = i
-                continue
-        low = max(low, (up[i] - _FINEST - up[begin]) / along)
-        high = min(high, (up[i] + _FINEST - up[begin]) / along)
-    if begin >= 0 and last > begin:
-        kept.append(last)
-    return list(dict.fromkeys(kept))
+            low, high = -inf, inf
+            along = at[i] - at[i - 1]
+        if along <= 0.0:  # a jump
+            kept.append(i)
+            continue
+        low = max(low, (up[i] - _FINEST - up[kept[-1]]) / along)
+        high = min(high, (up[i] + _FINEST - up[kept[-1]]) / along)
+    return kept if kept[-1] == end - 1 else [*kept, end - 1]
 
 
 def packed(values: Values, log: bool, limits: Sequence[float]) -> list[Any]:
-    """Return values as numbers of five digits, or, along a linear axis, as decimals and differences in that place."""
+    """Return values as numbers of five digits on a logarithmic axis, None where they are not finite.
+
+    On a linear axis they are the number of decimals, then the differences of neighbours in units of the last decimal.
+    """
     if log:
         return [rounded(value, 5) if isfinite(value) else None for value in values.tolist()]
-    places = min(max(ceil(-log10((limits[1] - limits[0]) * _FINEST)), -300), 300) if limits[1] > limits[0] else 0
-    packed: list[Any] = [places]
+    decimals = min(max(ceil(-log10((limits[1] - limits[0]) * _FINEST)), -300), 300) if limits[1] > limits[0] else 0
+    packed: list[Any] = [decimals]
     before = 0
     for value in values.tolist():
-        if not isfinite(value):
+        if isfinite(value):
+            number = round(value * 10.0**decimals)
+            packed.append(number - before)
+            before = number
+        else:
             packed.append(None)
-            continue
-        number = round(value * 10.0**places)
-        packed.append(number - before)
-        before = number
     return packed
