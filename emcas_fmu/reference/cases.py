@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .plant import Value, clip
+from .events import Value
 from .simulate import Array
+from .vehicle import clip
 
 STEP = 1e-3  # s
 SIGNIFICANT_DIGITS = 9

@@ -1,36 +1,33 @@
 """The dual clutch actuator in time: fin and motor integrated from event to event.
 
-Coordinates are the fin's angle and rate and the motor's speed; a `Mode` says which way each dry friction slides, or
-that it sticks, and where each coil's amplifier and the motor's diode stand. SciPy's DOP853 integrates a mode until a
-guard's zero. The motor has to keep turning: a run in which it comes to rest is refused. Controllers, bus and what is
-known of lever, loads and friction are those of the thesis's actuator in this package.
+Coordinates are the fin's angle and rate and the motor's speed. A `Mode` holds for each dry friction the direction of
+sliding, or that it sticks, and the modes of both coils' amplifiers and of the motor's diode. The motor has to keep
+turning: a run in which it comes to rest is refused. Controllers, bus, lever, loads and friction are those of the
+thesis's actuator (:mod:`.plant`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from collections.abc import Mapping
+from typing import NamedTuple
 
 from .coil import Coil, warming
-from .plant import Guard, Plant, Surroundings, Value
-from .simulate import Array, Bus, Controllers, advance, columns_of, electric_starts, schedule
+from .controllers import Controllers
+from .events import Accuracy, Event, State, Successor, Value, Vector, friction_events
+from .plant import FinPlant
+from .simulate import Array, run, voltage_starts
+from .vehicle import Surroundings, as_built
 
-_RTOL = 1e-10
-# Fin angle and rate, motor speed, coil currents, fluxes, temperature.
-_HOW = {"rtol": _RTOL, "atol": _RTOL * np.array([1e-2, 1.0, 10.0, 0.1, 0.1, 0.1, 0.1, 10.0]), "max_step": 5e-4}
+FIN, RATE, MOTOR, COIL_1, COIL_2, FLUX_1, FLUX_2, TEMPERATURE = range(8)
 OUTPUTS = ("fin_angle", "fin_rate", "motor_speed", "coil_current_1", "coil_current_2", "clutch_temperature",
            "drive_reference")
-State = list[float]
-TURNS = (1.0, -1.0)  # of the motor, the way in which each clutch turns the screw
+TURNS = (1.0, -1.0)  # direction of the motor in which each clutch turns the screw
 
 
-@dataclass(frozen=True)
-class Mode:
-    """`screw` and `slip` of the clutches are directions of sliding, 0 of what sticks; `coils` stand at 1, the supply's
-    voltage, -1, the suppressor's, or 0, none; `feeds` is whether the motor draws current."""
+class Mode(NamedTuple):
+    """Directions of sliding of the screw and of both clutches, 0 of what sticks; the modes of both coils' amplifiers;
+    whether the motor draws current."""
 
     screw: int
     slip: tuple[int, int]
@@ -43,21 +40,40 @@ def sign(value: float) -> int:
     return (value > 0.0) - (value < 0.0)
 
 
+def _with(pair: tuple[int, int], k: int, value: int) -> tuple[int, int]:
+    """Return the pair with its element k replaced."""
+    return (value, pair[1]) if k == 0 else (pair[0], value)
+
+
 class Clutches:
-    """The plant of one dual clutch actuator as built."""
+    """The plant of one dual clutch actuator as built, and the `nominal` fin side that its controllers compute with."""
+
+    accuracy = Accuracy(1e-10, (1e-2, 1.0, 10.0, 0.1, 0.1, 0.1, 0.1, 10.0), 5e-4)
 
     def __init__(self, parameters: Mapping[str, Value]):
         p = self.p = {name: float(value) for name, value in parameters.items()}
         self.coils = [Coil(p, "drive.kp", f"clutch.share_{k}") for k in (1, 2)]
         per_ampere = p["clutch.rated_torque"] * (1.0 - p["clutch.residual"]) / p["clutch.rated_current"]
         # Lever, screw, fin and loads of the thesis's actuator: the driven halves turn where its rotor does.
-        self.nominal = Plant({**p, "inertia.motor": p["clutch.driven_inertia"],
-                              "motor.torque_constant": per_ampere, "motor.inductance": 1.0,
-                              "motor.pole_pairs": 0.0, "drive.ki": 0.0})
-        self.screw = self.nominal.as_built()
-        flux = 1.0 + p["deviation.motor.torque_constant"]
-        self.torque_constant, self.emf = p["motor.torque_constant"] * flux, p["motor.back_emf_constant"] * flux
+        nominal = {**p, "inertia.motor": p["clutch.driven_inertia"], "motor.torque_constant": per_ampere}
+        self.nominal, self.screw = FinPlant(nominal), FinPlant(as_built(nominal))
+        built = as_built(p)
+        self.torque_constant, self.emf = built["motor.torque_constant"], built["motor.back_emf_constant"]
         self.rotor = p["inertia.motor"] + p["clutch.driving_inertia"]
+
+    def start(self) -> tuple[State, Mode]:
+        """Return the state and the mode at the start."""
+        p, bias = self.p, self.p["clutch.bias_current"]
+        return ([p["fin.start_angle"], 0.0, p["motor.start_speed"], bias, bias, bias, bias, p["friction.temperature"]],
+                Mode(0, (1, -1), (0, 0), True))
+
+    def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
+        """Return what acts under an input row and a delayed DAC value [V]."""
+        return self.nominal.surroundings(row, reference)
+
+    def outputs(self, y: Vector, _mode: Mode, _around: Surroundings) -> tuple[float, ...]:
+        """Return the outputs up to the clutch's temperature."""
+        return *y[:FLUX_1], y[TEMPERATURE]
 
     # Parts --------------------------------------------------------------------------------------------------
 
@@ -67,32 +83,35 @@ class Clutches:
         ratio = self.screw.ratio(delta)
         return ratio, 2.0 * ratio * tangent
 
-    def slips(self, y: Sequence[float]) -> tuple[float, float]:
+    def slips(self, y: Vector) -> tuple[float, float]:
         """Return the sliding speeds [rad/s] of both clutches: of the motor's side over the screw's."""
-        speed = self.ratios(y[0])[0] * y[1]
-        return y[2] - speed, -y[2] - speed
+        speed = self.ratios(y[FIN])[0] * y[RATE]
+        return y[MOTOR] - speed, -y[MOTOR] - speed
 
-    def limits(self, y: Sequence[float]) -> tuple[float, float]:
+    def limits(self, y: Vector) -> tuple[float, float]:
         """Return the torques [N.m] at which the clutches slip."""
-        first, second = (coil.limit(y[5 + k], y[7]) for k, coil in enumerate(self.coils))
+        first, second = (coil.limit(y[FLUX_1 + k], y[TEMPERATURE]) for k, coil in enumerate(self.coils))
         return first, second
 
-    def asked(self, around: Surroundings) -> tuple[float, float]:
-        """Return the currents [A] asked of both coils."""
+    def references(self, around: Surroundings) -> tuple[float, float]:
+        """Return the current references [A] of both coils."""
         if not around.enable:
             return 0.0, 0.0
-        net, bias = around.current_reference, self.p["clutch.bias_current"]
+        net, bias = around.reference, self.p["clutch.bias_current"]
         return self.p["coil.connected_1"] * (bias + max(net, 0.0)), bias + max(-net, 0.0)
 
-    def surplus(self, y: Sequence[float], around: Surroundings) -> float:
+    def surplus(self, y: Vector, around: Surroundings) -> float:
         """Return the voltage [V] left for the motor's winding."""
-        return around.supply - self.emf * y[2]
+        return around.supply - self.emf * y[MOTOR]
 
     # Motion -------------------------------------------------------------------------------------------------
 
-    def _loads(self, y: Sequence[float], mode: Mode, around: Surroundings, without: int = -1) -> tuple[float, float]:
-        """Return what acts on fin and motor [N.m] but the clutch `without` and, at rest, the screw's friction."""
-        delta, rate, speed = y[:3]
+    def _loads(self, y: Vector, mode: Mode, around: Surroundings, without: int = -1) -> tuple[float, float]:
+        """Return moment and torque [N.m] on fin and motor.
+
+        The clutch `without` is left out, and so is the friction of a screw at rest.
+        """
+        delta, rate, speed = y[:COIL_1]
         ratio, ratio_slope = self.ratios(delta)
         s = self.screw
         fin = s.loads(delta, around) - s.motor_inertia * ratio * ratio_slope * rate * rate
@@ -110,127 +129,103 @@ class Clutches:
     def _inertia(self, delta: float) -> float:
         return self.screw.fin_inertia + self.screw.motor_inertia * self.ratios(delta)[0] ** 2
 
-    def locked(self, y: Sequence[float], mode: Mode, k: int, around: Surroundings) -> tuple[float, float, float]:
+    def locked(self, y: Vector, mode: Mode, k: int, around: Surroundings) -> tuple[float, float, float]:
         """Return the fin's and the motor's acceleration [rad/s2] with clutch k locked, and its torque [N.m]."""
-        ratio, ratio_slope = self.ratios(y[0])
+        ratio, ratio_slope = self.ratios(y[FIN])
         turn = TURNS[k]
         fin, motor = self._loads(y, mode, around, k)
-        bent = ratio_slope * y[1] * y[1]
+        bent = ratio_slope * y[RATE] * y[RATE]
         rate = ((fin + ratio * turn * motor - self.rotor * ratio * bent)
-                / (self._inertia(y[0]) + self.rotor * ratio * ratio))
+                / (self._inertia(y[FIN]) + self.rotor * ratio * ratio))
         faster = ratio * rate + bent
         return rate, turn * faster, turn * motor - self.rotor * faster
 
-    def slope(self, y: Sequence[float], mode: Mode, around: Surroundings) -> list[float]:
+    def slope(self, y: Vector, mode: Mode, around: Surroundings) -> list[float]:
         """Return the time derivative of the state in a mode."""
-        heat, slips, limits = 0.0, self.slips(y), self.limits(y)
+        slips, limits = self.slips(y), self.limits(y)
         if 0 in mode.slip:
-            k = mode.slip.index(0)
-            rate, faster, _ = self.locked(y, mode, k, around)
+            rate, faster, _ = self.locked(y, mode, mode.slip.index(0), around)
         else:
             fin, motor = self._loads(y, mode, around)
-            rate, faster = fin / self._inertia(y[0]), motor / self.rotor
+            rate, faster = fin / self._inertia(y[FIN]), motor / self.rotor
         if mode.screw == 0:
             rate = 0.0
-        for k in (0, 1):
-            heat += limits[k] * mode.slip[k] * slips[k]
+        heat = sum(limits[k] * mode.slip[k] * slips[k] for k in (0, 1))
         (first, flux_1), (second, flux_2) = (
-            coil.slopes(asked, side, y[3 + k], y[5 + k], around.supply) for k, (coil, asked, side) in enumerate(
-                zip(self.coils, self.asked(around), mode.coils, strict=True)))
-        return [y[1] if mode.screw else 0.0, rate, faster, first, second, flux_1, flux_2, warming(self.p, heat, y[7])]
+            coil.slopes(reference, side, y[COIL_1 + k], y[FLUX_1 + k], around.supply)
+            for k, (coil, reference, side) in enumerate(
+                zip(self.coils, self.references(around), mode.coils, strict=True)))
+        return [y[RATE] if mode.screw else 0.0, rate, faster, first, second, flux_1, flux_2,
+                warming(self.p, heat, y[TEMPERATURE])]
 
     # Modes --------------------------------------------------------------------------------------------------
 
-    def rest(self, y: Sequence[float], mode: Mode, around: Surroundings) -> int:
-        """Return the way in which a screw at rest breaks away, or 0."""
-        moment, _ = self._loads(y, replace(mode, screw=0), around)
-        for side in (1, -1):
-            if side * moment > self.screw.coulomb(y[0], side) and side * y[0] < self.screw.stop:
-                return side
-        return 0
+    def _excess(self, y: Vector, mode: Mode, around: Surroundings, side: int) -> float:
+        """Return the moment [N.m] on a screw at rest towards `side` beyond what friction, or a stop, holds."""
+        if side * y[FIN] >= self.screw.stop:
+            return -1.0
+        return side * self._loads(y, mode._replace(screw=0), around)[0] - self.screw.coulomb(y[FIN], side)
 
-    def stuck(self, y: Sequence[float], mode: Mode, k: int, around: Surroundings) -> Mode:
+    def rest(self, y: Vector, mode: Mode, around: Surroundings) -> int:
+        """Return the direction in which a screw at rest breaks away, or 0."""
+        return next((side for side in (1, -1) if self._excess(y, mode, around, side) > 0.0), 0)
+
+    def stuck(self, y: Vector, mode: Mode, k: int, around: Surroundings) -> Mode:
         """Return the mode of clutch k with no slip: locked, or sliding the way its torque drives it."""
         _, _, torque = self.locked(y, mode, k, around)
-        slip = list(mode.slip)
-        slip[k] = 0 if abs(torque) <= self.limits(y)[k] else sign(torque)
-        return replace(mode, slip=(slip[0], slip[1]))
-
-    def amplifiers(self, y: Sequence[float], around: Surroundings) -> tuple[int, int]:
-        """Return where the amplifiers of both coils stand."""
-        first, second = (coil.side(asked, y[3 + k], around.supply)
-                         for k, (coil, asked) in enumerate(zip(self.coils, self.asked(around), strict=True)))
-        return first, second
+        slip = 0 if abs(torque) <= self.limits(y)[k] else sign(torque)
+        return mode._replace(slip=_with(mode.slip, k, slip))
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Mode:
         """Return the mode after the surroundings have jumped."""
-        mode = replace(mode, coils=self.amplifiers(y, around), feeds=self.surplus(y, around) > 0.0)
+        first, second = (coil.mode(reference, y[COIL_1 + k], around.supply)
+                         for k, (coil, reference) in enumerate(zip(self.coils, self.references(around), strict=True)))
+        mode = mode._replace(coils=(first, second), feeds=self.surplus(y, around) > 0.0)
         if mode.screw == 0:
-            mode = replace(mode, screw=self.rest(y, mode, around))
+            mode = mode._replace(screw=self.rest(y, mode, around))
         return self.stuck(y, mode, mode.slip.index(0), around) if 0 in mode.slip else mode
 
-    def guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
-        """Return what ends a mode."""
-        guards: list[Guard] = []
-
-        def lose(value: Callable[[Sequence[float]], float], then: Callable[[State], Mode]) -> None:
-            guards.append(Guard(value, -1, then))
-
+    def events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        """Return the events that end a mode."""
         def motor_rests(y: State) -> Mode:
             raise ValueError("the motor comes to rest, which this reference does not follow")
 
-        lose(lambda y: y[2], motor_rests)
-
-        if mode.screw:
-            side = mode.screw
-
-            def halt(y: State) -> Mode:
-                y[1] = 0.0
-                loose = self._released(y, mode)
-                return replace(loose, screw=self.rest(y, loose, around))
-
-            def strike(y: State) -> Mode:
-                y[0] = side * self.screw.stop
-                return halt(y)
-
-            lose(lambda y: side * y[1], halt)
-            lose(lambda y: self.screw.stop - side * y[0], strike)
-        else:
-            for way in (1, -1):
-                lose(lambda y, way=way: self.screw.coulomb(y[0], way) - way * self._loads(y, mode, around)[0]  # type: ignore[misc]
-                     if way * y[0] < self.screw.stop else 1.0, lambda y, way=way: replace(mode, screw=way))  # type: ignore[misc]
-        for k, way in enumerate(mode.slip):
-            if way:
-                def meet(y: State, k: int = k) -> Mode:
-                    y[2] = TURNS[k] * self.ratios(y[0])[0] * y[1]
-                    return self.stuck(y, mode, k, around)
-
-                lose(lambda y, k=k, way=way: way * self.slips(y)[k], meet)  # type: ignore[misc]
-            else:
-                for side in (1, -1):
-                    def slide(y: State, k: int = k, side: int = side) -> Mode:
-                        return replace(mode, slip=(side, mode.slip[1]) if k == 0 else (mode.slip[0], side))
-
-                    lose(lambda y, k=k, side=side: self.limits(y)[k]  # type: ignore[misc]
-                         - side * self.locked(y, mode, k, around)[2], slide)
-        for k, (coil, asked, at) in enumerate(zip(self.coils, self.asked(around), mode.coils, strict=True)):
-            def left(y: Sequence[float], k: int = k, coil: Coil = coil, asked: float = asked, at: int = at
-                     ) -> dict[int, float]:
-                return coil.left(asked, at, y[3 + k], around.supply)
-
-            def switched(to: int, k: int = k) -> Callable[[State], Mode]:
-                return lambda y: replace(mode, coils=(to, mode.coils[1]) if k == 0 else (mode.coils[0], to))
-
-            for to in (0,) if at else (1, -1):
-                lose(lambda y, left=left, to=to: left(y)[to], switched(to))  # type: ignore[misc]
         feeding = 1.0 if mode.feeds else -1.0
-        lose(lambda y: feeding * self.surplus(y, around), lambda y: replace(mode, feeds=not mode.feeds))
-        return guards
+        events = [Event(lambda y: y[MOTOR], motor_rests), *self._screw_events(mode, around)]
+        for k, (coil, reference) in enumerate(zip(self.coils, self.references(around), strict=True)):
+            events += self._slip_events(mode, k, around)
+            events += coil.events(reference, mode.coils[k], COIL_1 + k, around.supply,
+                                  lambda to, k=k: mode._replace(coils=_with(mode.coils, k, to)))  # type: ignore[misc]
+        return [*events, Event(lambda y: feeding * self.surplus(y, around),
+                               lambda _: mode._replace(feeds=not mode.feeds))]
 
-    def _released(self, y: State, mode: Mode) -> Mode:
-        """Return a mode in which no clutch holds a screw that stands to a motor that turns."""
-        first, second = self.slips(y)
-        return replace(mode, slip=(sign(first) or 1, sign(second) or -1))
+    def _screw_events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        def halt(y: State) -> Mode:
+            y[RATE] = 0.0
+            # No clutch holds a screw at rest to a motor that turns.
+            first, second = self.slips(y)
+            loose = mode._replace(slip=(sign(first) or 1, sign(second) or -1))
+            return loose._replace(screw=self.rest(y, loose, around))
+
+        def strike(y: State) -> Mode:
+            y[FIN] = mode.screw * self.screw.stop
+            return halt(y)
+
+        events = friction_events(mode.screw, lambda y: y[RATE], lambda y, side: self._excess(y, mode, around, side),
+                                 halt, lambda side: lambda _: mode._replace(screw=side))
+        return [*events, Event(lambda y: self.screw.stop - mode.screw * y[FIN], strike)] if mode.screw else events
+
+    def _slip_events(self, mode: Mode, k: int, around: Surroundings) -> list[Event]:
+        def meet(y: State) -> Mode:
+            y[MOTOR] = TURNS[k] * self.ratios(y[FIN])[0] * y[RATE]
+            return self.stuck(y, mode, k, around)
+
+        def slide(side: int) -> Successor:
+            return lambda _: mode._replace(slip=_with(mode.slip, k, side))
+
+        return friction_events(
+            mode.slip[k], lambda y: self.slips(y)[k],
+            lambda y, side: side * self.locked(y, mode, k, around)[2] - self.limits(y)[k], meet, slide)
 
 
 def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
@@ -239,28 +234,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     `inputs` are as :func:`emcas_fmu.reference.simulate.simulate` takes them; a row holds until the next.
     """
     plant = Clutches(parameters)
-    p, nominal = plant.p, plant.nominal
-    columns = columns_of(inputs, electric_starts(parameters))
-    instants, row_at, sample_at, arrival_at = schedule(inputs["time"], p)
-
-    bias = p["clutch.bias_current"]
-    y = [p["fin.start_angle"], 0.0, p["motor.start_speed"], bias, bias, bias, bias, p["friction.temperature"]]
-    controllers, bus = Controllers(plant.screw, nominal, y[0]), Bus(p)
-    mode, active, dac = Mode(0, (1, -1), (0, 0), True), 0.0, [0.0]
-    row: dict[str, float] = {name: column[0] for name, column in columns.items()}
-    records = []
-    for t, following in zip(instants, [*instants[1:], None], strict=True):
-        if t in row_at:
-            records.append((t, *y[:5], y[7], dac[-1]))
-            row = {name: column[row_at[t]] for name, column in columns.items()}
-        if following is None:
-            break
-        if t in sample_at:
-            command = bus.arrived(row["fin_command"])
-            dac.append(controllers.sample(y[0], y[1], command, bool(row["enable"]), y[3] - y[4]))
-        if t in arrival_at:
-            active = dac[1 + arrival_at[t]]
-        around = nominal.surroundings(row, active)
-        mode = plant.admit(y, mode, around)
-        y, mode = advance(plant, y, mode, around, t, following, _HOW)
-    return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))
+    controllers = Controllers(plant.screw, plant.nominal, plant.p["fin.start_angle"])
+    return run(plant, lambda y, command, enable: controllers.sample(y[FIN], y[RATE], command, enable,
+                                                                    y[COIL_1] - y[COIL_2]),
+               plant.p, inputs, voltage_starts(parameters), OUTPUTS)

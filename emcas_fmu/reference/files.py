@@ -29,8 +29,9 @@ from ..parameters import ParameterSet, load_parameters, schema
 from ..support.progress import Progress, silent
 from ..support.writing import write_folder
 from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, with_supply
-from .plant import Value
-from .simulate import MAX_STEP, RTOL, SCALES, Array
+from .events import Value
+from .plant import Plant
+from .simulate import Array
 
 PROVENANCE = "provenance.toml"
 
@@ -205,7 +206,7 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
         values = {**chosen.values, **case.overrides}
         inputs = case.inputs()
         tables = {"in": csv_text(inputs), "ref": csv_text(simulate(values, inputs))}
-        options = {"StartTime": 0.0, "StopTime": case.stop_time, "StepSize": case.step, "RelTol": RTOL}
+        options = {"StartTime": 0.0, "StopTime": case.stop_time, "StepSize": case.step, "RelTol": Plant.accuracy.rtol}
         contents |= {file_of(case.name, f"{kind}.csv"): text for kind, text in tables.items()}
         contents[file_of(case.name, "ref.opt")] = "".join(f"{name}, {value:g}\n" for name, value in options.items())
         provenance[case.name] = _provenance(case, tables, values, chosen.model)
@@ -283,8 +284,9 @@ def _method(model: str) -> dict[str, Any]:
     reference = get(model).reference
     if reference != get(NONLINEAR).reference:
         return {"method": f"the actuator's own, {Path(str(reference)).name}"}
-    return {"method": "scipy.integrate.solve_ivp, DOP853 with terminal events", "relative_tolerance": RTOL,
-            "absolute_tolerances": (RTOL * SCALES).tolist(), "maximum_step": MAX_STEP}
+    rtol, scales, max_step = Plant.accuracy
+    return {"method": "scipy.integrate.solve_ivp, DOP853 with terminal events", "relative_tolerance": rtol,
+            "absolute_tolerances": [rtol * scale for scale in scales], "maximum_step": max_step}
 
 
 def _provenance(case: Case, tables: Mapping[str, str], values: Mapping[str, Value], model: str) -> dict[str, Any]:

@@ -27,7 +27,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from ..errors import EmcasError
-from .plant import over_temperature, whole_samples
+from .controllers import whole_samples
+from .plant import over_temperature
+from .vehicle import as_built
 
 Array = NDArray[np.floating[Any]]
 
@@ -56,7 +58,7 @@ class LinearModel:
             raise EmcasError(why)
         self.sample_time = period = float(values["controller.sample_time"])
         _, ratio, inertia = _plant(values)
-        plant, turned, _ = _plant(_as_built(values))
+        plant, turned, _ = _plant(as_built(values))
         whole, rest = divmod(float(values["drive.transport_delay"]), period)
         if period - rest < 1e-9 * period:  # a delay of whole periods, but for rounding
             whole, rest = whole + 1, 0.0
@@ -119,15 +121,6 @@ class LinearModel:
         shift = np.exp(2j * np.pi * np.asarray(frequency) * self.sample_time)
         return np.array([self.output @ np.linalg.solve(z * identity - self.update, self.drive) / z**self.latency
                          for z in shift])
-
-
-def _as_built(values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return parameters with those of the plant as they deviate; the assembly angle and dry friction are left out."""
-    of = {"kinematics.moment_arm": "kinematics.moment_arm", "screw.lead": "screw.lead",
-          "motor.torque_constant": "motor.torque_constant", "motor.back_emf_constant": "motor.torque_constant",
-          "friction.viscous.positive": "friction.viscous", "friction.viscous.negative": "friction.viscous",
-          "friction.fin_viscous": "friction.viscous", "inertia.fin": "mass.fin"}
-    return {**values, **{name: values[name] * (1.0 + values[f"deviation.{off}"]) for name, off in of.items()}}
 
 
 def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:

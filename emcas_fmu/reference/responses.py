@@ -19,7 +19,7 @@ from ..support.files import cache_directory, models_directory
 from ..support.writing import write
 from . import files, stored
 from .cases import Case
-from .plant import Value
+from .events import Value
 from .simulate import Array
 
 _KEPT = 256  # responses of some 35 kB

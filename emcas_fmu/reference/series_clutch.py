@@ -1,36 +1,33 @@
 """The series clutch actuator in time: rotor, clutch, screw, no-back and fin integrated from event to event.
 
-Coordinates are the fin's angle and rate and the rotor's speed; the nut passes a moment M from the screw to the fin,
-which the screw feels as e M/R, e by whether it drives the fin. A `Mode` says which way rotor, clutch and screw slide,
-or that they stick, the sign of what passes the nut, and where drive and coil's amplifier stand. Motor and drive are
-those of the thesis's actuator in this package, on a rotor that turns by itself; so are controllers, bus, lever and
-loads.
+Coordinates are the fin's angle and rate and the rotor's speed; the nut transmits a moment M from the screw to the fin,
+which the screw feels as e M/R, with e by whether it drives the fin. A `Mode` holds the directions in which rotor,
+clutch and screw slide, or that they stick, the sign of M, and the modes of the drive and of the coil's amplifier.
+Drive, controllers, bus, lever and loads are those of the thesis's actuator; the rotor turns by itself.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
-
 from .coil import Coil, warming
-from .plant import FREE, Guard, Plant, Surroundings, Value, Vector
-from .plant import Mode as Electrical
-from .simulate import Array, Bus, Controllers, advance, columns_of, electric_starts, schedule
+from .controllers import Controllers
+from .drive import FREE, Drive, Motor
+from .events import Accuracy, Event, State, Successor, Value, Vector
+from .plant import FinPlant
+from .simulate import Array, check_supply, run, voltage_starts
+from .vehicle import Surroundings, as_built
 
-_RTOL = 1e-10
 FIN, RATE, ROTOR, CURRENT, INTEGRAL, COIL, FLUX, TEMPERATURE = range(8)
-_HOW = {"rtol": _RTOL, "atol": _RTOL * np.array([1e-2, 1.0, 10.0, 1.0, 1.0, 0.1, 0.1, 10.0]), "max_step": 2e-4}
 OUTPUTS = ("fin_angle", "fin_rate", "motor_speed", "motor_current", "motor_voltage", "coil_current",
            "clutch_temperature", "drive_reference")
-State = list[float]
 
 
 class Mode(NamedTuple):
     """`screw`, `rotor` and `slip` are directions of sliding, 0 of what sticks; the screw drives the fin (`load` 1) or
-    is driven by it (-1); `coil` and `drive` are where their voltages stand."""
+    is driven by it (-1); `coil` and `drive` are the modes of amplifier and drive."""
 
     screw: int
     rotor: int
@@ -45,25 +42,10 @@ def sign(value: float) -> int:
     return (value > 0.0) - (value < 0.0)
 
 
-class _Drive(Plant):
-    """Motor and drive of a rotor by itself, in place of the fin; `faster` [rad/s2] is how the rotor accelerates."""
-
-    faster = 0.0
-
-    def ratio(self, delta: float) -> float:
-        """Return 1: what turns is the rotor."""
-        return 1.0
-
-    def bend(self, delta: float) -> float:
-        """Return 0."""
-        return 0.0
-
-    def _omega_slope(self, state: Vector, motion: int, around: Surroundings) -> float:
-        return self.faster
-
-
 class SeriesClutch:
-    """The plant of one series clutch actuator as built, and the `nominal` one that its controllers know."""
+    """The plant of one series clutch actuator as built, and the `nominal` one that its controllers compute with."""
+
+    accuracy = Accuracy(1e-10, (1e-2, 1.0, 10.0, 1.0, 1.0, 0.1, 0.1, 10.0), 2e-4)
 
     def __init__(self, parameters: Mapping[str, Value]):
         p = self.p = {name: float(value) for name, value in parameters.items()}
@@ -71,15 +53,27 @@ class SeriesClutch:
         whole = {"inertia.motor": p["inertia.motor"] + driving + driven}
         for way in ("positive", "negative"):
             whole[f"friction.coulomb.{way}[0]"] = p[f"friction.coulomb.{way}[0]"] + p["motor.coulomb_friction"]
-        self.nominal = Plant({**p, **whole})
-        self.screw = Plant({**p, "inertia.motor": driven}).as_built()
-        drive = _Drive(p).as_built()
-        assert isinstance(drive, _Drive)
-        self.drive = drive
+        self.nominal = FinPlant({**p, **whole})
+        built = as_built(p)
+        self.screw, self.drive = FinPlant({**built, "inertia.motor": driven}), Drive(built)
         self.coil = Coil(p, "coil.kp", "clutch.share")
         self.rotor_inertia = p["inertia.motor"] + driving
         self.screw_inertia = driven + p["inertia.screw"]
         self.forward, self.backward = 1.0 / p["efficiency.forward"], p["efficiency.backward"]
+
+    def start(self) -> tuple[State, Mode]:
+        """Return the state and the mode at the start."""
+        p, engaged = self.p, self.p["coil.connected"] * self.p["clutch.rated_current"]
+        return ([p["fin.start_angle"], 0.0, 0.0, 0.0, 0.0, engaged, engaged, p["friction.temperature"]],
+                Mode(0, 0, 0, 1, 0, FREE))
+
+    def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
+        """Return what acts under an input row and a delayed DAC value [V]."""
+        return self.nominal.surroundings(row, reference)
+
+    def outputs(self, y: Vector, _mode: Mode, around: Surroundings) -> tuple[float, ...]:
+        """Return the outputs up to the clutch's temperature."""
+        return *y[:INTEGRAL], self.drive.voltage(_motor(y), around), y[COIL], y[TEMPERATURE]
 
     # Parts --------------------------------------------------------------------------------------------------
 
@@ -91,17 +85,17 @@ class SeriesClutch:
         """Return the torque [N.m] at which the clutch slips."""
         return self.coil.limit(y[FLUX], y[TEMPERATURE])
 
-    def asked(self, around: Surroundings) -> float:
-        """Return the current [A] asked of the coil."""
+    def reference(self, around: Surroundings) -> float:
+        """Return the current reference [A] of the coil."""
         return self.p["coil.connected"] * self.p["clutch.rated_current"] if around.enable else 0.0
 
     def _rotor(self, y: Vector, around: Surroundings) -> float:
-        """Return the torque [N.m] on the rotor but dry friction and clutch."""
+        """Return the torque [N.m] on the rotor without dry friction and clutch."""
         return (self.drive.torque_constant * y[CURRENT] - self.p["motor.viscous_friction"] * y[ROTOR]
                 - self.rotor_inertia * around.faster[0])
 
     def _screw(self, y: Vector, way: int, around: Surroundings) -> float:
-        """Return the torque [N.m] on a screw that slides `way` but that of clutch and nut."""
+        """Return the torque [N.m] on a screw that slides `way`, without clutch and nut."""
         s = self.screw
         return (-self.screw_inertia * around.faster[0] - s.viscous[way] * self.turning(y)
                 - way * s.coulomb_factor * s.motor_coulomb(y[FIN], way))
@@ -146,21 +140,16 @@ class SeriesClutch:
         return self._rotor(y, around) - mode.rotor * self.p["motor.coulomb_friction"] - self.rotor_inertia * faster
 
     def _accelerations(self, y: Vector, mode: Mode, around: Surroundings) -> tuple[float, float]:
+        """Return the accelerations of fin and rotor [rad/s2]."""
         if mode.screw:
             return self._moved(y, mode, around)[:2]
         return 0.0, self._apart(y, mode, around) if mode.slip else 0.0
 
-    def _motor(self, y: Vector, mode: Mode, around: Surroundings) -> State:
-        """Return the state of motor and drive as that of a rotor in a fin's place."""
-        if self.drive.electrical_inductance:  # else no limit moves with the speed
-            self.drive.faster = self._accelerations(y, mode, around)[1]
-        return [0.0, y[ROTOR], y[CURRENT], y[INTEGRAL]]
-
     def slope(self, y: Vector, mode: Mode, around: Surroundings) -> list[float]:
         """Return the time derivative of the state in a mode."""
         rate, faster = self._accelerations(y, mode, around)
-        _, _, rise, integral = self.drive.slope(self._motor(y, mode, around), Electrical(1, mode.drive), around)
-        current, flux = self.coil.slopes(self.asked(around), mode.coil, y[COIL], y[FLUX], around.supply)
+        rise, integral = self.drive.slopes(_motor(y), mode.drive, around, lambda: faster)
+        current, flux = self.coil.slopes(self.reference(around), mode.coil, y[COIL], y[FLUX], around.supply)
         heat = mode.slip * self.limit(y) * (y[ROTOR] - self.turning(y))
         return [y[RATE] if mode.screw else 0.0, rate, faster, rise, integral, current, flux,
                 warming(self.p, heat, y[TEMPERATURE])]
@@ -180,7 +169,7 @@ class SeriesClutch:
         return bounds[0], bounds[1], rotor + dry, rotor - dry
 
     def _loaded(self, y: Vector, mode: Mode, around: Surroundings) -> Mode:
-        """Return the mode with what passes the nut as it is: its sign does not depend on how much of it is felt."""
+        """Return the mode with the sign of M as it is: that does not depend on how much of M the screw feels."""
         if not mode.screw:
             return mode
         return mode._replace(load=1 if mode.screw * self._moved(y, mode._replace(load=1), around)[2] > 0.0 else -1)
@@ -208,58 +197,67 @@ class SeriesClutch:
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Mode:
         """Return the mode after the surroundings have jumped; the current of an opened bridge is 0."""
-        motor = self._motor(y, mode, around)
-        drive = self.drive.admit(motor, Electrical(1, mode.drive), around).drive
-        y[CURRENT], y[INTEGRAL] = motor[2:]
-        coil = self.coil.side(self.asked(around), y[COIL], around.supply)
+        drive = self.drive.admit(_motor(y), around, lambda: self._accelerations(y, mode, around)[1])
+        if not around.enable:
+            y[CURRENT] = y[INTEGRAL] = 0.0
+        coil = self.coil.mode(self.reference(around), y[COIL], around.supply)
         return self.settle(y, mode._replace(coil=coil, drive=drive), around)
 
-    def guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
-        """Return what ends a mode."""
-        guards: list[Guard] = []
+    def events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        """Return the events that end a mode."""
+        events = self._moving_events(mode, around) if mode.screw else self._rest_events(mode, around)
+        if mode.slip:
+            events += self._slip_events(mode, around)
+        events += self.coil.events(self.reference(around), mode.coil, COIL, around.supply,
+                                   lambda to: mode._replace(coil=to))
+        return events + self.drive.events(mode.drive, around, _motor, lambda y: self._accelerations(y, mode, around)[1],
+                                          lambda _, drive: mode._replace(drive=drive))
 
-        def lose(value: Callable[[Vector], float], then: Callable[[State], Mode]) -> None:
-            guards.append(Guard(value, -1, then))
-
-        def go(**changes: int) -> Callable[[State], Mode]:
+    def _rest_events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        """Return the events that start a screw at rest, and its rotor where the clutch holds."""
+        def settled(**changes: int) -> Successor:
             return lambda y: self.settle(y, mode._replace(**changes), around)
 
-        if mode.screw:
-            self._while_moving(mode, around, lose)
-        elif mode.slip:
-            lose(lambda y: self._starts(y, around)[0] - mode.slip * self.limit(y), go(screw=1))
-            lose(lambda y: mode.slip * self.limit(y) - self._starts(y, around)[1], go(screw=-1))
-        else:
-            # At rest as a whole, while a torque of the clutch keeps both: which two bounds of it meet says what starts.
-            for low, high, begins in ((3, 0, (1, 1, 0)), (1, 2, (-1, -1, 0)), (3, None, (0, 1, 1)),
-                                      (1, None, (-1, 0, 1)), (None, 2, (0, -1, -1)), (None, 0, (1, 0, -1))):
-                def left(y: Vector, low: int | None = low, high: int | None = high) -> float:
-                    bounds = self._starts(y, around)
-                    return ((self.limit(y) if high is None else bounds[high])
-                            - (-self.limit(y) if low is None else bounds[low]))
-
-                lose(left, go(**dict(zip(Mode._fields, begins, strict=False))))
         if mode.slip:
-            def meet(y: State) -> Mode:
-                y[ROTOR] = self.turning(y) if mode.screw else 0.0
-                return self.settle(y, mode._replace(rotor=mode.screw, slip=0), around)
+            return [Event(lambda y: self._starts(y, around)[0] - mode.slip * self.limit(y), settled(screw=1)),
+                    Event(lambda y: mode.slip * self.limit(y) - self._starts(y, around)[1], settled(screw=-1))]
 
-            lose(lambda y: mode.slip * (y[ROTOR] - self.turning(y)), meet)
-            if mode.rotor:
-                def stand(y: State) -> Mode:
-                    y[ROTOR] = 0.0
-                    return self.settle(y, mode._replace(rotor=0), around)
+        def left(low: int | None, high: int | None, screw: int, rotor: int, slip: int) -> Event:
+            def margin(y: Vector) -> float:
+                bounds = self._starts(y, around)
+                return ((self.limit(y) if high is None else bounds[high])
+                        - (-self.limit(y) if low is None else bounds[low]))
 
-                if mode.screw:  # of one that stands it is that event
-                    lose(lambda y: mode.rotor * y[ROTOR], stand)
-            else:
-                lose(lambda y: self._starts(y, around)[2] - mode.slip * self.limit(y), go(rotor=-1))
-                lose(lambda y: mode.slip * self.limit(y) - self._starts(y, around)[3], go(rotor=1))
-        self._electric(mode, around, lose, guards)
-        return guards
+            return Event(margin, settled(screw=screw, rotor=rotor, slip=slip))
 
-    def _while_moving(self, mode: Mode, around: Surroundings, lose: Callable[..., None]) -> None:
-        """Add what ends a mode in which the screw moves."""
+        # All is at rest while there is a torque of the clutch, at most its limit (None), that keeps both at rest. What
+        # starts follows from which lower and upper bounds of it meet.
+        return [left(3, 0, 1, 1, 0), left(1, 2, -1, -1, 0), left(3, None, 0, 1, 1), left(1, None, -1, 0, 1),
+                left(None, 2, 0, -1, -1), left(None, 0, 1, 0, -1)]
+
+    def _slip_events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        """Return the events that end the slip of the clutch, or the rest or the motion of its rotor."""
+        def meet(y: State) -> Mode:
+            y[ROTOR] = self.turning(y) if mode.screw else 0.0
+            return self.settle(y, mode._replace(rotor=mode.screw, slip=0), around)
+
+        def halt(y: State) -> Mode:
+            y[ROTOR] = 0.0
+            return self.settle(y, mode._replace(rotor=0), around)
+
+        def start(side: int) -> Successor:
+            return lambda y: self.settle(y, mode._replace(rotor=side), around)
+
+        events = [Event(lambda y: mode.slip * (y[ROTOR] - self.turning(y)), meet)]
+        if not mode.rotor:
+            events += [Event(lambda y: self._starts(y, around)[2] - mode.slip * self.limit(y), start(-1)),
+                       Event(lambda y: mode.slip * self.limit(y) - self._starts(y, around)[3], start(1))]
+        elif mode.screw:  # with a screw at rest the end of the slip is the same event
+            events.append(Event(lambda y: mode.rotor * y[ROTOR], halt))
+        return events
+
+    def _moving_events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        """Return the events of a screw that moves."""
         way = mode.screw
 
         def halt(y: State) -> Mode:
@@ -273,24 +271,18 @@ class SeriesClutch:
             going = sign(y[ROTOR])
             return self.settle(y, mode._replace(screw=0, rotor=going, slip=going), around)
 
-        lose(lambda y: way * y[RATE], halt)
-        lose(lambda y: self.screw.stop - way * y[FIN], strike)
-        lose(lambda y: mode.load * way * self._moved(y, mode, around)[2], lambda y: mode._replace(load=-mode.load))
-        if mode.slip == 0:
-            for side in (1, -1):
-                lose(lambda y, side=side: self.limit(y) - side * self._held(y, mode, around),
-                     lambda y, side=side: self.settle(y, mode._replace(slip=side), around))
+        def slide(side: int) -> Event:
+            return Event(lambda y: self.limit(y) - side * self._held(y, mode, around),
+                         lambda y: self.settle(y, mode._replace(slip=side), around))
 
-    def _electric(self, mode: Mode, around: Surroundings, lose: Callable[..., None], guards: list[Guard]) -> None:
-        """Add the limits of the coil's amplifier and of the drive's voltage."""
-        asked = self.asked(around)
-        for to in (0,) if mode.coil else (1, -1):
-            lose(lambda y, to=to: self.coil.left(asked, mode.coil, y[COIL], around.supply)[to],
-                 lambda y, to=to: mode._replace(coil=to))
-        for guard in self.drive._drive_guards(Electrical(1, mode.drive), around):
-            guards.append(Guard(
-                lambda y, guard=guard: guard.value(self._motor(y, mode, around)), int(guard.direction),  # type: ignore[misc]
-                lambda y, guard=guard: mode._replace(drive=guard.successor(self._motor(y, mode, around)).drive)))  # type: ignore[misc]
+        events = [Event(lambda y: way * y[RATE], halt), Event(lambda y: self.screw.stop - way * y[FIN], strike),
+                  Event(lambda y: mode.load * way * self._moved(y, mode, around)[2],
+                        lambda _: mode._replace(load=-mode.load))]
+        return events if mode.slip else [*events, slide(1), slide(-1)]
+
+
+def _motor(y: Vector) -> Motor:
+    return Motor(y[ROTOR], y[CURRENT], y[INTEGRAL])
 
 
 def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
@@ -298,33 +290,8 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
 
     `inputs` are as :func:`emcas_fmu.reference.simulate.simulate` takes them; a row holds until the next.
     """
+    check_supply(inputs)
     plant = SeriesClutch(parameters)
-    p, nominal = plant.p, plant.nominal
-    columns = columns_of(inputs, electric_starts(parameters))
-    if min(columns["supply_voltage"]) <= 0.0:
-        raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
-    instants, row_at, sample_at, arrival_at = schedule(inputs["time"], p)
-
-    engaged = p["coil.connected"] * p["clutch.rated_current"]
-    y = [p["fin.start_angle"], 0.0, 0.0, 0.0, 0.0, engaged, engaged, p["friction.temperature"]]
-    controllers, bus = Controllers(plant.screw, nominal, y[FIN]), Bus(p)
-    mode, active, dac = Mode(0, 0, 0, 1, 0, FREE), 0.0, [0.0]
-    row: dict[str, float] = {name: column[0] for name, column in columns.items()}
-    around = nominal.surroundings(row, active)
-    records = []
-    for t, following in zip(instants, [*instants[1:], None], strict=True):
-        if t in row_at:
-            voltage = plant.drive.voltage(plant._motor(y, mode, around), around)
-            records.append((t, *y[:CURRENT + 1], voltage, y[COIL], y[TEMPERATURE], dac[-1]))
-            row = {name: column[row_at[t]] for name, column in columns.items()}
-        if following is None:
-            break
-        if t in sample_at:
-            command = bus.arrived(row["fin_command"])
-            dac.append(controllers.sample(y[FIN], y[RATE], command, bool(row["enable"]), y[CURRENT]))
-        if t in arrival_at:
-            active = dac[1 + arrival_at[t]]
-        around = nominal.surroundings(row, active)
-        mode = plant.admit(y, mode, around)
-        y, mode = advance(plant, y, mode, around, t, following, _HOW)
-    return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))
+    controllers = Controllers(plant.screw, plant.nominal, plant.p["fin.start_angle"])
+    return run(plant, lambda y, command, enable: controllers.sample(y[FIN], y[RATE], command, enable, y[CURRENT]),
+               plant.p, inputs, voltage_starts(parameters), OUTPUTS)

@@ -10,28 +10,28 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from .plant import Guard, Mode, Plant, Surroundings, Value, Vector
+from .events import Event, Value, Vector
+from .plant import Mode, Plant
 from .simulate import Array
 from .simulate import simulate as in_time
+from .vehicle import Surroundings
 
 _NO_LEVER = ("kinematics.initial_angle", "mass.nut", "deviation.kinematics.moment_arm",
              "deviation.kinematics.initial_angle", "deviation.screw.lead")
-
-
 # kg.m2 N.m: a load as small as that has changed its sign, 2e-9 N.m at the worm of a fin of 0.05 kg.m2.
 _CROSSED = 1e-10
 
 
-class Reversal(Guard):
+class Reversal(Event):
     """A change of the load's sign, which changes no mode: it must not fire again where it has just fired."""
 
     begun = False
 
     def __call__(self, time: float, state: Vector) -> float:
-        """Return the function whose zero it is; at the start one so small counts as crossed."""
+        """Return the event's margin; at the start one so small counts as crossed."""
         value = super().__call__(time, state)
         if not self.begun and abs(value) < _CROSSED:
-            value = self.direction * _CROSSED
+            value = -_CROSSED
         self.begun = True
         return value
 
@@ -49,13 +49,6 @@ class WormPlant(Plant):
         self.lead_angle = math.atan2(p["worm.starts"], p["worm.diameter_quotient"])
         self.normal = math.cos(p["worm.pressure_angle"])
         self.friction = float(p["worm.friction"])
-
-    def as_built(self) -> Plant:
-        """Return the plant that deviates from this nominal one."""
-        built = super().as_built()
-        assert isinstance(built, WormPlant)
-        built.friction *= 1.0 + self.parameters["deviation.worm.friction"]
-        return built
 
     def motor_angle(self, delta: float) -> float:
         """Return motor angle [rad] at fin angle `delta` [rad]."""
@@ -86,16 +79,16 @@ class WormPlant(Plant):
                 self.worm_radius * (self.normal * sine + rub * cosine))
 
     def _torques(self, state: Vector, around: Surroundings, way: int) -> tuple[float, float]:
-        """Return torque on the worm and moment on the wheel [N.m] but for the flanks', of motion along `way`."""
+        """Return torque on the worm and moment on the wheel [N.m] without the flanks', of motion along `way`."""
         delta, omega, current, _ = state
         rotor = (self.parameters["inertia.motor"] + self.parameters["inertia.screw"]) * around.faster[0]
-        worm = (self.torque_constant * current - rotor - self.viscous[way] * self.teeth * omega
+        worm = (self.drive.torque_constant * current - rotor - self.viscous[way] * self.teeth * omega
                 - way * self.coulomb_factor * self.motor_coulomb(delta, way))
         wheel = self.loads(delta, around) + self.teeth * rotor - self.fin_viscous * omega - way * self.fin_coulomb
         return worm, wheel
 
     def _pressing(self, state: Vector, around: Surroundings, way: int) -> float:
-        """Return what has the sign of the force between the flanks [N.m]."""
+        """Return a value of the sign of the force between the flanks [kg.m2 N.m]."""
         worm, wheel = self._torques(state, around, way)
         return worm * self.fin_inertia - self.motor_inertia * self.teeth * wheel
 
@@ -107,18 +100,21 @@ class WormPlant(Plant):
         force = pressing / (self.motor_inertia * self.teeth * on_wheel + self.fin_inertia * on_worm)
         return (wheel + force * on_wheel) / self.fin_inertia
 
-    def excess(self, state: Vector, around: Surroundings, side: int) -> float:
+    def _beyond_friction(self, state: Vector, around: Surroundings, side: int) -> float:
         """Return torque [N.m] on a resting worm towards `side` beyond what friction holds."""
         worm, wheel = self._torques((state[0], 0.0, state[2], state[3]), around, side)
         on_wheel, on_worm = self._levers(0.0, 1 if wheel * side < 0.0 else -1)
         return side * (worm + wheel / on_wheel * on_worm)
 
-    def _motion_guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
-        guards = super()._motion_guards(mode, around)
+    def _motion_events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        events = super()._motion_events(mode, around)
         if not mode.motion:
-            return guards
-        return guards + [Reversal(lambda y: self._pressing(y, around, mode.motion), side, lambda _: mode)
-                         for side in (1, -1)]
+            return events
+
+        def reversal(side: int) -> Event:
+            return Reversal(lambda y: -side * self._pressing(y, around, mode.motion), lambda _: mode)
+
+        return [*events, reversal(1), reversal(-1)]
 
 
 def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:

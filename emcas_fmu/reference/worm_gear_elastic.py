@@ -1,25 +1,29 @@
-"""The worm gear with an elastic mesh in time: worm and fin turn by themselves, the flanks between them press or do not.
+"""The worm gear with an elastic mesh in time: worm and fin turn by themselves, coupled by the force between the flanks.
 
 The state is that of :mod:`.plant` for the worm, its angle and speed over the ratio, then angle [rad] and rate [rad/s]
 of the fin. `Mode.flank` is the side on which the flanks press, 0 in the gap between them; a mesh without a gap changes
-sides at once. Which side rubs, who rests, and who is let go are decided at events.
+sides at once. Which side rubs, which body rests, and which one breaks away are decided at events.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
-from .plant import Guard, Mode, Surroundings, Value, Vector
+from .events import Event, State, Successor, Value, Vector, friction_events
+from .plant import Mode
 from .simulate import Array
 from .simulate import simulate as in_time
+from .vehicle import Surroundings
 from .worm_gear import WormPlant
 
-_LEFT = 1e-9  # N.m; less is rounding where flanks are left
+_LEFT = 1e-9  # N.m; less is rounding where flanks separate
 _REFUSED = ("motor.pole_pairs", "encoder.on_fin")
 
 
 class MeshPlant(WormPlant):
-    """Motor, drive and fin of the thesis's actuator, worm and wheel with flanks that yield between them."""
+    """Motor, drive and fin of the thesis's actuator, with worm and wheel of elastic flanks between them."""
+
+    accuracy = WormPlant.accuracy._replace(scales=(1e-2, 1.0, 1.0, 1.0, 1e-2, 1.0))
 
     def __init__(self, parameters: Mapping[str, Value]):
         if refused := [name for name in _REFUSED if parameters[name]]:
@@ -39,9 +43,10 @@ class MeshPlant(WormPlant):
         self.damping = sum(damping * (compliance / whole)**2 for compliance, damping in parts)
         self.half_gap = 0.5 * gap / self.wheel_radius  # rad, of the fin
 
-    def start(self, delta: float) -> list[float]:
-        """Return the state at rest at a fin angle [rad], the tooth amid its gap."""
-        return [*super().start(delta), delta, 0.0]
+    def start(self) -> tuple[State, Mode]:
+        """Return the state at rest at the start angle, the tooth amid its gap, and its mode."""
+        state, mode = super().start()
+        return [*state, state[0], 0.0], mode
 
     def fin(self, state: Vector) -> tuple[float, float]:
         """Return angle [rad] and rate [rad/s] of the fin."""
@@ -49,13 +54,13 @@ class MeshPlant(WormPlant):
 
     # Forces -----------------------------------------------------------------------------------------------
 
-    def _entered(self, state: Vector, side: int) -> float:
-        """Return by how much [rad] the flanks on a side have entered each other."""
+    def _penetration(self, state: Vector, side: int) -> float:
+        """Return the penetration [rad] of the flanks on a side."""
         return side * (state[0] - state[4]) - self.half_gap
 
     def _pressure(self, state: Vector, side: int) -> float:
         """Return the moment [N.m] that presses the flanks on a side together; below 0 they would pull."""
-        return self.stiffness * self._entered(state, side) + self.damping * side * (state[1] - state[5])
+        return self.stiffness * self._penetration(state, side) + self.damping * side * (state[1] - state[5])
 
     def _moment(self, state: Vector, mode: Mode) -> float:
         """Return moment [N.m] of the flanks on the wheel."""
@@ -72,8 +77,8 @@ class MeshPlant(WormPlant):
         return self._moment(state, mode) + self._torques((state[4], state[5], 0.0, 0.0), around, way)[1]
 
     def slope(self, state: Vector, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return time derivative of the state in `mode`."""
-        electrical = super().slope(state[:4], Mode(0, mode.drive), around)[2:]
+        """Return the time derivative of the state in `mode`."""
+        electrical = self.drive.slopes(self.motor(state), mode.drive, around, lambda: 0.0)
         worm = fin = (0.0, 0.0)
         if mode.motion:
             torque = self._worm_torque(state, mode, around, mode.motion)
@@ -99,10 +104,10 @@ class MeshPlant(WormPlant):
 
         It begins below 0 where flanks are left, so that a return within the first step is seen.
         """
-        return min(self.stiffness * self._entered(state, side), self._pressure(state, side)) - _LEFT
+        return min(self.stiffness * self._penetration(state, side), self._pressure(state, side)) - _LEFT
 
     def _settled(self, state: Vector, mode: Mode, around: Surroundings) -> Mode:
-        """Return the mode with whoever rests and is not held let go."""
+        """Return the mode in which every body that rests and is not held starts."""
         if not self.half_gap and not mode.flank:
             mode = mode._replace(flank=1 if self._pressure(state, 1) >= 0.0 else -1)
         for side in (1, -1):
@@ -112,49 +117,46 @@ class MeshPlant(WormPlant):
                 mode = mode._replace(fin=side)
         return mode
 
-    def admit(self, state: list[float], mode: Mode, around: Surroundings) -> Mode:
+    def admit(self, state: State, mode: Mode, around: Surroundings) -> Mode:
         """Return the mode after the surroundings have jumped; clears the current of an opened bridge in place."""
-        drive = super().admit(state, Mode(1, mode.drive), around).drive
+        drive = self.drive.admit(self.motor(state), around, lambda: 0.0)
+        if not around.enable:
+            state[2] = state[3] = 0.0
         return self._settled(state, mode._replace(drive=drive), around)
 
-    def guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
-        """Return events that end `mode`."""
-        def switched(guard: Guard) -> Callable[[list[float]], Mode]:
-            return lambda state: mode._replace(drive=guard.successor(state).drive)
-
-        def then(place: int | None = None, at: float = 0.0, **change: int) -> Callable[[list[float]], Mode]:
-            """Change the mode, and put a state where it now is to the bit."""
-            def successor(state: list[float]) -> Mode:
-                if place is not None:
-                    state[place] = at
+    def events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        """Return the events that end `mode`."""
+        def then(index: int | None = None, value: float = 0.0, **change: int) -> Successor:
+            """Change the mode, and set a state to the value that it has there to the bit."""
+            def successor(state: State) -> Mode:
+                if index is not None:
+                    state[index] = value
                 return self._settled(state, mode._replace(**change), around)
             return successor
 
-        electrical = super()._drive_guards(Mode(mode.motion, mode.drive), around)
-        guards = [Guard(each.value, int(each.direction), switched(each)) for each in electrical]
-        if mode.motion:
-            guards.append(Guard(lambda y: mode.motion * y[1], -1, then(1, motion=0)))
+        def strike(state: State) -> Mode:
+            state[4] = mode.fin * self.stop
+            state[5] = 0.0
+            return self._settled(state, mode._replace(fin=0), around)
+
+        def meeting(side: int) -> Event:
+            return Event(lambda y: -self._met(y, side), then(flank=side))
+
+        # The acceleration of the motor does not matter without pole pairs.
+        events = self.drive.events(mode.drive, around, self.motor, lambda _: 0.0,
+                                   lambda _, drive: mode._replace(drive=drive))
+        events += friction_events(mode.motion, lambda y: y[1], lambda y, side: self._worm_excess(y, mode, around, side),
+                                  then(1, motion=0), lambda side: then(motion=side))
+        events += friction_events(mode.fin, lambda y: y[5], lambda y, side: self._fin_excess(y, mode, around, side),
+                                  then(5, fin=0), lambda side: then(fin=side))
         if mode.fin:
-            guards.append(Guard(lambda y: mode.fin * y[5], -1, then(5, fin=0)))
-
-            def strike(state: list[float]) -> Mode:
-                state[4] = mode.fin * self.stop
-                return then(5, fin=0)(state)
-
-            guards.append(Guard(lambda y: mode.fin * y[4] - self.stop, 1, strike))
-        for side in (1, -1):
-            if not mode.motion:
-                guards.append(Guard(lambda y, side=side: self._worm_excess(y, mode, around, side), 1,  # type: ignore[misc]
-                                    then(motion=side)))
-            if not mode.fin:
-                guards.append(Guard(lambda y, side=side: self._fin_excess(y, mode, around, side), 1,  # type: ignore[misc]
-                                    then(fin=side)))
-            if not mode.flank:
-                guards.append(Guard(lambda y, side=side: self._met(y, side), 1, then(flank=side)))  # type: ignore[misc]
+            events.append(Event(lambda y: self.stop - mode.fin * y[4], strike))
         if mode.flank:
-            guards.append(Guard(lambda y: self._pressure(y, mode.flank), -1,
+            events.append(Event(lambda y: self._pressure(y, mode.flank),
                                 then(flank=0 if self.half_gap else -mode.flank)))
-        return guards
+        else:
+            events += [meeting(1), meeting(-1)]
+        return events
 
 
 def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:

@@ -17,10 +17,11 @@ from scipy.linalg import expm
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
-from emcas_fmu.reference import simulate as engine
 from emcas_fmu.reference.cases import CASES, Case
+from emcas_fmu.reference.controllers import Controllers
+from emcas_fmu.reference.drive import ON_LIMIT, Motor
 from emcas_fmu.reference.plant import Plant
-from emcas_fmu.reference.simulate import INPUTS, OUTPUTS, Controllers, simulate
+from emcas_fmu.reference.simulate import INPUTS, OUTPUTS, simulate
 from tests.default_actuator import THESIS_LOOPS
 
 Array = NDArray[np.floating[Any]]
@@ -96,6 +97,26 @@ def test_drive_glides_on_the_limit_where_neither_clipped_nor_free_can_last(value
     np.testing.assert_allclose(result["motor_current"][10:], expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("acceleration", [2e4, -2e4])
+def test_a_gliding_demand_follows_a_limit_that_moves(values: Values, side: int, acceleration: float) -> None:
+    """With pole pairs the limit changes with speed and current: it falls or rises while the demand glides on it."""
+    plant = Plant({**values, "motor.pole_pairs": 4})
+    drive, around = plant.drive, plant.surroundings({**INPUTS, "supply_voltage": 30.0}, 5.0)
+    start = Motor(300.0, side * 20.0, 0.0)
+    start = start._replace(integral=side * drive.limit(start, around) - drive.demand(start, around))
+    current_slope, integral_slope = drive.slopes(start, side * ON_LIMIT, around, lambda: acceleration)
+
+    def beyond(time: float) -> float:
+        m = Motor(start.speed + acceleration * time, start.current + current_slope * time,
+                  start.integral + integral_slope * time)
+        return side * drive.demand(m, around) - drive.limit(m, around)
+
+    # A central difference over 20 ns: 1e-4 V/s of curvature and rounding, while the limit changes by 1e3 V/s or more.
+    assert abs(drive.limit(start, around) - 30.0) > 0.1
+    assert (beyond(1e-8) - beyond(-1e-8)) / 2e-8 == pytest.approx(0.0, abs=1e-3)
+
+
 def test_integral_is_held_while_the_voltage_is_clipped(values: Values) -> None:
     # At 10 V of 50 A * 5 V/A the drive is clipped for 20 ms, with an error of more than 10 A on a gain of
     # 1000 V/(A s): 200 V of integral if it were not held.  Then the bus recovers and the loop settles.
@@ -117,7 +138,7 @@ def test_disabled_bridge_is_open(values: Values) -> None:
     assert np.all(result["drive_reference"][off] == 0.0)
     plant = Plant(values)
     emf = [
-        plant.emf_constant * plant.ratio(angle) * rate
+        plant.drive.emf_constant * (plant.ratio(angle) * rate)
         for angle, rate in zip(result["fin_angle"], result["fin_rate"])
     ]
     np.testing.assert_array_equal(result["motor_voltage"][off], np.array(emf)[off])
@@ -299,8 +320,8 @@ def test_tighter_tolerance_changes_nothing_that_matters(
 ) -> None:
     given, inputs = {**values, "encoder.enabled": False}, step_to(20.0, 0.15)
     usual = simulate(given, inputs)
-    monkeypatch.setattr(engine, "MAX_STEP", engine.MAX_STEP / 3)
-    monkeypatch.setattr(engine, "RTOL", engine.RTOL / 10)
+    rtol, _, max_step = Plant.accuracy
+    monkeypatch.setattr(Plant, "accuracy", Plant.accuracy._replace(rtol=rtol / 10, max_step=max_step / 3))
     tight = simulate(given, inputs)
     # The reference has to be good for 1e-8 rad; a tenth of the 1e-9 rad the product promises is kept.
     assert np.max(np.abs(usual["fin_angle"] - tight["fin_angle"])) < 1e-10

@@ -1,0 +1,136 @@
+"""The sampled part: bus, encoder, position and velocity loop of the thesis's actuator (section 4.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from .events import Value
+from .plant import FinPlant
+from .vehicle import clip
+
+
+def whole_samples(p: Mapping[str, Value], name: str) -> int:
+    """Return a time of the bus in whole sample times; half of one counts as one."""
+    return math.floor(p[name] / p["controller.sample_time"] + 0.5)
+
+
+class Bus:
+    """Commands from the host to the controllers: read every so many samples, rounded, and late."""
+
+    def __init__(self, p: Mapping[str, float]):
+        self.latency, self.every = (whole_samples(p, f"command.{name}") for name in ("latency", "update_time"))
+        self.resolution = p["command.resolution"]
+        self.sent = [p["fin.start_angle"]] * self.latency  # rad, the last one at the present sample
+        self.count = 0
+
+    def arrived(self, command: float) -> float:
+        """Return the command [rad] that the controllers have at the next sample, as the host sends `command` [rad]."""
+        if self.count % max(self.every, 1) == 0:
+            if self.resolution:
+                command = self.resolution * math.floor(command / self.resolution + 0.5)
+            self.sent.append(command)
+        else:
+            self.sent.append(self.sent[-1])
+        self.count += 1
+        return self.sent[-1 - self.latency]
+
+
+class Controllers:
+    """Encoder, position PI and velocity PI with friction compensation (section 4.2).
+
+    The sensors see `plant`, the actuator as built; the controllers compute with the `nominal` one.
+    """
+
+    def __init__(self, plant: FinPlant, nominal: FinPlant, delta: float):
+        self.plant, self.nominal, self.p = plant, nominal, nominal.parameters
+        self.period = self.p["controller.sample_time"]
+        self.count_size = 2.0 * math.pi / (self.p["encoder.pulses"] * self.p["encoder.multiplier"])
+        self.on_fin = bool(self.p["encoder.on_fin"])
+        self.counts = self._counts(delta)
+        self.update_samples = max(1, whole_samples(self.p, "command.update_time"))
+        self._reset(*self._measure(delta, 0.0), delta)
+
+    def _reset(self, fin: float, motor: float, speed: float, command: float) -> None:
+        """Put the loops at rest at measured angles [rad] of fin and motor, at a motor speed [rad/s] without load.
+
+        The lagged target is that of the `command` [rad].
+        """
+        weight = self.p["controller.position.setpoint_weight"]
+        self.integral = self.p["controller.position.kp"] * motor * (1.0 - weight)  # rad/s
+        self.velocity_integral = 0.0  # V
+        self.target = self._target(command)  # rad, of the motor, lagged
+        self.momentum = self._inertia(fin) * speed  # N.m.s, of the load observer
+
+    def _target(self, command: float) -> float:
+        """Return the motor angle [rad] for a command [rad]."""
+        return self.nominal.motor_angle(clip(command, self.p["command.limit"]))
+
+    def _inertia(self, fin: float) -> float:
+        """Return the nominal inertia at the motor [kg.m2]."""
+        return self.nominal.motor_inertia + self.nominal.fin_inertia / self.nominal.ratio(fin) ** 2
+
+    def _counts(self, delta: float) -> int:
+        """Return the counts of the motor's encoder at fin angle `delta` [rad]."""
+        return math.floor(self.plant.motor_angle(delta) / self.count_size)
+
+    def _measure(self, delta: float, omega: float) -> tuple[float, float, float]:
+        """Return measured fin angle [rad], motor angle [rad] and motor speed [rad/s]."""
+        previous, self.counts = self.counts, self._counts(delta)
+        if not self.p["encoder.enabled"]:
+            motor = (self.nominal if self.on_fin else self.plant).motor_angle(delta)
+            return self.nominal.fin_angle(motor), motor, self.plant.ratio(delta) * omega
+        speed = (self.counts - previous) * self.count_size / self.period
+        if self.on_fin:
+            angle = math.floor(delta / self.count_size) * self.count_size
+            return angle, self.nominal.motor_angle(angle), speed
+        angle = self.counts * self.count_size
+        return self.nominal.fin_angle(angle), angle, speed
+
+    def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
+        """Return the DAC value u_k [V] of one sample.
+
+        `delta` [rad], `omega` [rad/s] and motor current [A] are the true ones, `command` [rad] is the bus's.
+        """
+        p = self.p
+        fin, motor, speed = self._measure(delta, omega)
+        if not enable:
+            self._reset(fin, motor, speed, command)
+            return 0.0
+        target = self._target(command)
+        weighted = p["controller.position.setpoint_weight"] * target - motor
+        feedback = p["controller.position.kp"] * weighted + self.integral
+        # The command's rate, behind a lag of the time between its updates.
+        ahead = target - self.target
+        moving = p["controller.position.velocity_feedforward"] * ahead / (self.update_samples * self.period)
+        self.target += ahead / self.update_samples
+        reference = clip(feedback + moving, p["controller.speed_limit"])
+        friction = self.nominal.motor_coulomb(fin, 1 if reference > 0.0 else -1)
+        compensation = p["compensation.gain"] * friction * clip(reference / p["compensation.speed_band"], 1.0)
+        compensation /= p["motor.torque_constant"] * p["drive.current_gain"]
+        gain = p["controller.velocity.kp"]
+        u = gain * (reference - speed) + self.velocity_integral + compensation
+        torque_constant, bandwidth = p["motor.torque_constant"], p["controller.load_observer"]
+        if bandwidth:
+            load = bandwidth * (self._inertia(fin) * speed - self.momentum)
+            u -= load / (torque_constant * p["drive.current_gain"])
+            fed_forward = compensation * torque_constant * p["drive.current_gain"]
+            self.momentum += self.period * (torque_constant * current + load - fed_forward)
+        # The reference that the drive can follow: DAC and current have limits.
+        limited = clip(u, p["drive.reference_limit"])
+        offset, slope = p["drive.current_offset"], p["drive.current_gain"]
+        possible = (clip(slope * limited + offset, p["drive.current_limit"]) - offset) / slope
+        excess = possible - u  # V
+        tracking = p["controller.drive_antiwindup"]  # 1/s
+        integral_gain, velocity_integral_gain = p["controller.position.ki"], p["controller.velocity.ki"]
+        if integral_gain:  # without integral action there is nothing to unwind
+            self.integral += self.period * (
+                integral_gain * (target - motor)
+                + p["controller.antiwindup"] * (clip(feedback, p["controller.speed_limit"]) - feedback)
+                + tracking * (excess / gain if gain else excess))
+        if velocity_integral_gain:
+            # Its tracking time is not below its integral time.
+            integral_time = (gain or 1.0) / velocity_integral_gain  # s
+            tracking = 1.0 / max(1.0 / tracking, integral_time) if tracking else 0.0
+            self.velocity_integral += self.period * (velocity_integral_gain * (reference - speed) + tracking * excess)
+        return limited

@@ -1,0 +1,104 @@
+"""What acts on an actuator between two discrete instants: its inputs, and the motion of the vehicle (2.27 - 2.45)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+Triple = tuple[float, float, float]
+
+STANDARD_GRAVITY = 9.80665  # m/s2
+_AXES = "xyz"
+MOTION = tuple(f"{kind}.{axis}" for kind in ("acceleration", "angular_rate", "angular_acceleration") for axis in _AXES)
+INPUTS_AT_REST = dict.fromkeys(
+    ("fin_command", "aero_torque", *MOTION, "attitude.roll", "attitude.pitch", "attitude.yaw"), 0.0)
+_FLUID_FRICTION = {
+    "coulomb": ("cylinder.coulomb_friction", "pump.coulomb_friction", "pump.pressure_friction"),
+    "viscous": ("cylinder.viscous_friction", "pump.viscous_friction")}
+
+
+class Surroundings(NamedTuple):
+    """What is constant between two discrete instants."""
+
+    reference: float  # current reference [A] or valve command [1], within its limits
+    supply: float  # V or Pa
+    aero_torque: float  # N.m, positive along +delta
+    force: Triple  # m/s2, specific force g_b - a_b at the hinge in the fin's axes
+    turning: Triple  # rad/s, the vehicle's rate in the fin's axes
+    faster: Triple  # rad/s2, its angular acceleration there
+    enable: bool
+
+
+def clip(value: float, limit: float) -> float:
+    """Return `value` limited to the range -limit to limit, in any unit."""
+    return max(-limit, min(limit, value))
+
+
+def cross(a: Triple, b: Triple) -> Triple:
+    """Return the vector product of two vectors."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def surroundings(p: Mapping[str, float], row: Mapping[str, float], reference: float, supply: str) -> Surroundings:
+    """Return what acts under a `row` of inputs by name; `supply` is the name of the supply's input."""
+    gravity = STANDARD_GRAVITY if p["loads.gravity"] else 0.0
+    roll, pitch = row["attitude.roll"], row["attitude.pitch"]  # a yaw turns about g itself
+    acceleration, rate, faster = ((row[f"{kind}.x"], row[f"{kind}.y"], row[f"{kind}.z"])
+                                  for kind in ("acceleration", "angular_rate", "angular_acceleration"))
+    hinge = (p["mounting.station"], 0.0, 0.0)
+    at_hinge = [sum(parts) for parts in
+                zip(acceleration, cross(faster, hinge), cross(rate, cross(rate, hinge)), strict=True)]
+    x = -gravity * math.sin(pitch) - at_hinge[0]
+    y = gravity * math.sin(roll) * math.cos(pitch) - at_hinge[1]
+    z = gravity * math.cos(roll) * math.cos(pitch) - at_hinge[2]
+    c, s = math.cos(p["mounting.azimuth"]), math.sin(p["mounting.azimuth"])
+
+    def turned(v: Triple) -> Triple:
+        return v[0], c * v[1] + s * v[2], -s * v[1] + c * v[2]
+
+    return Surroundings(reference, row[supply], row["aero_torque"], turned((x, y, z)), turned(rate), turned(faster),
+                        bool(row["enable"]))
+
+
+def hinge_moment(masses: Iterable[Triple], inertia: float, delta: float, around: Surroundings) -> float:
+    """Return the external moment T_f [N.m] about the hinge at a fin angle [rad], positive along +delta.
+
+    `masses` are mass [kg], x and z [m] of each part's centre of mass, `inertia` [kg.m2] is that about the hinge.
+    """
+    fx, _, fz = around.force
+    c, s = math.cos(delta), math.sin(delta)
+    moment = around.aero_torque
+    for mass, x, z in masses:  # y . (r x m f), r turned right-handed about +y by delta
+        moment += mass * ((-x * s + z * c) * fx - (x * c + z * s) * fz)
+
+    def angular_momentum(w: Triple) -> Triple:
+        # Of a plate with its masses along (c, 0, -s): the products of inertia with y are left out.
+        x, z = s * s * w[0] + s * c * w[2], c * c * w[2] + s * c * w[0]
+        return inertia * x, inertia * w[1], inertia * z
+
+    # Euler's equation about the hinge: the moment that turns the plate with the vehicle does not turn it on the hinge.
+    return moment - (angular_momentum(around.faster)[1] + cross(around.turning, angular_momentum(around.turning))[1])
+
+
+def masses_of(p: Mapping[str, float]) -> list[Triple]:
+    """Return mass [kg], x and z [m] of the centres of mass of fin, shaft and fork at fin angle 0."""
+    return [(p[f"mass.{part}"], p[f"center_of_mass.{part}.x"], p[f"center_of_mass.{part}.z"])
+            for part in ("fin", "shaft", "fork")]
+
+
+def as_built(p: Mapping[str, float]) -> dict[str, float]:
+    """Return the parameters of the plant: the nominal ones, which the controllers know, off by ``deviation.*``.
+
+    A deviation is a share of its parameter, that of the assembly angle an angle [rad].
+    """
+    off = {name.removeprefix("deviation."): value for name, value in p.items() if name.startswith("deviation.")}
+    shares = {name: name for name in off if name in p}
+    shares |= {"inertia.fin": "mass.fin", "motor.back_emf_constant": "motor.torque_constant"}  # one flux makes both
+    for kind in ("coulomb", "viscous"):
+        for name in p:
+            if name.startswith((f"friction.{kind}.", f"friction.fin_{kind}")) or name in _FLUID_FRICTION[kind]:
+                shares[name] = f"friction.{kind}"
+    angle = shares.pop("kinematics.initial_angle", "")
+    built = {name: p[name] * (1.0 + off[share]) for name, share in shares.items() if name in p and share in off}
+    return {**p, **built, **({angle: p[angle] + off[angle]} if angle else {})}
