@@ -39,8 +39,8 @@ def report(
     from ..bench.requirements import load_requirements
     from ..bench.writers import write_json
     from ..reference.cases import LOAD
-    from ..studies.report.output import as_dict, summary, write_junit, write_report
-    from ..studies.report.study import carry_out
+    from ..studies.report.acceptance import carry_out
+    from ..studies.report.acceptance_output import as_dict, summary, write_junit, write_report
 
     with common.failures():
         common.check_outputs(output, as_json, junit, inputs=(article, *(parameters or ()), requirements, mission))

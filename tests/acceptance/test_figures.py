@@ -217,14 +217,14 @@ def test_steps_and_slew_of_a_second_order_system() -> None:
 
 def test_sizes_stay_within_the_range_of_commands(values: Mapping[str, Any]) -> None:
     small = Rig(Play(values={**values, "command.limit": radians(7.5)}))
-    assert small.sizes(responses.SIZES) == [1.0, 5.0, 7.5]
+    assert responses.step_sizes(small.limit) == [1.0, 5.0, 7.5]
     assert "plus_7p5deg" in responses.steps(small).figures
 
 
 def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
-    assert degrees(Rig(Play()).count) == pytest.approx(count(values))
+    assert degrees(threshold.count(Play())) == pytest.approx(count(values))
     turn = 360.0 / (values["encoder.pulses"] * values["encoder.multiplier"])
-    assert Rig(Play(values={**values, "encoder.on_fin": True})).count == pytest.approx(radians(turn))
+    assert threshold.count(Play(values={**values, "encoder.on_fin": True})) == pytest.approx(radians(turn))
 
 
 def test_broken_subject_is_told() -> None:

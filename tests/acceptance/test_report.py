@@ -25,8 +25,8 @@ from emcas_fmu.bench.writers import number, plain
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.report.output import as_dict, write_report
-from emcas_fmu.studies.report.study import TESTS, Result, _of_report, carry_out, flat
+from emcas_fmu.studies.report.acceptance import TESTS, Result, _of_report, carry_out, flat
+from emcas_fmu.studies.report.acceptance_output import as_dict, write_report
 
 from ..bench.subjects import FIN_PORT, Broken, Play
 

@@ -51,7 +51,7 @@ def test_nothing_imports_what_is_above_it(module: str) -> None:
 
 
 @pytest.mark.parametrize("source", [
-    "from ..studies.report import study", "from .. import studies", "import emcas_fmu.api",
+    "from ..studies.report import acceptance", "from .. import studies", "import emcas_fmu.api",
     "def f():\n    from ..studies import tuning", "if TYPE_CHECKING:\n    from emcas_fmu.commands import root"])
 def test_an_import_from_above_is_found(source: str) -> None:
     assert upward("emcas_fmu.bench.measure", source)

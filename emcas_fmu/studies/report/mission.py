@@ -1,10 +1,12 @@
-"""Currents, power and energy over a mission profile: the user's, or a synthetic one."""
+"""Currents, power and energy over a mission profile, the user's or a synthetic one."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ...bench.excitation import STEP, Excitation, times
+from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, times
 from ...bench.metrics import rms, usage
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
@@ -30,14 +32,14 @@ QUANTITIES = (
     Quantity("limited_percent", "limited", "share of the outputs at which a limit is active", ("saturated",)),
     Quantity("duration_s", "duration", "of the profile"),
 )
-# The bench's names of figures, where they are there.
+# Names of the bench's figures, by those of the report.
 _NAMES = {"motor_current_rms_a": "rms_current", "motor_current_peak_a": "peak_current",
           "supply_power_peak_w": "peak_power", "regenerated_power_peak_w": "peak_returned_power",
           "energy_drawn_j": "energy_drawn", "energy_regenerated_j": "energy_returned"}
 
 
 def synthetic(limit: float, load: float) -> tuple[Array, Array]:
-    """Return command [deg] and hinge moment [N.m] of a made-up mission of 15 s, an assumption and no flight record.
+    """Return command [deg] and hinge moment [N.m] of a made-up mission of 15 s, an assumption and not a flight record.
 
     With c the limit of the command: launch, 2 s, trim at 0.05 c with a roll correction of 0.1 c at 1 Hz;
     pitch-over, 3 s, doublets to ±0.5 c held 0.5 s each; midcourse, 5 s, trim at 0.1 c under sines of 0.04 c at
@@ -63,36 +65,32 @@ def synthetic(limit: float, load: float) -> tuple[Array, Array]:
 
 
 def measure(rig: Rig) -> Outcome:
-    """Run the profile and add up."""
+    """Run the profile, and measure currents, power, energy and tracking error over it."""
     if rig.mission is None:
-        command, moment = synthetic(rig.limit, rig.load)
-        profile = Excitation("synthetic profile", {"fin_command": np.radians(command), "aero_torque": moment})
-        group, label, method = "synthetic", profile.title, "Synthetic mission profile: " + _PHASES
+        command, torque = synthetic(rig.limit, rig.load)
+        profile = Excitation("synthetic profile", {COMMAND: np.radians(command), LOAD: torque})
+        group, method = "synthetic", "Synthetic mission profile: " + _PHASES
         estimate = ("The mission profile is made up, as a plausible sequence of phases; currents, power and energy are "
                     "estimates of the order of magnitude. Give the real one with --mission.")
     else:
-        profile, group, label, estimate = rig.mission, "file", rig.mission.title, ""
-        method = f"Profile of {label}, {profile.stop:g} s, inputs held over 1 ms."
+        profile, group, estimate = rig.mission, "file", ""
+        method = f"Profile of {profile.title}, {profile.stop:g} s, inputs held over 1 ms."
     run = rig.run(profile)
-    limit, columns, used = rig.subject.command_limit, run.columns, usage(run)
-    command, angle, duration = np.clip(profile.command, -limit, limit), columns["fin_angle"], float(columns["time"][-1])
+    used, limit, duration = usage(run), rig.subject.command_limit, float(run.columns["time"][-1])
+    clipped = run.excitation.holding({COMMAND: np.clip(profile.command, -limit, limit)})
     figures: dict[str, Value] = {key: used[name] for key, name in _NAMES.items() if name in used}
     if "energy_drawn" in used:
         net = used["energy_drawn"] - used["energy_returned"]
         figures |= {"net_energy_j": net, "supply_power_mean_w": net / duration if duration else 0.0}
-    figures["tracking_error_rms_deg"] = float(np.degrees(rms(command - angle)))
+    figures["tracking_error_rms_deg"] = float(np.degrees(rms(clipped.command - run.columns["fin_angle"])))
     if "saturated_share" in used:
         figures["limited_percent"] = 100.0 * used["saturated_share"]
     figures["duration_s"] = duration
-    moment = np.asarray(profile.columns.get("aero_torque", np.zeros(len(command))))
-    series = {"time_s": columns["time"], "command_deg": np.degrees(command), "angle_deg": np.degrees(angle),
-              "moment_n_m": moment, **{name: columns[name] for name in ("motor_current", "supply_power")
-                                       if name in columns}}
     return Outcome(
         method, QUANTITIES, {group: figures},
         tuple(f"{group}.{key}" for key in ("motor_current_rms_a", "supply_power_peak_w", "energy_drawn_j",
                                            "energy_regenerated_j")),
-        {group: label}, series={group: series}, estimate=estimate)
+        {group: profile.title}, data={group: replace(run, excitation=clipped)}, estimate=estimate)
 
 
 _PHASES = (

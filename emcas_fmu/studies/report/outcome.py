@@ -1,4 +1,4 @@
-"""What a test finds, as plain data; the names of figures end in the unit people read them in."""
+"""The outcome of a test as plain data; the names of its figures end in the unit that people read them in."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ...bench.writers import typeset
 Array = NDArray[Any]
 Value = float | bool
 Figures = Mapping[str, Mapping[str, Value]]
-"""Group, then figure: {"plus_20deg": {"rise_time_s": ...}}; nan where there is no such figure."""
+"""Group, then figure: {"plus_20deg": {"rise_time_s": ...}}; nan where a figure has no value."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Quantity:
 
     @property
     def shown(self) -> tuple[str, float]:
-        """The unit of a column of the figure, and the factor to it: times are in ms."""
+        """The unit of the figure's column, and the factor to it: times are in ms."""
         return ("ms", 1e3) if self.unit == "s" else (self.unit, 1.0)
 
     @property
     def heading(self) -> str:
-        """The label with the unit of a column."""
+        """The label with the unit of the column."""
         return f"{self.label} [{typeset(self.shown[0])}]" if self.unit != "1" else self.label
 
 
@@ -49,29 +49,28 @@ def quantity(name: str, label: str) -> Quantity:
 
 
 def displayed(figures: Mapping[str, float], quantities: tuple[Quantity, ...]) -> dict[str, Value]:
-    """Return those of the bench's figures that are `quantities`, by their names in a result."""
+    """Return those of the bench's figures that are among the `quantities`, by their names in a result."""
     keys = {q.key for q in quantities}
     return {key: value for key, value in metrics.displayed(figures).items() if key in keys}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One test: its figures and how they were measured.
+    """The figures of a test and how they were measured.
 
-    ``curves`` go into the JSON file, ``series`` are for the pictures only. ``stopped`` says why the test
-    could not be finished; it has no figures then. ``estimate`` says what makes its figures an estimate;
-    ``not_applicable``, by quantity, which outputs it needs the subject has not. ``beyond`` has the highest frequency
-    [Hz] of figures, as group.figure, that lie beyond it.
+    `headline` names the most important figures, as group.figure. `curves` go into the JSON file, `data` (runs or
+    arrays) into the picture only. `stopped` is the reason why a test was not finished; it has no figures then.
+    `estimate` is the reason why its figures are an estimate; `not_applicable` names by quantity the outputs that the
+    subject lacks. `beyond` has the highest frequency [Hz] of figures, as group.figure, that lie beyond it.
     """
 
     method: str
     quantities: tuple[Quantity, ...] = ()
     figures: Figures = field(default_factory=dict)
     headline: tuple[str, ...] = ()
-    """The most important figures, as group.figure."""
     labels: Mapping[str, str] = field(default_factory=dict)
     curves: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
-    series: Mapping[str, Mapping[str, Array]] = field(default_factory=dict, repr=False)
+    data: Mapping[str, Any] = field(default_factory=dict, repr=False)
     notes: tuple[str, ...] = ()
     estimate: str = ""
     stopped: str = ""
@@ -89,7 +88,7 @@ class Outcome:
         return next(q for q in self.quantities if q.key == key)
 
     def described(self, group: str, key: str) -> tuple[str, Value]:
-        """Return the sign before a figure, and the figure or what it lies beyond."""
+        """Return the sign before a figure, and the figure or the bound that it lies beyond."""
         bound = self.beyond.get(f"{group}.{key}")
         return ("", self.figures[group][key]) if bound is None else ("> ", bound)
 
@@ -99,23 +98,23 @@ class Outcome:
         return sign + writers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
 
     def headlines(self) -> list[tuple[str, Quantity, str, Value]]:
-        """Return group, quantity, sign and value of the headline figures there are."""
+        """Return label, quantity, sign and value of the headline figures that were measured."""
         paths = [path.split(".") for path in self.headline]
-        return [(group, self.quantity(key), *self.described(group, key)) for group, key in paths
-                if key in self.figures.get(group, {})]
+        return [(f"{self.label(group)}: {self.quantity(key).label}", self.quantity(key), *self.described(group, key))
+                for group, key in paths if key in self.figures.get(group, {})]
 
     def left_out(self) -> list[tuple[str, list[str]]]:
-        """Return why figures are not applicable, and the labels of those figures."""
-        whys = dict.fromkeys(self.not_applicable.values())
-        return [(why, [self.quantity(key).label for key, each in self.not_applicable.items() if each == why])
-                for why in whys]
+        """Return each reason why figures are not applicable, with the labels of those figures."""
+        reasons = dict.fromkeys(self.not_applicable.values())
+        return [(reason, [self.quantity(key).label for key, each in self.not_applicable.items() if each == reason])
+                for reason in reasons]
 
     def columns(self, groups: Figures) -> list[Quantity]:
-        """Return the quantities some group has a figure for."""
+        """Return the quantities that at least one group has."""
         return [q for q in self.quantities if any(q.key in group for group in groups.values())]
 
     def tables(self) -> list[tuple[list[Quantity], Figures]]:
-        """Return the figures as tables: groups that share no quantity with a table go into one of their own."""
+        """Return the figures as tables; groups without a quantity in common are in separate tables."""
         tables: list[dict[str, Mapping[str, Value]]] = []
         for name, figures in self.figures.items():
             home = next((t for t in tables if any(set(figures) & set(group) for group in t.values())), None)

@@ -1,4 +1,4 @@
-"""The pictures of an acceptance report, one for a test."""
+"""The pictures of an acceptance report, one per test."""
 
 from __future__ import annotations
 
@@ -9,30 +9,34 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...bench.excitation import HOLD
+from ...bench.excitation import HOLD, LOAD
 from ...bench.metrics import ACCURACY as _ACCURACY
+from ...bench.runs import Run
 from ...bench.verdict import Judged
 from ...bench.writers import with_unit
 from ...figures import plots
 from ...figures.plots import COMMAND, LIMIT, Drawing, Picture, legend_above
+from .acceptance import Result
 from .outcome import Array, Outcome
-from .study import Result
 
 ACCURACY = round(degrees(_ACCURACY), 9)  # deg
 _REQUIRED: Mapping[str, Any] = {**LIMIT, "color": plots.PURPLE, "linewidth": 1.1}
 _MOST_POINTS = 3000  # of a line: more than a page has pixels
+# Figures whose requirements have their limits in a test's picture.
+_LIMITED = {"step_response": ("settling_time", "overshoot"), "static_accuracy": ("held_error",),
+            "slew_rate": ("sustained_rate",), "frequency_response": ("bandwidth_3db",)}
 
 
 def pictures(result: Result) -> dict[str, Picture]:
-    """Draw the picture of each test that has one, with the limits that requirements set its figures."""
-    drawn = {name: outcome for name, outcome in result.outcomes.items() if name in _DRAWINGS and not outcome.stopped}
-    return dict(zip(drawn, plots.pictures(_drawn(outcome, result.limits(name)) for name, outcome in drawn.items()),
+    """Return the picture of each test that has one, with the limits of the requirements on its figures."""
+    plotted = {name: outcome for name, outcome in result.outcomes.items() if name in _DRAWINGS and not outcome.stopped}
+    return dict(zip(plotted, plots.pictures(_drawing(outcome, result.judged) for outcome in plotted.values()),
                     strict=True))
 
 
-def _drawn(outcome: Outcome, limits: Sequence[Judged]) -> Drawing:
-    """Draw a test; limits that have no line in its panels stand in the caption."""
-    left = list(limits)
+def _drawing(outcome: Outcome, judged: Sequence[Judged]) -> Drawing:
+    """Return the picture of a test; limits without a line in its panels are written in the caption."""
+    left = [j for j in judged if not j.skipped and j.figure in _LIMITED.get(outcome.name, ())]
     drawing = _DRAWINGS[outcome.name](outcome, left)
     words = "; ".join(f"{j.title} {'≥' if j.sense == '>=' else '≤'} {with_unit(j.limit, j.unit)}" for j in left)
     return drawing._replace(caption=f"{drawing.caption} Required, and not drawn: {words}.") if words else drawing
@@ -40,7 +44,7 @@ def _drawn(outcome: Outcome, limits: Sequence[Judged]) -> Drawing:
 
 def _limit(axes: Axes, limits: list[Judged], unit: str, scale: float = 1.0, *, across: bool = True, sides: bool = False,
            label: bool = True) -> None:
-    """Draw limits of a unit as lines, and drop them from `limits`: levels, on both `sides` of zero, or instants."""
+    """Plot the limits in a unit as lines, at levels (on both `sides` of zero) or times; remove them from `limits`."""
     for at in dict.fromkeys(j.limit for j in limits if j.unit == unit):
         words = f"required {with_unit(at, unit)}" if label else None
         plots.limits(axes, at * scale, sides=sides, across=across, label=words, **_REQUIRED)
@@ -52,21 +56,25 @@ def _thin(*columns: Array) -> list[Array]:
     return [column[::stride] for column in columns]
 
 
+def _column(run: Run, name: str) -> Array:
+    """Return an output for a picture: angles and rates in degrees."""
+    column = run.columns[name]
+    return column if name in ("time", "motor_current", "supply_power") else np.degrees(column)
+
+
 def _steps(outcome: Outcome, limits: list[Judged]) -> Drawing:
     made, (angle, error) = plots.column("fin angle [deg]", "angle - command [deg]", x="time from the command [s]",
                                         height=2.4, sharex=False)
-    pairs = list(outcome.series.items())
-    for number, (group, series) in enumerate(reversed(pairs)):
-        color = plots.COLORS[(len(pairs) - 1 - number) // 2 % len(plots.COLORS)]
-        size = float(series["command_deg"][0])
-        look: dict[str, Any] = {"color": color, "linestyle": "-" if size > 0.0 else (0, (5, 1.2))}
-        look["label"] = outcome.label(group)
-        time = series["time_s"]
-        near = time <= 0.4
-        angle.plot(time[near] * 1e3, series["angle_deg"][near], **look)
+    runs = list(outcome.data.items())
+    for number, (group, run) in reversed(list(enumerate(runs))):
+        size = degrees(run.excitation.moves[-1].level)
+        look: dict[str, Any] = {"color": plots.COLORS[number // 2 % len(plots.COLORS)],
+                                "linestyle": "-" if size > 0.0 else (0, (5, 1.2)), "label": outcome.label(group)}
+        time, response = run.columns["time"] - run.excitation.begin, _column(run, "fin_angle")
+        near, after = time <= 0.4, time >= 0.0
+        angle.plot(time[near] * 1e3, response[near], **look)
         angle.plot([0.0, 400.0], [size, size], **LIMIT)
-        far = time >= 0.0
-        error.plot(*_thin(time[far], series["angle_deg"][far] - size), **{**look, "linewidth": 1.0})
+        error.plot(*_thin(time[after], response[after] - size), **{**look, "linewidth": 1.0})
     _limit(angle, limits, "ms", across=False)
     _limit(error, limits, "deg", sides=True)
     legend_above(angle, 8)
@@ -98,26 +106,26 @@ def _bode(outcome: Outcome, limits: list[Judged]) -> Drawing:
 
 
 def _slew(outcome: Outcome, limits: list[Judged]) -> Drawing:
-    panels = [panel for panel in (("fin_angle", "fin angle [deg]"), ("fin_rate", "fin rate [deg/s]"),
-                                  ("motor_current", "current [A]")) if panel[0] in outcome.series["unloaded_positive"]]
-    names = [name for name, _ in panels]
+    recorded = outcome.data["unloaded_positive"].columns
+    panels = {name: label for name, label in (("fin_angle", "fin angle [deg]"), ("fin_rate", "fin rate [deg/s]"),
+                                              ("motor_current", "current [A]")) if name in recorded}
     made, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row", x="time from the command [ms]",
-                              y=[label for _, label in panels])
-    for column, direction in enumerate(("positive", "negative")):
+                              y=panels.values())
+    for column, (direction, sign) in zip(grid.T, (("positive", 1.0), ("negative", -1.0)), strict=True):
+        rows = dict(zip(panels, column, strict=True))
         for color, load in zip(plots.COLORS, ("unloaded", "opposing", "aiding"), strict=False):
-            series = outcome.series[f"{load}_{direction}"]
-            near = series["time_s"] <= 0.35
-            for axes, (name, _) in zip(grid[:, column], panels, strict=True):
-                axes.plot(series["time_s"][near] * 1e3, series[name][near], color=color,
-                          label=outcome.label(f"{load}_{direction}").partition(",")[0])
-        if "fin_rate" in names:
-            rate = grid[names.index("fin_rate"), column]
-            _limit(rate, list(limits), "deg/s", 1.0 if direction == "positive" else -1.0)
-            legend_above(rate, 3)
-        grid[0, column].set_title(f"{direction} direction", pad=16)
-        legend_above(grid[0, column], 3)
-        grid[0, column].margins(x=0.0)
-    limits[:] = [j for j in limits if j.unit != "deg/s" or "fin_rate" not in names]
+            run, label = outcome.data[f"{load}_{direction}"], outcome.label(f"{load}_{direction}").partition(",")[0]
+            time = run.columns["time"] - run.excitation.begin
+            near = run.excitation.judged(run.columns["time"]) & (time <= 0.35)
+            for name, axes in rows.items():
+                axes.plot(time[near] * 1e3, _column(run, name)[near], color=color, label=label)
+        if "fin_rate" in rows:
+            _limit(rows["fin_rate"], list(limits), "deg/s", sign)
+            legend_above(rows["fin_rate"], 3)
+        column[0].set_title(f"{direction} direction", pad=16)
+        legend_above(column[0], 3)
+        column[0].margins(x=0.0)
+    limits[:] = [j for j in limits if j.unit != "deg/s" or "fin_rate" not in panels]
     return Drawing(outcome.title, made, "Full travel in either direction.")
 
 
@@ -125,14 +133,14 @@ def _grid(outcome: Outcome, limits: list[Judged]) -> Drawing:
     made, (axes,) = plots.column("angle - command [mdeg]", x="command [deg]", height=2.6)
     curve = outcome.curves["grid"]
     for name, color, marker in (("below", plots.BLUE, "^"), ("above", plots.VERMILLION, "v")):
-        errors = outcome.series[name]["errors_deg"] * 1e3
+        errors = outcome.data[name] * 1e3
         axes.plot(curve["command_deg"], curve[f"error_from_{name}_deg"] * 1e3, color=color, linewidth=1.0,
                   label=f"approached from {name}, mean")
         axes.plot(np.repeat(curve["command_deg"], errors.shape[1]), errors.ravel(), linestyle="none", marker=marker,
                   markersize=3.5, color=color, alpha=0.6)
     axes.axhline(0.0, **LIMIT)
-    # A limit much beyond what is measured would flatten it: that one stands in the caption.
-    measured = max(float(np.max(np.abs(series["errors_deg"]))) for series in outcome.series.values())
+    # A limit far beyond the errors would flatten their curves: it is written in the caption.
+    measured = max(float(np.max(np.abs(errors))) for errors in outcome.data.values())
     near = [j for j in limits if j.limit <= 4.0 * measured]
     limits[:] = [j for j in limits if j not in near]
     _limit(axes, near, "deg", 1e3, sides=True)
@@ -158,22 +166,23 @@ def _stiffness(outcome: Outcome, limits: list[Judged]) -> Drawing:
 
 
 def _mission(outcome: Outcome, limits: list[Judged]) -> Drawing:
-    (series,) = outcome.series.values()
-    panels = [panel for panel in (("angle_deg", "angle [deg]", plots.BLUE),
-                                  ("moment_n_m", "moment [N.m]", plots.PURPLE),
-                                  ("motor_current", "current [A]", plots.VERMILLION),
-                                  ("supply_power", "power [W]", plots.GREEN)) if panel[0] in series]
-    made, column = plots.column(*(label for _, label, _ in panels), x="time [s]", height=1.5)
-    for axes, (name, _, color) in zip(column, panels, strict=True):
-        axes.plot(*_thin(series["time_s"], series[name]), color=color, linewidth=1.3 if name == "angle_deg" else 0.8,
-                  label="fin angle")
+    (run,) = outcome.data.values()
+    time, load = run.columns["time"], run.excitation.columns.get(LOAD, np.zeros(len(run.columns["time"])))
+    panels = [(label, unit, color, load if name == LOAD else _column(run, name)) for name, label, unit, color in (
+        ("fin_angle", "angle", "deg", plots.BLUE), (LOAD, "moment", "N.m", plots.PURPLE),
+        ("motor_current", "current", "A", plots.VERMILLION), ("supply_power", "power", "W", plots.GREEN))
+        if name == LOAD or name in run.columns]
+    made, column = plots.column(*(f"{label} [{unit}]" for label, unit, *_ in panels), x="time [s]", height=1.5)
+    for axes, (label, unit, color, values) in zip(column, panels, strict=True):
+        axes.plot(*_thin(time, values), color=color, linewidth=1.3 if label == "angle" else 0.8, label="fin angle")
         axes.margins(x=0.0)
-        _limit(axes, limits, {"motor_current": "A", "supply_power": "W", "moment_n_m": "N.m"}.get(name, ""), sides=True)
-        if name == "supply_power":
+        _limit(axes, limits, "" if label == "angle" else unit, sides=True)
+        if label == "power":
             axes.axhline(0.0, **LIMIT)
-    column[0].plot(*_thin(series["time_s"], series["command_deg"]), label="command", **COMMAND)
+    column[0].plot(*_thin(time, np.degrees(run.excitation.command)), label="command", **COMMAND)
     legend_above(column[0])
-    return Drawing(outcome.title, made, "Power below zero is fed back to the bus." if "supply_power" in series else "")
+    return Drawing(outcome.title, made,
+                   "Power below zero is fed back to the bus." if "supply_power" in run.columns else "")
 
 
 _DRAWINGS: Mapping[str, Callable[[Outcome, list[Judged]], Drawing]] = {

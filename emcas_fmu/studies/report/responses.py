@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import isfinite, isnan, radians
+from typing import Any
 
 import numpy as np
 
-from ...bench.excitation import HOLD, SETTLE, step_to, sweep
+from ...bench.excitation import HOLD, SETTLE, Excitation, step_to, sweep
 from ...bench.frequency_response import SWEPT, sweep_response
 from ...bench.measure import BANDWIDTHS, Test, excitation, sweep_figures
-from ...bench.metrics import motion, since
+from ...bench.metrics import motion
 from ...reference.cases import LOAD_RISE, SWEEP
-from .outcome import Outcome, displayed, quantity
+from .outcome import Outcome, Quantity, displayed, quantity
 from .rig import Rig
 
-SIZES = (1.0, 5.0, 10.0)  # deg of a step, and the end of the range
+SIZES = (1.0, 5.0, 10.0)  # deg of a step; the end of the range is added
 DURATION = 1.0  # s from the command to the other end
+_TINY = 1e-9  # deg; a size this close to the limit is the limit
 
 STEP = (
     quantity("rise_time", "rise time"), quantity("settling_time", "settling time"),
@@ -32,26 +35,34 @@ SLEW = (
 )
 
 
+def step_sizes(limit: float) -> list[float]:
+    """Return the SIZES [deg] within the `limit` of the command [deg], and the limit."""
+    limit = round(limit, 9)
+    return [size for size in SIZES if size < limit - _TINY] + [limit]
+
+
 def steps(rig: Rig) -> Outcome:
     """Measure steps from rest at zero to each size, both signs, no load."""
-    figures, series, labels = {}, {}, {}
-    sizes = rig.sizes(SIZES)
-    for size in (sign * size for size in sizes for sign in (1.0, -1.0)):
-        run, group = rig.run(step_to(radians(size), HOLD)), _step_group(size)
-        labels[group] = f"{size:+g} deg"
-        figures[group] = displayed(motion(run), STEP)
-        series[group] = {"time_s": run.columns["time"] - run.excitation.begin,
-                         "angle_deg": np.degrees(run.columns["fin_angle"]), "command_deg": np.array([size])}
+    sizes = step_sizes(rig.limit)
+    signed = [sign * size for size in sizes for sign in (1.0, -1.0)]
     first, largest = _step_group(1.0), _step_group(sizes[-1])
     return Outcome(
         f"From rest at 0 deg the command jumps to each size and stays there for {HOLD:g} s; no load. Outputs are "
-        "read every 1 ms.", STEP, figures,
-        (f"{first}.rise_time_s", f"{first}.settling_time_s", f"{largest}.rise_time_s", f"{largest}.settling_time_s",
-         f"{largest}.overshoot_percent"), labels, series=series)
+        "read every 1 ms.", STEP,
+        headline=(f"{first}.rise_time_s", f"{first}.settling_time_s", f"{largest}.rise_time_s",
+                  f"{largest}.settling_time_s", f"{largest}.overshoot_percent"),
+        labels={_step_group(size): f"{size:+g} deg" for size in signed},
+        **_motions(rig, {_step_group(size): step_to(radians(size), HOLD) for size in signed}, STEP))
 
 
 def _step_group(size: float) -> str:
     return f"{'plus' if size > 0.0 else 'minus'}_{abs(size):g}deg".replace(".", "p")
+
+
+def _motions(rig: Rig, excitations: Mapping[str, Excitation], quantities: tuple[Quantity, ...]) -> dict[str, Any]:
+    """Return the runs of motions by group, and the figures of the last step of each command."""
+    runs = {group: rig.run(each) for group, each in excitations.items()}
+    return {"data": runs, "figures": {group: displayed(motion(run, -1), quantities) for group, run in runs.items()}}
 
 
 def frequency(rig: Rig) -> Outcome:
@@ -60,17 +71,16 @@ def frequency(rig: Rig) -> Outcome:
     beyond: dict[str, float] = {}
     lowest, highest = BANDWIDTHS
     for (group, label), amplitude in zip(labels.items(), (1.0, 3.5), strict=True):
-        run = rig.run(sweep(radians(amplitude), 12.0))
-        response = sweep_response(run)
-        found = sweep_figures(response, rig.subject, radians(amplitude), {})
-        at, lag = (found[name] for name in _BANDWIDTHS)
-        if at <= lowest:
+        response = sweep_response(rig.run(sweep(radians(amplitude), 12.0)))
+        measured = sweep_figures(response, rig.subject, radians(amplitude), {})
+        bandwidth = measured["bandwidth_3db"]
+        if bandwidth <= lowest:
             notes.append(f"At {label} the gain is below -3 dB from {lowest:g} Hz on.")
-        elif isnan(at):
+        elif isnan(bandwidth):
             notes.append(f"At {label} there is no bandwidth: what comes out is no sine of the command's frequency.")
-        figures[group] = displayed(found, FREQUENCY)
-        beyond |= {f"{group}.{name}_hz": highest for name, each in zip(_BANDWIDTHS, (at, lag), strict=True)
-                   if isfinite(each) and each >= highest}
+        figures[group] = displayed(measured, FREQUENCY)
+        beyond |= {f"{group}.{name}_hz": highest for name in _BANDWIDTHS
+                   if isfinite(measured[name]) and measured[name] >= highest}
         curves[group] = {"frequency_hz": response.frequency, "gain_db": response.gain_db,
                          "phase_deg": np.degrees(response.phase), "coherence": response.coherence}
     low, high = SWEPT
@@ -86,22 +96,17 @@ def frequency(rig: Rig) -> Outcome:
 
 def slews(rig: Rig) -> Outcome:
     """Measure slews from one end of the range to the other: unloaded, against and with the rated load."""
-    figures, series, labels = {}, {}, {}
-    for load, factor, label in (("unloaded", 0.0, "unloaded"), ("opposing", -1.0, f"against {rig.load:g} N.m"),
-                                ("aiding", 1.0, f"with {rig.load:g} N.m")):
+    loads = {"unloaded": (0.0, "unloaded"), "opposing": (-1.0, f"against {rig.load:g} N.m"),
+             "aiding": (1.0, f"with {rig.load:g} N.m")}
+    moves, labels = {}, {}
+    for load, (factor, label) in loads.items():
+        test = Test("slew", radians(rig.limit), DURATION, factor * rig.load)
         for direction, sign in (("positive", 1.0), ("negative", -1.0)):
-            slew = excitation(Test("slew", radians(rig.limit), DURATION, factor * rig.load), sign, rig.subject)
-            run, group = rig.run(slew), f"{load}_{direction}"
-            labels[group] = f"{label}, {direction}"
-            figures[group] = displayed(motion(run, -1), SLEW)
-            names = [name for name in ("fin_angle", "fin_rate", "motor_current") if name in run.columns]
-            time, *columns = since(slew.begin, run.columns["time"], *(run.columns[name] for name in names))
-            series[group] = {"time_s": time - slew.begin, **{
-                name: column if name == "motor_current" else np.degrees(column)
-                for name, column in zip(names, columns, strict=True)}}
+            moves[f"{load}_{direction}"] = excitation(test, sign, rig.subject)
+            labels[f"{load}_{direction}"] = f"{label}, {direction}"
     return Outcome(
         f"From -{rig.limit:g} to +{rig.limit:g} deg and back the other way, after {SETTLE:g} s at the starting end "
         f"without load. The load comes on within {LOAD_RISE * 1e3:g} ms of the command and stays: against the motion "
-        "(opposing) or with it (aiding).", SLEW, figures,
-        tuple(f"{group}.sustained_rate_deg_per_s" for group in figures if not group.startswith("aiding")), labels,
-        series=series)
+        "(opposing) or with it (aiding).", SLEW, labels=labels,
+        headline=tuple(f"{group}.sustained_rate_deg_per_s" for group in moves if not group.startswith("aiding")),
+        **_motions(rig, moves, SLEW))

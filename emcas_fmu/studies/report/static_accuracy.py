@@ -1,7 +1,7 @@
-"""Static accuracy on a grid of angles, each approached from both sides: of the nominal unit, and with tolerances.
+"""Static accuracy on a grid of angles, each approached from both sides, of the nominal actuator and with tolerances.
 
-The controllers know the nominal unit exactly, so that its errors are those of friction and encoder alone; what counts
-in a fleet is the unit as built. The tolerances are the cases of ``models/tuning.toml`` that change deviations alone.
+The controllers know the nominal actuator exactly, so that its errors come from friction and encoder alone; in a fleet
+the actuators as built count. The tolerances are the cases of ``models/tuning.toml`` that change deviations alone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .rig import Rig
 
 INTERVALS = 8  # of the range
 CYCLES = 5
-STEP = 0.02  # s, of the outputs: only what is held is looked at
+STEP = 0.02  # s, of the outputs: only the ends of the holds are read
 LAST = 0.1  # s, the end of a hold over which the angle is averaged
 
 QUANTITIES = (
@@ -41,7 +41,7 @@ QUANTITIES = (
 def course(targets: int, cycles: int) -> list[tuple[int, int, int]]:
     """Return (target, side, cycle) of every hold: up from the lowest target and down again; side 0 is below.
 
-    The lowest target itself is where each cycle begins, so that it has approaches from above only.
+    Each cycle begins at the lowest target, which is therefore approached from above only.
     """
     up = [(k, 0) for k in range(1, targets)]
     down = [(k, 1) for k in range(targets - 2, -1, -1)]
@@ -49,14 +49,14 @@ def course(targets: int, cycles: int) -> list[tuple[int, int, int]]:
 
 
 def tolerances() -> list[Case]:
-    """Return the cases of the shipped tuning study that change nothing but how the unit as built deviates."""
+    """Return the cases of the shipped tuning study that change only how the actuator as built deviates."""
     return [case for case in shipped_cases(load_parameters())
             if case.values and all(name.startswith("deviation.") for name in case.values)]
 
 
 def _errors(rig: Rig, targets: Array, visits: list[tuple[int, int, int]], values: Mapping[str, Any]) -> Array:
-    """Return errors [deg] (side, target, cycle) of every hold, nan of an approach there is not."""
-    # First to the lowest target, which no cycle has approached yet.
+    """Return the errors [deg] (side, target, cycle) of every hold; nan where no approach is from that side."""
+    # The first hold is at the lowest target, before any cycle.
     levels = tuple(radians(targets[k]) for k in (0, *(k for k, _, _ in visits)))
     hold, last = round(HOLD / STEP), round(LAST / STEP)
     grid = staircase(levels, (HOLD,) * len(levels), step=STEP).with_start_values(values)
@@ -72,8 +72,8 @@ def measure(rig: Rig) -> Outcome:
     """Measure the errors on the grid, `CYCLES` times up and down."""
     targets = np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
     visits = course(len(targets), CYCLES)
-    there = rig.subject.values.keys()
-    cases = {"grid": {}, **{case.name: case.values for case in tolerances() if case.values.keys() <= there}}
+    names = rig.subject.values.keys()
+    cases = {"grid": {}, **{case.name: case.values for case in tolerances() if case.values.keys() <= names}}
     errors = {name: _errors(rig, targets, visits, values) for name, values in cases.items()}
     accuracy = {name: bidirectional(*sides) for name, sides in errors.items()}
     figures = {name: {q.key: measured[q.key.removesuffix("_deg")] for q in QUANTITIES}
@@ -89,4 +89,4 @@ def measure(rig: Rig) -> Outcome:
         {**labels, "grid": f"{len(targets)} angles"},
         {"grid": {"command_deg": targets, "error_from_below_deg": accuracy["grid"]["means"][0],
                   "error_from_above_deg": accuracy["grid"]["means"][1], "reversal_deg": accuracy["grid"]["reversal"]}},
-        {"below": {"errors_deg": errors["grid"][0]}, "above": {"errors_deg": errors["grid"][1]}})
+        dict(zip(("below", "above"), errors["grid"], strict=True)))

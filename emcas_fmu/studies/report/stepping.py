@@ -1,4 +1,4 @@
-"""How far the article's own stepping is off: the same motions again, with a tick a quarter as long."""
+"""Accuracy of the stepping: the same motions with the article's tick and with a quarter of it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ QUANTITIES = (
 
 
 def measure(rig: Rig) -> Outcome:
-    """Run reference cases with the tick as set and with one that is shorter, and compare."""
+    """Compare reference cases run with the tick as set and with a shorter one."""
     subject = rig.subject
     actuator, values = subject.actuator, subject.values
     tick = float(actuator.longest_tick(FLOATS, actuator.namespace(values)))

@@ -17,7 +17,7 @@ FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0) 
 CYCLES, SETTLE = 6.0, (4.0, 0.5)  # cycles fitted; cycles, and at least s, before them
 RAMP = 5.0  # s in which the breakaway ramp reaches the rated load
 BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes, of the smaller and larger breakaway moment
-LOCKED = 1e-8  # rad peak to peak below which the fin counts as friction-locked
+LOCKED = 1e-8  # rad peak to peak, up to which the fin counts as friction-locked
 
 _MARKS = {f"stiffness_{frequency:g}hz_n_m_per_rad": frequency for frequency in (1.0, 10.0, 20.0)}
 QUANTITIES = (
@@ -45,7 +45,7 @@ class Sweep:
 
 
 def sweep(rig: Rig, amplitude: float, enable: bool) -> Sweep:
-    """Return a stepped-sine sweep of the hinge moment about 0 deg, each frequency a run of its own."""
+    """Return the stiffness under sines of the hinge moment about 0 deg, each frequency in a run of its own."""
     stiffness, still, stops = [], [], []
     for frequency in FREQUENCIES:
         wave = sine(amplitude, frequency, CYCLES, SETTLE, LOAD)
@@ -60,27 +60,25 @@ def sweep(rig: Rig, amplitude: float, enable: bool) -> Sweep:
 
 
 def measure(rig: Rig) -> Outcome:
-    """Measure the breakaway moment; then the stiffness powered, and unpowered below and above it."""
+    """Measure the breakaway moment; then the stiffness powered, and unpowered below and above breakaway."""
     figures: dict[str, dict[str, Value]] = {}
     loads, notes, curves = [("powered", 0.5 * rig.load, True)], [], {}
-    lowest = highest = nan
-    if switched := "enable" in rig.subject.inputs:
-        broke = {name: _breakaway(rig, sign) for name, sign in (("positive_n_m", 1.0), ("negative_n_m", -1.0))}
-        figures["breakaway"] = dict(broke)
-        lowest, highest = min(broke.values()), max(broke.values())
-    if not switched:
-        notes.append("Unpowered: not applicable, this actuator has no enable.")
-    elif np.isnan(lowest) or np.isnan(highest):
-        loads.append(("unpowered_below_breakaway", rig.load, False))
-        notes.append(f"Unpowered, the rated load of {rig.load:g} N.m does not move the fin in both directions: there "
-                     "is no unpowered stiffness above breakaway.")
+    if "enable" in rig.subject.inputs:
+        lowest, highest = sorted(broke := [_breakaway(rig, sign) for sign in (1.0, -1.0)])
+        figures["breakaway"] = dict(zip(("positive_n_m", "negative_n_m"), broke, strict=True))
+        if np.isnan(broke).any():
+            loads.append(("unpowered_below_breakaway", rig.load, False))
+            notes.append(f"Unpowered, the rated load of {rig.load:g} N.m does not move the fin in both directions: "
+                         "there is no unpowered stiffness above breakaway.")
+        else:
+            # Below a thousandth of the rated load, friction is too small for a load below breakaway to be informative.
+            if lowest > 1e-3 * rig.load:
+                loads.append(("unpowered_below_breakaway", BELOW * lowest, False))
+            loads.append(("unpowered_above_breakaway", max(ABOVE * highest, 0.01 * rig.load), False))
     else:
-        # A thousandth of the rated load is where friction is too small for a load below it to tell anything.
-        if lowest > 1e-3 * rig.load:
-            loads.append(("unpowered_below_breakaway", BELOW * lowest, False))
-        loads.append(("unpowered_above_breakaway", max(ABOVE * highest, 0.01 * rig.load), False))
+        notes.append("Unpowered: not applicable, this actuator has no enable.")
     for group, amplitude, enable in loads:
-        response = sweep(rig, amplitude, enable)
+        response, load = sweep(rig, amplitude, enable), f"{_LABELS[group]}, {amplitude:.3g} N.m"
         size = np.abs(response.stiffness)
         figures[group] = {"load_amplitude_n_m": amplitude, "friction_locked": response.locked}
         moved = ~np.isnan(size)
@@ -92,10 +90,10 @@ def measure(rig: Rig) -> Outcome:
             curves[group] = {"frequency_hz": response.frequency[moved], "stiffness_n_m_per_rad": size[moved],
                              "phase_deg": np.degrees(np.angle(response.stiffness[moved]))}
         if response.locked:
-            notes.append(f"{_LABELS[group]}, {amplitude:.3g} N.m: friction-locked. The fin stands still at every "
-                         "frequency; where the drive line is rigid, its stiffness is then infinite.")
+            notes.append(f"{load}: friction-locked. The fin stands still at every frequency; where the drive line is "
+                         "rigid, its stiffness is then infinite.")
         if response.stopped_at:
-            notes.append(f"{_LABELS[group]}, {amplitude:.3g} N.m: the fin meets a mechanical stop at "
+            notes.append(f"{load}: the fin meets a mechanical stop at "
                          f"{', '.join(f'{f:g}' for f in response.stopped_at)} Hz, which are left out.")
     angle = rig.subject.values.get("fin.stop_angle")
     stop = "" if angle is None else f" at ±{degrees(angle):g} deg"

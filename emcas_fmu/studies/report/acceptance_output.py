@@ -1,4 +1,4 @@
-"""An acceptance test on the terminal, as JSON, JUnit XML and the page that is signed."""
+"""An acceptance test on the terminal, as JSON, as JUnit XML and as the page to sign."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from rich.table import Column
 from ... import __version__
 from ...bench import writers
 from ...bench.verdict import in_words, remarks, summary_table
+from .acceptance import Result
 from .outcome import Outcome
 from .pictures import pictures
-from .study import Result
 
 SCHEMA = "emcas-acceptance/2"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Give the requirements as a table, then the most important figures, notes and the verdict."""
+    """Yield the requirements as a table, then the most important figures, notes and the verdict."""
     about = result.about
     yield escape(f"{about.kind} {about.name}  {about.file}  {about.guid}".rstrip())
     yield summary_table("requirement", result.judged)
     figures = writers.terminal_table("test", "figure", Column("measured", justify="right"), "unit")
     for outcome in result.outcomes.values():
         first = outcome.title
-        for group, q, sign, value in outcome.headlines():
-            label = f"{outcome.label(group)}: {q.label}" + (" (estimate)" if outcome.estimate else "")
+        for label, q, sign, value in outcome.headlines():
+            label += " (estimate)" * bool(outcome.estimate)
             figures.add_row(first, escape(label), sign + writers.number(value), "" if q.unit == "1" else q.unit)
             first = ""
     yield figures
@@ -75,8 +75,8 @@ def write_report(result: Result, path: Path, date: str = "", document: str = "",
     headlines: list[tuple[Outcome, bool, str, str, str]] = []
     for each in result.outcomes.values():
         headlines += [(each, True, "not finished", "", "")] if each.stopped else []
-        headlines += [(each, not k, f"{each.label(group)}: {q.label}", sign + writers.with_unit(value, q.unit),
-                       "estimate" * bool(each.estimate)) for k, (group, q, sign, value) in enumerate(each.headlines())]
+        headlines += [(each, not k, label, sign + writers.with_unit(value, q.unit), "estimate" * bool(each.estimate))
+                      for k, (label, q, sign, value) in enumerate(each.headlines())]
     writers.write_page(path, "studies/report/page.html.j2", [result.about], date, r=result, about=result.about,
                        document=document, revision=revision, pictures=pictures(result), headlines=headlines,
                        conditions=[(label, writers.stated(value, unit, name))

@@ -1,4 +1,4 @@
-"""The whole acceptance test: every test on the rig, judged."""
+"""The acceptance test: every test on the rig, and the requirements judged."""
 
 from __future__ import annotations
 
@@ -37,14 +37,11 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] 
     "mission": ("Mission profile", mission.measure, mission.QUANTITIES),
     "stepping": ("Accuracy of the stepping", stepping.measure, stepping.QUANTITIES),
 }
-# Figures of requirements, by the test whose picture has their limits.
-_LIMITED = {"step_response": ("settling_time", "overshoot"), "static_accuracy": ("held_error",),
-            "slew_rate": ("sustained_rate",), "frequency_response": ("bandwidth_3db",)}
 
 
 @dataclass(frozen=True)
 class Result:
-    """What an acceptance test gave; `load` is the rated hinge moment [N.m]."""
+    """The result of an acceptance test; `load` is the rated hinge moment [N.m]."""
 
     about: Identification
     load: float
@@ -53,26 +50,22 @@ class Result:
     parameters: Mapping[str, Any] = field(repr=False)
     model: str = NONLINEAR
 
-    def limits(self, test: str) -> list[Judged]:
-        """Return the requirements that limit figures of a test."""
-        return [j for j in self.judged if not j.skipped and j.figure in _LIMITED.get(test, ())]
-
     @property
     def entries(self) -> list[tuple[Variable, Any, str, str]]:
-        """Every parameter: variable, value, where the value is from, and a note on that."""
+        """Every parameter: variable, value, source of the value, and a note on it."""
         return [(e.variable, self.parameters[e.variable.name], *(
             ("the article's", "") if e.variable.name in self.about.differences else (e.source, e.note)))
             for e in load_parameters(model=self.model).entries if e.variable.name in self.parameters]
 
     @property
     def conditions(self) -> list[tuple[str, str, Any, str]]:
-        """What the tests are carried out under: words, the parameter or input, its value, and unit."""
+        """The conditions of the tests: words, the parameter or input, its value, and unit."""
         return [*conditions(self.model, self.parameters), ("communication step", "", STEP, "s"),
                 ("rated hinge moment", "", self.load, "N.m")]
 
     @property
     def stopped(self) -> Mapping[str, str]:
-        """Tests that could not be finished, and why."""
+        """The reasons of the tests that were not finished."""
         return {name: outcome.stopped for name, outcome in self.outcomes.items() if outcome.stopped}
 
     @property
@@ -88,26 +81,26 @@ class Result:
 
 def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | None = None,
               specification: Specification | None = None, progress: Progress = silent) -> Result:
-    """Carry out every test, and judge the subject by a specification, the shipped one unless given.
+    """Carry out every test, and judge the subject by a specification, the shipped one by default.
 
-    `progress` is called with the test's name, how many are done and how many there are. A subject that fails is a
-    result.
+    `progress` is called with the test's name, the number of tests done and their total. A subject that fails gives a
+    result. Raises EmcasError for a requirement on a figure that no test has.
     """
     rig, outcomes, total = Rig(subject, load, profile), dict[str, Outcome](), len(TESTS) + 1
+    chosen = specification or load_requirements(None, subject.parameters)
+    for r in chosen.requirements:
+        _check_figure(r, chosen.file)
     # A fin that does not move has no gain and no coherence: such figures are nan, and no requirement passes on one.
     with np.errstate(divide="ignore", invalid="ignore"):
         progress("requirements", 0, total)
-        chosen = specification or load_requirements(None, subject.parameters)
-        for r in chosen.requirements:
-            _check_figure(r, chosen.file)
         judged = verdict.judge(subject, chosen)
         for done, (name, (title, measure, _)) in enumerate(TESTS.items(), start=1):
             progress(title, done, total)
             try:
                 outcome = measure(rig)
-                lacking = {q.key: why for q in outcome.quantities if (why := subject.lacking(q.needs))}
             except StoppedError as error:
-                outcome, lacking = Outcome("Not finished.", stopped=str(error)), {}
+                outcome = Outcome("Not finished.", stopped=str(error))
+            lacking = {q.key: why for q in outcome.quantities if (why := subject.lacking(q.needs))}
             outcomes[name] = replace(outcome, name=name, title=title, not_applicable=lacking)
     progress("done", total, total)
     judged = [each if r.test else _of_report(each, r, outcomes, chosen.file)
@@ -116,7 +109,7 @@ def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | Non
 
 
 def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
-    """Give every figure as ``test.group.figure``."""
+    """Yield every figure as ``test.group.figure``."""
     for test, outcome in outcomes.items():
         for group, figures in outcome.figures.items():
             for key, value in figures.items():
@@ -124,7 +117,7 @@ def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
 
 
 def _check_figure(r: Requirement, file: str) -> None:
-    """Raise EmcasError for a figure of a test that the report does not have, before anything is run."""
+    """Raise EmcasError for a requirement on a figure that no test of the report has."""
     if r.test is not None:
         return
     test, _, key = r.figure.split(".")
@@ -136,7 +129,7 @@ def _check_figure(r: Requirement, file: str) -> None:
 
 
 def _of_report(judged: Judged, r: Requirement, outcomes: Mapping[str, Outcome], file: str) -> Judged:
-    """Return a requirement on a figure of the tests with what was measured. Raises EmcasError where there is none."""
+    """Return a requirement on a figure of the tests with its measured value. Raises EmcasError where there is none."""
     figures, (test, group, key) = dict(flat(outcomes)), r.figure.split(".")
     outcome, value = outcomes.get(test), figures.get(r.figure)
     if outcome and (outcome.stopped or key in outcome.not_applicable):
@@ -146,7 +139,7 @@ def _of_report(judged: Judged, r: Requirement, outcomes: Mapping[str, Outcome], 
         numbers = [name for name, each in figures.items() if not isinstance(each, bool)]
         raise EmcasError(f"{file}: requirements.{r.name}.figure = {r.figure}: there is no such figure that is a number"
                          f"{hint(r.figure, numbers)} (`emcas report --json FILE` writes all)")
-    has = isfinite(value)
-    return replace(judged, measured=value if has else None, note="" if has else "it is not reached", skipped=False,
-                   how=f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}",
+    finite = isfinite(value)
+    return replace(judged, measured=value if finite else None, note="" if finite else "it is not reached",
+                   skipped=False, how=f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}",
                    beyond=f"{group}.{key}" in outcome.beyond)
