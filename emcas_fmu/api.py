@@ -31,8 +31,8 @@ from .response import Response
 from .runtime import batch, compiled
 from .simulation import Array, Signal, simulate_fins, spread
 from .simulation import simulate as simulate_one
-from .studies.validate.study import Result as Validation
-from .studies.validate.study import validate as _validate
+from .studies.validate.validation import Result as Validation
+from .studies.validate.validation import validate as _validate
 from .support import extras
 from .support.arguments import brief, checked
 from .support.progress import Progress, silent

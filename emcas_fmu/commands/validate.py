@@ -43,7 +43,7 @@ def validate(
     """
     from ..api import validate as run
     from ..bench.writers import write_json
-    from ..studies.validate.output import as_dict, summary, write_junit, write_report
+    from ..studies.validate.validation_output import as_dict, summary, write_junit, write_report
 
     with common.failures():
         if case and requirements:

@@ -31,9 +31,9 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
-from emcas_fmu.studies.validate.output import as_dict, summary, write_junit, write_report
-from emcas_fmu.studies.validate.study import RECORDED, Series, _case_result, _trajectory, validate
-from emcas_fmu.studies.validate.study import Result as Validation
+from emcas_fmu.studies.validate.validation import RECORDED, CaseResult, validate
+from emcas_fmu.studies.validate.validation import Result as Validation
+from emcas_fmu.studies.validate.validation_output import as_dict, summary, write_junit, write_report
 from emcas_fmu.support.files import models_directory
 
 from ..bench.subjects import FIN_PORT, Play
@@ -431,8 +431,7 @@ def test_early_end_fails_the_criterion(whole: Validation) -> None:
     excitation = whole.series["step"].run.excitation
     columns = {name: column[:2] for name, column in whole.series["step"].run.columns.items()}
     run = Run(excitation, columns, 0.1, ("error: too much",), 0.0)
-    series = Series(run, whole.series["step"].reference, run)
-    criterion = _trajectory(_case_result(load(REFERENCE, ["step"])[0], series), series)
+    criterion = CaseResult(load(REFERENCE, ["step"])[0], run, run).trajectory
     assert not criterion.passed
     assert "0.1 s" in criterion.note
     assert "too much" in criterion.note
@@ -507,7 +506,7 @@ def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     found = validate(subject, ["sag", "step_plus5"])
     assert [case.name for case in found.cases] == ["step_plus5"]
     assert "sag is left out: this actuator has no supply_voltage" in found.notes
-    assert found.cases[0].stopped is None
+    assert found.cases[0].judged.stopped is None
 
 
 def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:

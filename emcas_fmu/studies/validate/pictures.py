@@ -1,8 +1,8 @@
-"""The pictures of a validation, of what was run and reached its end."""
+"""The pictures of a validation, of the cases that ran to their end."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees
 from typing import Any
 
@@ -16,7 +16,7 @@ from ...bench.references import EMBEDDED
 from ...figures import plots
 from ...figures.plots import COMMAND, LIMIT, Drawing
 from ...reference.linear import LinearModel
-from .study import DISPLAY, TRAJECTORY_LIMIT, Result, Series
+from .validation import DISPLAY, TRAJECTORY_LIMIT, CaseResult, Result
 
 _DEG = 180.0 / np.pi
 _DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none",
@@ -27,11 +27,11 @@ _PANELS = {"fin_angle": "fin angle [deg]", "fin_rate": "fin rate [deg/s]", "driv
 # Parameters a variable is limited by.
 _LIMITED = {"drive_reference": "drive.reference_limit", "motor_current": "drive.current_limit",
             "motor_voltage": "drive.supply_voltage"}
-_SIZES = (1, 5, 10, 20)  # deg, of the steps that are drawn
+_SIZES = (1, 5, 10, 20)  # deg, of the plotted steps
 
 
 def drawings(result: Result) -> Iterator[Drawing]:
-    """Draw every picture the result has the runs for."""
+    """Yield every picture for which the result has the runs."""
     complete = {name for name, series in result.series.items() if series.run.stopped is None}
     if sizes := [size for size in _SIZES if {f"step_plus{size}", f"step_minus{size}"} <= complete]:
         yield steps(result, sizes)
@@ -51,8 +51,8 @@ def drawings(result: Result) -> Iterator[Drawing]:
     if "sag" in complete:
         yield sag(result)
     for case in result.cases:
-        if case.name in complete and case.kind == EMBEDDED:
-            yield _angle_and_error(result, case.name, "Inside the FMU", plots.BLUE, f"{case.title}.", dots=10)
+        if case.name in complete and case.case.kind == EMBEDDED:
+            yield _angle_and_error(result, case.name, "Inside the FMU", plots.BLUE, f"{case.case.title}.", dots=10)
     if result.linear_series:
         yield linear(result)
 
@@ -62,10 +62,10 @@ def window(time: Any, begin: float, end: float) -> Any:
     return (time >= begin - 1e-9) & (time <= end + 1e-9)
 
 
-def _line(axes: Axes, result: Result, series: Series, name: str, dots: int, color: str, label: str, begin: float = 0.0,
-          end: float = np.inf) -> None:
-    """Draw one variable over time [ms], and every `dots`-th point of the reference, where there is one."""
-    columns, scale = (series.exact or series.run).columns, DISPLAY[name][0]
+def _line(axes: Axes, result: Result, series: CaseResult, name: str, dots: int, color: str, label: str,
+          begin: float = 0.0, end: float = np.inf) -> None:
+    """Plot one output over time [ms], and every `dots`-th point of the reference, where there is one."""
+    columns, scale = series.judged.columns, DISPLAY[name][0]
     at = window(columns["time"], begin, end)
     axes.plot(columns["time"][at] * 1e3, columns[name][at] * scale, color=color, label=label)
     if name in series.reference:
@@ -80,15 +80,15 @@ def _command(axes: Axes, excitation: Excitation, begin: float = 0.0, end: float 
     axes.step(excitation.time[at] * 1e3, excitation.command[at] * _DEG, where="post", label="command", **COMMAND)
 
 
-def _error(axes: Axes, series: Series, **look: Any) -> None:
-    """Draw fin angle minus reference [mdeg] over time [ms], where there is a reference."""
+def _error(axes: Axes, series: CaseResult, **look: Any) -> None:
+    """Plot fin angle minus reference [mdeg] over time [ms], where there is a reference."""
     if series.exact:
         response, reference = series.compared("fin_angle")
         axes.plot(series.compared("time")[0] * 1e3, (response - reference) * _DEG * 1e3, **look)
 
 
 def _angle_panels(result: Result, height: float, *names: str) -> Any:
-    """Return a figure with a panel of angles and, where one of these has a reference, one of errors below."""
+    """Return a figure with a panel of angles and, where a case has a reference, one of errors below it."""
     if not _compared(result, *names):
         figure, (angle,) = plots.column("fin angle [deg]", x="time [ms]", height=1.4 * height)
         return figure, angle, angle
@@ -172,37 +172,40 @@ def bode(result: Result, names: Sequence[str]) -> Drawing:
         "within about 1 Hz of the jump the estimate is smeared, by up to 0.7 dB.")
 
 
-def _panels(result: Result, name: str, without: str = "") -> list[str]:
-    """Return the outputs of a run that have panels."""
-    return [panel for panel in _PANELS if panel in result.series[name].run.columns and panel != without]
+def _inside(result: Result, cases: Mapping[str, tuple[str, str]], begin: float, end: float, dots: int,
+            height: float, without: str = "") -> tuple[Any, Any]:
+    """Return a figure of the outputs over time, and its panels (output, case).
 
-
-def _column_of_panels(result: Result, grid: Any, case: str, panels: Sequence[str], color: str, label: str, begin: float,
-                      end: float, dots: int) -> None:
-    """Draw a case's variables under each other, with their limits, shaded where one is active."""
-    series = result.series[case]
-    columns, excitation = (series.exact or series.run).columns, series.run.excitation
-    at, given = window(columns["time"], begin, end), window(excitation.time, begin, end)
-    for axes, name in zip(grid, panels, strict=True):
-        plots.shade(axes, columns["time"][at] * 1e3, columns["saturated"][at] > 0.5, "a limit is active")
-        _line(axes, result, series, name, dots, color, label, begin, end)
-        if name == "fin_angle":
-            _command(axes, excitation, begin, end)
-        elif name == "motor_voltage" and "supply_voltage" in excitation.columns:
-            supply = excitation.columns["supply_voltage"][given]
-            for limit in (supply, -supply):
-                axes.step(excitation.time[given] * 1e3, limit, where="post", label="limit", **LIMIT)
-        elif (parameter := _LIMITED.get(name, "")) in result.parameters:
-            plots.limits(axes, result.parameters[parameter], sides=True, label="limit")
-        axes.set_xlim(begin * 1e3, end * 1e3)
+    `cases` has the color and the label of each; an output `without` is left out. Limits are lines, and the time is
+    shaded where one is active.
+    """
+    recorded = result.series[next(iter(cases))].run.columns
+    outputs = [name for name in _PANELS if name in recorded and name != without]
+    figure, grid = plots.figure(len(outputs), len(cases), height=height, sharex=True, sharey="row", x="time [ms]",
+                                y=[_PANELS[name] for name in outputs])
+    for column, (case, (color, label)) in zip(grid.T, cases.items(), strict=True):
+        series = result.series[case]
+        columns, excitation = series.judged.columns, series.run.excitation
+        at, rows = window(columns["time"], begin, end), window(excitation.time, begin, end)
+        for axes, name in zip(column, outputs, strict=True):
+            plots.shade(axes, columns["time"][at] * 1e3, columns["saturated"][at] > 0.5, "a limit is active")
+            _line(axes, result, series, name, dots, color, label, begin, end)
+            if name == "fin_angle":
+                _command(axes, excitation, begin, end)
+            elif name == "motor_voltage" and "supply_voltage" in excitation.columns:
+                supply = excitation.columns["supply_voltage"][rows]
+                for limit in (supply, -supply):
+                    axes.step(excitation.time[rows] * 1e3, limit, where="post", label="limit", **LIMIT)
+            elif (parameter := _LIMITED.get(name, "")) in result.parameters:
+                plots.limits(axes, result.parameters[parameter], sides=True, label="limit")
+            axes.set_xlim(begin * 1e3, end * 1e3)
+    return figure, grid
 
 
 def slew(result: Result) -> Drawing:
-    """Draw what happens inside the largest step."""
-    panels = _panels(result, "step_plus20")
-    figure, column = plots.column(*map(_PANELS.__getitem__, panels), x="time [ms]", height=1.55)
-    _column_of_panels(result, column, "step_plus20", panels, plots.BLUE, "fin", 0.04, 0.2, 4)
-    plots.limits(column[1], 220.0, color=plots.GREEN, label="220 deg/s required")
+    """Draw the outputs during the largest step."""
+    figure, grid = _inside(result, {"step_plus20": (plots.BLUE, "fin")}, 0.04, 0.2, 4, 1.55)
+    plots.limits(grid[1, 0], 220.0, color=plots.GREEN, label="220 deg/s required")
     plots.legend_above(figure)
     rate = metrics.motion(result.series["step_plus20"].run)
     return Drawing(
@@ -213,12 +216,9 @@ def slew(result: Result) -> Drawing:
 
 def loaded(result: Result) -> Drawing:
     """Draw the slews against and with 100 N.m."""
-    panels = _panels(result, "load_opposing", "drive_reference")
-    figure, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row", x="time [ms]",
-                                y=map(_PANELS.__getitem__, panels))
-    for column, name, color in ((0, "load_opposing", plots.BLUE), (1, "load_aiding", plots.VERMILLION)):
-        what = "against 100 N.m" if column == 0 else "with 100 N.m"
-        _column_of_panels(result, grid[:, column], name, panels, color, what, 0.3, 0.75, 12)
+    figure, grid = _inside(result, {"load_opposing": (plots.BLUE, "against 100 N.m"),
+                                       "load_aiding": (plots.VERMILLION, "with 100 N.m")},
+                              0.3, 0.75, 12, 1.7, without="drive_reference")
     plots.legend_above(figure)
     plots.limits(grid[1, 0], 200.0, color=plots.GREEN)
     grid[1, 0].text(745, 200.0, "200 deg/s required", fontsize=7, ha="right", va="bottom")
@@ -245,9 +245,7 @@ def _angle_and_error(result: Result, name: str, title: str, color: str, caption:
 
 def sag(result: Result) -> Drawing:
     """Draw a slew during which the supply sags."""
-    panels = _panels(result, "sag", "drive_reference")
-    figure, column = plots.column(*map(_PANELS.__getitem__, panels), x="time [ms]", height=1.6)
-    _column_of_panels(result, column, "sag", panels, plots.ORANGE, "fin", 0.3, 0.699, 8)
+    figure, _ = _inside(result, {"sag": (plots.ORANGE, "fin")}, 0.3, 0.699, 8, 1.6, without="drive_reference")
     plots.legend_above(figure)
     shipped = result.of_thesis and not result.differences
     brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" if shipped else ""

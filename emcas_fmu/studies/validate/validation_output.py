@@ -1,4 +1,4 @@
-"""A validation on the terminal, as JSON, JUnit XML and a page.
+"""A validation on the terminal, as JSON, as JUnit XML and as a page.
 
 Angles are in deg, rates in deg/s, times in s, frequencies in Hz.
 """
@@ -19,27 +19,27 @@ from ...bench import writers
 from ...bench.verdict import remarks, summary_table
 from ...figures.plots import pictures
 from .pictures import drawings
-from .study import TRAJECTORY_LIMIT, Result
+from .validation import TRAJECTORY_LIMIT, CaseResult, Result
 
 SCHEMA = "emcas-validation/2"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 
 
 def _cases(result: Result) -> Table:
-    """Return the errors of the cases as a table."""
+    """Return the largest errors of the cases as a table."""
     shown = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
              "motor_voltage": "voltage [V]"}
     table = writers.terminal_table(
         Column("case", no_wrap=True), *(Column(escape(each), justify="right", no_wrap=True) for each in shown.values()),
         title=f"largest error to {result.compared_with}")
     for case in result.cases:
-        found = [case.errors.get(name) for name in shown]
-        table.add_row(case.name, *(writers.number(error.maximum) if error else "–" for error in found))
+        errors = [case.errors.get(name) for name in shown]
+        table.add_row(case.name, *(writers.number(error.maximum) if error else "–" for error in errors))
     return table
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Give the criteria as a table, then findings, notes and the verdict."""
+    """Yield the criteria as a table, then findings, notes and the verdict."""
     about = result.about
     yield escape(f"{about.name}  {'GUID ' + about.guid if about.guid else about.file}  {about.model}")
     yield summary_table("criterion", result.criteria)
@@ -68,13 +68,21 @@ def as_dict(result: Result) -> dict[str, Any]:
     return {"schema": SCHEMA, "passed": None if result.unjudged else result.passed, "fmu": subject,
             "reference": result.reference, "reference_inside": result.inside,
             "reference_independent": result.independent if result.reference else None, "notes": result.notes,
-            **{key: [asdict(item) for item in getattr(result, key)] for key in ("cases", "comparisons", "findings")},
+            "cases": [_case(case) for case in result.cases],
+            **{key: [asdict(item) for item in getattr(result, key)] for key in ("comparisons", "findings")},
             "criteria": criteria}
 
 
+def _case(result: CaseResult) -> dict[str, Any]:
+    case, run = result.case, result.judged
+    return {"name": case.name, "title": case.title, "kind": case.kind, "stop_time": case.stop_time,
+            "stopped": run.stopped, "wall_time": run.wall_time, "messages": run.messages,
+            "errors": {name: asdict(errors) for name, errors in result.errors.items()}}
+
+
 def write_junit(result: Result, path: Path) -> None:
-    """Write one test case a criterion."""
-    wall = {case.name: case.wall_time for case in result.cases}
+    """Write one test case per criterion."""
+    wall = {case.name: case.judged.wall_time for case in result.cases}
     writers.write_junit("emcas validate", {
         title: [j.junit_case(f"emcas.{group}", wall.get(j.name, 0.0)) for j in judged]
         for group, title, judged in (("trajectory", f"trajectory against {result.compared_with}", result.trajectory),

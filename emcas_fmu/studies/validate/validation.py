@@ -1,0 +1,325 @@
+"""The validation: every reference case, the requirements, and the linear model where it is of the actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import degrees, radians
+from pathlib import Path
+from typing import Any
+
+from ...actuators import NAMES, NONLINEAR, parts
+from ...bench import metrics, verdict
+from ...bench.excitation import Excitation, of_case, step_to, with_encoder
+from ...bench.requirements import Specification, load_requirements
+from ...bench.runs import Columns, Run
+from ...bench.subject import Identification, Subject
+from ...bench.verdict import Judged
+from ...errors import EmcasError
+from ...parameters import load_parameters
+from ...reference import files, stored
+from ...reference.cases import CASES, TOLERANCE
+from ...reference.linear import LinearModel, obstacle
+from ...support.arguments import checked
+from ...support.files import models_directory
+from ...support.progress import Progress, silent
+from . import claims
+
+TRAJECTORY_LIMIT = round(degrees(TOLERANCE), 9)  # deg
+# Units of the errors, and the factors from SI.
+DISPLAY: Mapping[str, tuple[float, str]] = {
+    "fin_angle": (degrees(1.0), "deg"), "fin_rate": (degrees(1.0), "deg/s"), "motor_current": (1.0, "A"),
+    "motor_voltage": (1.0, "V"), "drive_reference": (1.0, "V")}
+RECORDED = (*DISPLAY, "saturated")
+# How references inside an FMU were made.
+_INTEGRATED = "integrated independently of its own parameters"
+_RECORDED = "recorded of the package's own stepping: this shows that it runs here as it did when it was built"
+_LINEAR_DURATION = 0.3  # s
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """The responses to a reference case, SI.
+
+    `run` is the response of the subject as it is, from which performance is judged. `exact` is the response with the
+    start values of the case, true angle and speed fed back; None where it is not compared with the reference.
+    """
+
+    case: stored.Stored
+    run: Run
+    exact: Run | None
+
+    @property
+    def name(self) -> str:
+        """The case's name."""
+        return self.case.name
+
+    @property
+    def judged(self) -> Run:
+        """The run that is compared with the reference, otherwise that of the subject as it is."""
+        return self.exact or self.run
+
+    @property
+    def reference(self) -> Columns:
+        """The columns of the reference; empty where the case is not compared with it."""
+        return self.case.reference if self.exact else {}
+
+    def compared(self, name: str) -> tuple[Any, Any]:
+        """Return an output and its reference, up to the end of the shorter one."""
+        response, reference = self.judged.columns[name], self.reference[name]
+        rows = min(len(response), len(reference))
+        return response[:rows], reference[:rows]
+
+    @cached_property
+    def errors(self) -> Mapping[str, metrics.Errors]:
+        """The errors of the outputs that the reference has; empty without a reference."""
+        errors = {}
+        for name, (scale, unit) in DISPLAY.items():
+            if name in self.judged.columns and name in self.reference:
+                response, reference = self.compared(name)
+                errors[name] = metrics.errors(response * scale, reference * scale, unit)
+        return errors
+
+    @property
+    def trajectory(self) -> Judged:
+        """The fin angle's largest error [deg], judged."""
+        reason = self.exact.reason if self.exact else ""
+        return Judged("1 % of the accuracy of Yerlikaya (2016), Table 2", self.name, self.case.title,
+                      None if reason else self.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
+
+
+@checked
+@dataclass(frozen=True)
+class Result:
+    """The result of a validation.
+
+    `reference` is the folder of the references, or the FMU where they are `inside` it; empty where nothing was
+    compared. References that are not `independent` were recorded of the package's own stepping. `linear_series` has by
+    amplitude [deg] the run of a step and the linear model's angles [rad]. `origin` is the source of the actuator's
+    equations, empty where it does not say. `foreign` is true where the references of its actuator are of other
+    parameters, and nothing was compared with them.
+    """
+
+    about: Identification
+    parameters: Mapping[str, Any]
+    differences: tuple[Mapping[str, Any], ...]
+    reference: str
+    inside: bool
+    independent: bool
+    cases: tuple[CaseResult, ...]
+    trajectory: tuple[Judged, ...]
+    requirements: tuple[Judged, ...]
+    comparisons: tuple[claims.Comparison, ...]
+    notes: tuple[str, ...]
+    linear_series: Mapping[float, tuple[Run, Any]] = field(repr=False)
+    origin: str = ""
+    foreign: bool = False
+
+    @property
+    def series(self) -> Mapping[str, CaseResult]:
+        """The cases by name."""
+        return {case.name: case for case in self.cases}
+
+    @property
+    def findings(self) -> tuple[claims.Finding, ...]:
+        """The comparison with the linear model in words."""
+        return tuple(claims.claims(self.comparisons))
+
+    @property
+    def of_thesis(self) -> bool:
+        """Whether the actuator is one of those shipped that come from the thesis."""
+        return bool(self.origin) and parts(self.about.model)[0] in NAMES
+
+    @property
+    def criteria(self) -> tuple[Judged, ...]:
+        """Trajectories and requirements."""
+        return (*self.trajectory, *self.requirements)
+
+    @property
+    def judged(self) -> list[Judged]:
+        """The criteria that were judged."""
+        return [j for j in self.criteria if not j.skipped]
+
+    @property
+    def failed(self) -> list[Judged]:
+        """The criteria that were judged and are not met."""
+        return [j for j in self.judged if not j.passed]
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was judged and all of it passed."""
+        return verdict.all_passed(self.criteria)
+
+    @property
+    def unjudged(self) -> bool:
+        """Whether all cases ran to their end and there is no criterion for them."""
+        criteria = self.judged or self.foreign or self.requirements
+        return not criteria and bool(self.cases) and all(case.judged.stopped is None for case in self.cases)
+
+    @property
+    def compared_with(self) -> str:
+        """The references of the trajectories, in words."""
+        if not self.inside:
+            return "the reference"
+        return "the reference inside the FMU" if self.independent else "the response recorded inside the FMU"
+
+    @property
+    def verdict(self) -> str:
+        """The verdict, in words."""
+        if not self.judged:
+            short = [case.name for case in self.cases if case.judged.stopped is not None]
+            ended = f" and {', '.join(short)} did not run to the end" if short else ""
+            why = (f"no requirement can be measured of {self.about.model}" if self.requirements else
+                   f"what was run has no reference of {'these parameters' if self.foreign else self.about.model}")
+            return f"nothing was judged{ended}: {why}"
+        return verdict.in_words(self.criteria, "criterion", "criteria")
+
+
+def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
+             progress: Progress = silent, inside: bool = False, specification: Specification | None = None) -> Result:
+    """Judge a subject by the reference cases in `directory` (default: the shipped ones) and by requirements.
+
+    Trajectories are judged by the shipped references where these are of the subject's actuator and parameters, and by
+    those of a `directory` where they are of its actuator. With `inside`, or where the shipped references are of another
+    actuator or other parameters, trajectories are judged by the references embedded in an FMU. Requirements are those
+    of the `specification`, by default the shipped ones. With `names`, only these cases are run and no requirement is
+    judged. `progress` is called with the name of the run, the number of runs done and their total. Raises EmcasError
+    where the validation cannot be carried out; a subject that fails gives a result.
+    """
+    folder = directory or models_directory() / "reference"
+    available, inside = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
+    where = subject.identification.file if inside else str(folder)
+    supply = files.supply_start(subject.model, subject.values)
+    cases, left_out, resupplied = [], [], []
+    for each in available:
+        case = each.with_supply(supply)
+        if why := subject.obstacle(with_encoder(_excitation(case))):
+            left_out.append(f"{case.name} is left out: {why}")
+            continue
+        cases.append(case)
+        if case is not each and each.reference:
+            resupplied.append(f"{case.name} is run at the subject's own supply of {supply:.4g} V and not compared: its "
+                              f"reference is of {each.supply:.4g} V")
+    notes = [*left_out, *resupplied]
+    steps: Mapping[float, Excitation] = {}
+    if not names and parts(subject.model)[0] == NONLINEAR:
+        if why := obstacle(subject.values):
+            notes.append(f"The comparison with the linear model is left out: {why}")
+        else:
+            steps = _linear_steps(subject)
+    total, results = len(cases) + len(steps), list[CaseResult]()
+    outputs = [name for name in RECORDED if name in subject.outputs]
+    for case in cases:
+        progress(case.name, len(results), total)
+        results.append(_run(subject, case, inside or directory is not None, outputs))
+    linear = dict[float, tuple[Run, Any]]()
+    for amplitude, step in steps.items():
+        progress(_linear_name(amplitude), len(results) + len(linear), total)
+        run = subject.run(step, outputs=outputs)
+        linear[amplitude] = run, LinearModel(subject.values).simulate(step.command)
+    required: list[Judged] = []
+    if not names:
+        required = verdict.judge(subject, specification or load_requirements(None, subject.parameters), progress)
+    progress("done", total, total)
+    compared = [result.case for result in results if result.exact]
+    foreign = not compared and any(case.model == subject.actuator.name for case in cases if case.reference)
+    runs = {**{result.name: result.run for result in results},
+            **{_linear_name(amplitude): run for amplitude, (run, _) in linear.items()}}
+    notes = [*_origin(subject, where, inside, foreign, compared), *notes, *_notes(subject, compared, runs)]
+    comparisons = tuple(claims.compare(a, *pair) for a, pair in linear.items() if pair[0].stopped is None)
+    trajectory = tuple(result.trajectory for result in results if result.errors)
+    return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
+                  where if trajectory else "", inside, all(case.independent for case in compared), tuple(results),
+                  trajectory, tuple(required), comparisons, tuple(notes), linear, subject.actuator.origin, foreign)
+
+
+def _excitation(case: stored.Stored) -> Excitation:
+    return of_case(case.title, case.inputs, case.step, case.start_values)
+
+
+def _run(subject: Subject, case: stored.Stored, any_parameters: bool, outputs: Sequence[str]) -> CaseResult:
+    """Run a case, and compare it with its reference where that is of the subject.
+
+    With `any_parameters` a reference of the subject's actuator is compared, whatever its parameters are.
+    """
+    # The encoder's chatter hides small errors: references are without it, performance is judged with it.
+    exact, shipped = _excitation(case), with_encoder(_excitation(case))
+    comparable = case.reference and (
+        _made_of(subject, case) or (any_parameters and case.model == subject.actuator.name))
+    compared = subject.run(exact, outputs=outputs) if comparable else None
+    same = compared if exact.start_values == shipped.start_values else None
+    return CaseResult(case, same or subject.run(shipped, outputs=outputs), compared)
+
+
+def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, embedded: Sequence[stored.Stored],
+            inside: bool) -> tuple[list[stored.Stored], bool]:
+    """Return the cases to run, and whether their references are those embedded in the subject.
+
+    Raises EmcasError where embedded references are requested and there are none, and as `stored.load` does.
+    """
+    if inside and not embedded:
+        raise EmcasError(f"{subject.identification.file}: there are no references inside; an FMU that `emcas build` "
+                         "makes without --no-references has some")
+    chosen = {case.name: case for case in embedded if not names or case.name in names}
+    usual = {case.name for case in CASES}
+    others = [name for name in names or () if name in usual or name not in chosen]
+    needed = () if names else [case.name for case in files.cases(load_parameters(model=subject.model))]
+    cases = stored.load(folder, others, needed) if others or not names else []
+    if inside or (chosen and (len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases))):
+        # Performance is judged in the other cases, too.
+        return [chosen.pop(case.name, replace(case, reference={})) for case in cases] + list(chosen.values()), True
+    return cases, False
+
+
+def _made_of(subject: Subject, case: stored.Stored) -> bool:
+    """Return whether a reference is of the subject's actuator and parameters."""
+    made = files.response_hash({**subject.values, **case.start_values})
+    return case.model == subject.actuator.name and case.parameters_hash in ("", made)
+
+
+def _origin(subject: Subject, where: str, inside: bool, foreign: bool, compared: Sequence[stored.Stored]) -> list[str]:
+    """Return a note on the references' origin; none where they are those of a folder."""
+    if foreign:
+        return [f"Trajectories are not compared: the references in {where} are of other parameters than the subject's; "
+                "make its own with `emcas reference --parameters FILE --directory DIR` and validate with "
+                "`--directory DIR`"]
+    if not compared:
+        none = (f"None of these cases has a reference inside {where}" if inside else
+                f"There is no independent reference of {subject.actuator.name} in {where}")
+        return [f"{none}: trajectories are not judged, performance is"]
+    made = _RECORDED if any(not case.independent for case in compared) else _INTEGRATED
+    return [f"{', '.join(case.name for case in compared)}: compared with what is inside {where}, {made}"] * inside
+
+
+def _linear_name(amplitude: float) -> str:
+    return f"linear_{amplitude:g}deg"
+
+
+def _linear_steps(subject: Subject) -> dict[float, Excitation]:
+    """Return steps to compare with the linear model, at its sample times, by amplitude [deg]."""
+    period = LinearModel(subject.values).sample_time
+    return {amplitude: step_to(radians(amplitude), _LINEAR_DURATION, step=period) for amplitude in claims.AMPLITUDES}
+
+
+def _differences(subject: Subject) -> Iterator[Mapping[str, Any]]:
+    """Yield the parameters that differ from the defaults."""
+    defaults = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
+    for name in subject.identification.differences:
+        yield {"name": name, "value": subject.values[name], "default": defaults[name].value,
+               "unit": defaults[name].variable.unit}
+
+
+def _notes(subject: Subject, compared: Sequence[stored.Stored], runs: Mapping[str, Run]) -> Iterator[str]:
+    """Yield notes on parameters, on references of other parameters, and on the runs by name."""
+    if differences := subject.identification.differences:
+        yield f"The parameters differ from the defaults: {', '.join(differences)}"
+    foreign = [case.name for case in compared if not _made_of(subject, case)]
+    if foreign:
+        which = "all cases" if len(foreign) == len(compared) else ", ".join(foreign)
+        yield (f"The references of {which} were made with other parameters than the subject's; make its own with "
+               "`emcas reference --parameters FILE --directory DIR` and validate with `--directory DIR`")
+    for name, run in runs.items():
+        if run.reason:
+            yield f"{name}: {run.reason}"
+        yield from (f"{name}: log: {message}" for message in run.messages)
