@@ -64,7 +64,7 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
             result.write_report(report)
         if as_json:
             write_json(result.document(), as_json)
-    table = Table("name", "value", "1 sigma", "unit", "base set", title=result.title, title_justify="left")
+    table = Table("name", "value", "1 sigma", "unit", "base set", title=result.experiment.title, title_justify="left")
     for column in table.columns:
         column.no_wrap = True
     for e in result.estimates:

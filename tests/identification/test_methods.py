@@ -48,7 +48,7 @@ def test_sigmas_of_a_line_are_those_of_repeated_experiments(rho: float) -> None:
         def residuals(b: Array, y: Array = y) -> list[Array]:
             return [(y - b[0] - b[1] * x)[g] for g in groups]
 
-        found = weighted_fit(("offset", "slope"), residuals, np.zeros(2), np.ones(2), [[0], [1]])
+        found = weighted_fit(("offset", "slope"), residuals, np.zeros(2), np.ones(2), [0, 1])
         values.append(found.values)
         sigmas.append(found.sigmas)
     # The scatter of 60 has itself 9 % error (three of these), and tau from 200 samples is a little small.

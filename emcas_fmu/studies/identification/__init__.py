@@ -1,1 +1,1 @@
-"""From bench measurements to parameters, chapter 3 of Yerlikaya (2016): friction, drive, backlash, inertia."""
+"""Parameters from bench measurements, chapter 3 of Yerlikaya (2016): friction, drive, backlash, inertia."""

@@ -1,10 +1,10 @@
 """Backlash from the fin angle measured directly and through the motor, section 3.4.
 
-Slow sweeps both ways. The indirect fin angle is the motor angle through lever and screw. The direct one
-lags it by half the gap in whichever direction the motor drives, so that their difference jumps by the gap at
-reversals. What is common to both directions (zero, errors of the geometry) is a cubic in the fin angle.
-The nonlinear actuator has no backlash: the figure is reported, with the ``drive_line.backlash`` it is in the
-actuators that have one, and no parameter is written.
+The records are slow sweeps in both directions. The indirect fin angle follows from the motor angle through screw and
+lever. The direct one lags it by half the gap in either direction of motion, so that their difference jumps by the gap
+at reversals. A cubic in the fin angle is common to both directions (zero, errors of the geometry). The nonlinear
+actuator has no backlash: no parameter is written. The report has the gap, and the ``drive_line.backlash`` of actuators
+that have one.
 """
 
 from __future__ import annotations
@@ -16,24 +16,26 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from ...figures.plots import Drawing
 from ...parameters import ParameterSet
 from . import motion, pictures
 from .estimation import Fit, weighted_fit
-from .records import DIRECTIONS, Array, Record, RecordError, grouped, read_records, refuse_magnitude
-from .result import Estimate, Identification
+from .records import DIRECTIONS, Array, Record, RecordError, divided, refuse_magnitude
+from .result import Estimate, Experiment, Identification
 
+EXPERIMENT = Experiment("backlash", "Backlash", ("motor_angle", "fin_angle"), (),
+                        ("kinematics.moment_arm", "kinematics.initial_angle", "screw.lead"), "rad")
 GAP = "backlash"
 _NAMES = (GAP, *(f"difference[{n}]" for n in range(4)))
-_CLEAR = radians(0.5)  # of indirect motion after a reversal before the gap counts as crossed
+_CLEAR = radians(0.5)  # of indirect motion after a reversal, when the gap is crossed
 _RANGE = radians(5.0)  # least range of a sweep
 _BLOCKS = 40  # means per sweep, over which an encoder's steps average out
-_ASSUMED = ("kinematics.moment_arm", "kinematics.initial_angle", "screw.lead")
 
 
 class Sweep(NamedTuple):
-    """A sweep once the gap is crossed: direction, fin angle and difference [rad] in blocks."""
+    """A sweep after crossing the gap: direction (1, -1), means of fin angle and of the difference [rad] in blocks."""
 
     direction: int
     fin: Array
@@ -41,25 +43,25 @@ class Sweep(NamedTuple):
 
 
 def _per_angle(p: Any) -> float:
-    """Return travel along the screw over the fin's angle [m/rad], at 0 deg."""
+    """Return the nut's travel per fin angle [m/rad] at fin angle 0."""
     return float(p.kinematics.moment_arm / np.cos(p.kinematics.initial_angle) ** 2)
 
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
-    """Identify the backlash at the fin from records with motor_angle and fin_angle. Raises RecordError."""
-    records = read_records(paths, ("motor_angle", "fin_angle"))
+    """Identify the backlash at the fin. Raises RecordError."""
+    records = EXPERIMENT.read(paths)
     p = base.nested()
-    sweeps, groups = grouped(records, lambda record: _sweeps(record, _indirect(record, p)))
+    sweeps, owners = divided(records, lambda record: _sweeps(record, _indirect(record, p)))
     for direction, word in DIRECTIONS:
         if not any(s.direction == direction for s in sweeps):
             raise RecordError(f"no sweep of at least {degrees(_RANGE):g} deg in the {word} direction: the gap shows "
                               "between the two directions; sweep there and back")
     reach = max(float(np.abs(s.fin).max()) for s in sweeps)
     fit = weighted_fit(_NAMES, lambda x: [s.difference - _model(x, s.direction, s.fin, reach) for s in sweeps],
-                       np.zeros(5), np.full(5, 1e-3), groups)
+                       np.zeros(5), np.full(5, 1e-3), owners)
     gap, sigma = float(fit.values[0]), float(fit.sigmas[0])
     if gap < -3.0 * sigma:
-        raise RecordError(f"the backlash is found as {degrees(gap):.3g} deg, below 0: the direct angle leads the "
+        raise RecordError(f"the backlash comes out as {degrees(gap):.3g} deg, below 0: the direct angle leads the "
                           "motor's; check the columns' signs, that they are sampled at the same instants, and that the "
                           "motor drives the fin in both directions (a load may hold it against one side)")
     notes = [
@@ -75,57 +77,46 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         notes.append(f"Not distinguishable from no backlash; below {degrees(max(gap, 0.0) + 2.0 * sigma):.2g} deg at "
                      "2 sigma.")
     return Identification(
-        "backlash", "Backlash", records, base, _ASSUMED, fit, "rad",
-        [Estimate(GAP, degrees(gap), degrees(sigma), "deg", parameter=False)], notes,
+        EXPERIMENT, records, base, fit, [Estimate(GAP, degrees(gap), degrees(sigma), "deg", parameter=False)], notes,
         lambda: _drawings(sweeps, [(r, _indirect(r, p)) for r in records], fit, reach))
 
 
 def _indirect(record: Record, p: Any) -> Array:
-    """Return the fin angle [rad] by the motor's. Raises RecordError where the record's two angles do not agree."""
+    """Return the fin angle [rad] that follows from the motor angle. Raises RecordError if the two angles disagree."""
     indirect = motion.fin_angle(p, record["motor_angle"])
     refuse_magnitude(record, "motor_angle", 1.25 * motion.motor_travel(p), "1.25 times the travel to fin.stop_angle")
     refuse_magnitude(record, "fin_angle", 1.25 * p.fin.stop_angle, "1.25 times fin.stop_angle")
     if np.ptp(indirect) < _RANGE:
-        raise record.fail(f"there is no motion to speak of: the fin turns by {degrees(np.ptp(indirect)):.3g} deg by "
-                          f"the motor's angle; sweep at least {degrees(_RANGE):g} deg there and back")
+        raise record.fail(f"there is no motion to speak of: by the motor angle the fin turns by "
+                          f"{degrees(np.ptp(indirect)):.3g} deg; sweep at least {degrees(_RANGE):g} deg there and back")
     slope = float(np.polyfit(indirect, record["fin_angle"], 1)[0])
     if not 0.9 < slope < 1.1:
-        raise record.fail(f"fin_angle moves {slope:.3g} times as much as the motor's angle lets expect: check the "
+        raise record.fail(f"fin_angle moves {slope:.3g} times as much as follows from the motor angle: check the "
                           "units in the header (1 rad is 57.3 deg), and kinematics.moment_arm and screw.lead of the "
                           "parameters")
     return indirect
 
 
 def _turns(angle: Array) -> list[int]:
-    """Return the indices of reversals by more than the gap could be, and of both ends: extremes by hysteresis."""
-    turns, extreme, direction = [0], 0, 0
-    for k, a in enumerate(angle.tolist()):
-        ahead = a - angle[extreme]
-        if direction == 0:
-            if abs(ahead) > _CLEAR:
-                direction, extreme = (1 if ahead > 0.0 else -1), k
-        elif ahead * direction > 0.0:
-            extreme = k
-        elif -ahead * direction > _CLEAR:
-            turns.append(extreme)
-            direction, extreme = -direction, k
-    return [*turns, len(angle) - 1]
+    """Return the indices of both ends and of the reversals with more than `_CLEAR` of motion before and after."""
+    peaks = (find_peaks(side * angle, prominence=_CLEAR)[0] for side in (1.0, -1.0))
+    return [0, *sorted(np.concatenate([*peaks]).tolist()), len(angle) - 1]
 
 
 def _sweeps(record: Record, indirect: Array) -> list[Sweep]:
-    """Return the sweeps of a record. Raises RecordError where one has too few samples."""
+    """Return the sweeps of a record. Raises RecordError if one has too few samples."""
     difference = record["fin_angle"] - indirect
     sweeps = []
     for begin, end in pairwise(_turns(indirect)):
-        way = indirect[end] - indirect[begin]
-        if abs(way) < _RANGE:
+        travel = indirect[end] - indirect[begin]
+        if abs(travel) < _RANGE:
             continue
-        direction = 1 if way > 0.0 else -1
+        direction = 1 if travel > 0.0 else -1
         along = direction * (indirect[begin:end] - indirect[begin])
-        # Rest at either end would weigh one angle alone.
-        inside = np.arange(begin, end)[(along > _CLEAR) & (along < abs(way) - 0.02 * _CLEAR)]
+        # Without samples at rest at the ends, which would give one angle too much weight.
+        inside = np.arange(begin, end)[(along > _CLEAR) & (along < abs(travel) - 0.02 * _CLEAR)]
         if len(inside) < 2 * _BLOCKS:
-            raise record.fail(f"a sweep of {degrees(abs(way)):.3g} deg has {len(inside)} samples; at least "
+            raise record.fail(f"a sweep of {degrees(abs(travel)):.3g} deg has {len(inside)} samples; at least "
                               f"{2 * _BLOCKS} are needed for the counts of the encoders to average out: log faster or "
                               "sweep slower")
         blocks = np.array_split(inside, _BLOCKS)
@@ -134,7 +125,7 @@ def _sweeps(record: Record, indirect: Array) -> list[Sweep]:
 
 
 def _model(x: Array, direction: int, fin: Array, reach: float) -> Array:
-    """Return the direct less the indirect fin angle [rad]: half the gap, and a cubic in the share of the reach."""
+    """Return the direct less the indirect fin angle [rad]: half the gap, and a cubic in the fin angle over `reach`."""
     z = fin / reach
     difference: Array = -0.5 * direction * x[0] + x[1] + z * (x[2] + z * (x[3] + z * x[4]))
     return difference

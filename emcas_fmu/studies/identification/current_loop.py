@@ -15,7 +15,11 @@ from .records import Array
 
 def response(parameters: Any, initial: float, reference: Array, speed: Array | None, step: float,
              values: Mapping[str, Any]) -> Array:
-    """Return the linear loop's current [A] for the reference [V] of each row, from rest with xi = `initial` [V]."""
+    """Return the linear loop's current [A] at each row, for the rows' reference [V] and motor speed [rad/s] or None.
+
+    `parameters` are K_v [A/V], i_off [A], T_d [s], K_p [V/A] and K_i [V/(A.s)]; the loop starts at rest with
+    xi = `initial` [V]. Rows are `step` [s] apart.
+    """
     gain, offset, delay, kp, ki = parameters
     p = nonlinear.ACTUATOR.namespace({**values, "drive.current_gain": gain, "drive.current_offset": offset})
     demanded = drive.current_reference_raw(p, reference)
@@ -25,13 +29,13 @@ def response(parameters: Any, initial: float, reference: Array, speed: Array | N
     e = np.array([-1.0 / inductance, 0.0])
     whole = int(np.floor(delay / step))
     fraction = delay / step - whole
-    f, late = _held(a, b, step * (1.0 - fraction))  # the part of an interval after the arrival
+    f, late = _held(a, b, step * (1.0 - fraction))  # the part of the interval after the arrival
     _, early = _held(a, b, step * fraction)
     phi, back = _held(a, e, step)
     # x_k+1 = Phi x_k + f(early) u_k-whole-1 + late u_k-whole
     before = np.concatenate([np.full(whole + 1, demanded[0]), demanded])[:len(demanded)]
     now = np.concatenate([np.full(whole, demanded[0]), demanded])[:len(demanded)]
-    # From a long rest: the current that xi = initial and the first demand hold.
+    # Steady state: the current at xi = initial and the first demand.
     rest = np.array([(kp * demanded[0] + initial) / (resistance + kp), initial])
     pushed = np.outer(before, f @ early) + np.outer(now, late)
     if speed is not None:
@@ -40,7 +44,7 @@ def response(parameters: Any, initial: float, reference: Array, speed: Array | N
 
 
 def _held(a: Array, b: Array, time: float) -> tuple[Array, Array]:
-    """Return the transition matrix over `time` [s], and what an input held through it adds."""
+    """Return the transition matrix over `time` [s], and the effect of a constant input."""
     transition, added, *_ = cont2discrete((a, b[:, None], np.eye(2), np.zeros((2, 1))), time)
     return transition, added[:, 0]
 

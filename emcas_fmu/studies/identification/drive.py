@@ -4,10 +4,10 @@ The current loop, (2.46) with its PI controller, is linear while neither current
 
     L di/dt = K_p (i_ref - i) + xi - R i - K_e w        dxi/dt = K_i (i_ref - i)        i_ref = K_v u(t - T_d) + i_off
 
-A row's reference holds until the next row, as a DAC's does, and arrives T_d later, in general between two
-rows: the exact discretisation is cut there (the modified z-transform), so that the delay is found to a
-fraction of the sample interval. The steady gain right after a step is K_v K_p/(R + K_p), which creeps
-towards K_v with the slow mode of the integral; a fast record tells delay and K_p, a slow one K_v and K_i.
+A row's reference is held until the next row, as by a DAC, and arrives T_d later, in general between two rows: the exact
+discretisation is split there (modified z-transform), so that the delay is resolved to a fraction of the sample
+interval. The gain right after a step is K_v K_p/(R + K_p) and creeps towards K_v with the slow mode of the integral:
+fast records determine delay and K_p, slow ones K_v and K_i.
 """
 
 from __future__ import annotations
@@ -28,29 +28,31 @@ from ...physics import drive
 from . import pictures
 from .current_loop import response
 from .estimation import Fit, weighted_fit
-from .records import Array, Record, RecordError, distinct, read_records, refuse_clipped, refuse_magnitude
-from .result import Estimate, Identification, estimates, require_certain
+from .records import Array, Record, RecordError, distinct, refuse_clipped, refuse_magnitude
+from .result import Estimate, Experiment, Identification, estimates, require_certain
 
+EXPERIMENT = Experiment(
+    "drive", "Drive: current gain, offset, transport delay and current loop", ("drive_reference", "motor_current"),
+    ("motor_speed",), ("motor.resistance", "motor.inductance", "motor.back_emf_constant"), "A")
 NAMES = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
 GAIN, OFFSET, DELAY, KP, KI = range(5)
-_ASSUMED = ("motor.resistance", "motor.inductance", "motor.back_emf_constant")
 
-FAST = 10.0  # samples of a fast record in the delay, at least
+FAST = 10.0  # fewest samples of a fast record in the delay
 LONGEST_DELAY = 0.1  # s, of the parameter's range
 FEWEST_LEVELS = 3
-_SLOWEST = 1e-3  # s between the samples of a fast record: slower than any current loop
-_LENGTH = 0.1  # of the integral's time that the longest record must last
-_SETTLED = 5e-3  # s after an arrival from which a slow record, which cannot show a transient, counts again
-_WORST = 0.25  # relative 1 sigma of gain, delay or K_p beyond which there is no answer
-_STEP = 8.0  # deviations of its noise by which the reference takes another level
+_SLOWEST = 1e-3  # s between the samples of a fast record: longer than any current loop's time constant
+_LENGTH = 0.1  # share of the integral's time that the longest record must last
+_SETTLED = 5e-3  # s after an arrival from which a slow record counts again: it cannot show the transient
+_WORST = 0.25  # largest relative 1 sigma of gain, delay or K_p of an answer
+_STEP = 8.0  # deviations of its noise by which a reference changes level
 
 
 class _Run(NamedTuple):
-    """A record, the rows of it that the fit uses, and the place of its initial integral [V] among the fit's values."""
+    """A record, the mask of its rows in the fit, and the index of its initial integral [V] in the fit's values."""
 
     record: Record
     used: NDArray[np.bool_]
-    place: int
+    integral_index: int
 
     @property
     def fast(self) -> bool:
@@ -64,24 +66,15 @@ class _Run(NamedTuple):
     def current(self) -> Array:
         return self.record["motor_current"]
 
-    def late_reference(self, delay: float) -> Array:
-        """Return the reference [V] as it has arrived after a delay [s]."""
-        time = np.arange(len(self.record)) * self.record.step
-        late: Array = np.interp(time - delay, time, self.reference)
-        return late
-
     def modelled(self, x: Array, values: Mapping[str, Any]) -> Array:
-        """Return the current [A] with the fit's values `x`."""
-        return response(x[:5], float(x[self.place]), self.reference, self.record.columns.get("motor_speed"),
+        """Return the current [A] for the fit's values `x`."""
+        return response(x[:5], float(x[self.integral_index]), self.reference, self.record.columns.get("motor_speed"),
                         self.record.step, values)
 
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
-    """Identify the drive from records with drive_reference and motor_current, and motor_speed unless clamped.
-
-    Raises RecordError.
-    """
-    records = read_records(paths, ("drive_reference", "motor_current"), ("motor_speed",))
+    """Identify the drive; records without motor_speed are of a clamped rotor. Raises RecordError."""
+    records = EXPERIMENT.read(paths)
     values = base.values
     for record in records:
         _check(record, values)
@@ -98,9 +91,8 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     fit = _fit(runs, start, values)
     parameters = estimates(fit, base)
     _require_answer(parameters, fit, runs, values)
-    return Identification(
-        "drive", "Drive: current gain, offset, transport delay and current loop", records, base, _ASSUMED, fit,
-        "A", parameters, _notes(runs, fit, values), lambda: _drawings(runs, fit, values))
+    return Identification(EXPERIMENT, records, base, fit, parameters, _notes(runs, fit, values),
+                          lambda: _drawings(runs, fit, values))
 
 
 def _rise(values: Mapping[str, Any]) -> float:
@@ -109,35 +101,35 @@ def _rise(values: Mapping[str, Any]) -> float:
 
 
 def _check(record: Record, values: Mapping[str, Any]) -> None:
-    """Refuse a record that is clipped or saturated, of a wrong magnitude or without a step."""
+    """Raise RecordError for a record that is clipped or saturated, of implausible magnitude or without a step."""
     refuse_magnitude(record, "drive_reference", 1.1 * values["drive.reference_limit"],
                      "1.1 times drive.reference_limit")
     refuse_magnitude(record, "motor_current", 2.0 * values["drive.current_limit"], "2 times drive.current_limit")
     refuse_clipped(record, "motor_current")
-    reference, current = record["drive_reference"], record["motor_current"]
-    if np.abs(reference).max() > 0.999 * values["drive.reference_limit"]:
-        raise record.fail(f"drive_reference is saturated: it reaches drive.reference_limit = "
-                          f"{values['drive.reference_limit']:g} V; excite less")
-    if np.abs(current).max() > 0.98 * values["drive.current_limit"]:
-        raise record.fail(f"motor_current is saturated: it reaches {np.abs(current).max():.3g} A at a "
-                          f"drive.current_limit of {values['drive.current_limit']:g} A; excite less")
+    for name, limit, share in (("drive_reference", "drive.reference_limit", 0.999),
+                               ("motor_current", "drive.current_limit", 0.98)):
+        reached = np.abs(record[name]).max()
+        if reached > share * values[limit]:
+            raise record.fail(f"{name} is saturated: it reaches {reached:.3g} of {limit} = {values[limit]:g}; excite "
+                              "less")
+    reference = record["drive_reference"]
     if np.ptp(reference) < 20.0 * _noise(reference):
-        raise record.fail(f"drive_reference hardly moves ({np.ptp(reference):.3g} V): there is nothing to answer to; "
-                          "step it, over a few tenths of a volt at least")
+        raise record.fail(f"drive_reference hardly moves ({np.ptp(reference):.3g} V): the current has no step to "
+                          "follow; step it, over a few tenths of a volt at least")
 
 
 def _noise(x: Array) -> float:
-    """Return the noise of a signal that steps now and then: robust deviation of its differences, never quite 0."""
+    """Return the noise of a signal with occasional steps: robust deviation of its differences, always above 0."""
     return float(median_abs_deviation(np.diff(x), scale="normal") / 2.0**0.5) + 1e-9
 
 
 def _changes(reference: Array) -> Any:
-    """Return the rows at which the reference takes another level."""
+    """Return the rows at which the reference changes level."""
     return np.flatnonzero(np.abs(np.diff(reference)) > max(_STEP * _noise(reference), 1e-3)) + 1
 
 
 def _used(record: Record, delay: float) -> NDArray[np.bool_]:
-    """Return the rows that count: all of a fast record, of a slow one those without a transient."""
+    """Return the mask of rows in the fit: all of a fast record, of a slow one those without a transient."""
     used = np.ones(len(record), dtype=bool)
     if record.step > _SLOWEST:
         after = int(np.ceil((delay + _SETTLED) / record.step)) + 1
@@ -146,19 +138,26 @@ def _used(record: Record, delay: float) -> NDArray[np.bool_]:
     return used
 
 
+def _late_reference(record: Record, delay: float) -> Array:
+    """Return the reference [V] that has arrived after a delay [s] at each row."""
+    time = np.arange(len(record)) * record.step
+    late: Array = np.interp(time - delay, time, record["drive_reference"])
+    return late
+
+
 def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
-    """Return a first delay [s]: that shift of the reference which fits the current best, over the fast records."""
+    """Return an initial delay [s]: the shift of the reference that explains the current best, over the fast records."""
     step = min(r.step for r in fast)
     shifts = np.arange(0.0, min(LONGEST_DELAY, 0.5 * min(len(r) * r.step for r in fast)), step)
-    lost = np.zeros(len(shifts))
+    unexplained = np.zeros(len(shifts))
     for r in fast:
-        u, i = r["drive_reference"], r["motor_current"]
-        time = np.arange(len(r)) * r.step
+        current = r["motor_current"]
         for k, shift in enumerate(shifts):
-            line = np.column_stack([np.interp(time - shift, time, u), np.ones(len(u))])
-            lost[k] += float(np.sum((i - line @ np.linalg.lstsq(line, i, rcond=None)[0]) ** 2) / np.var(i))
-    best = int(np.argmin(lost))
-    share = 1.0 - lost[best] / sum(len(r) for r in fast)
+            line = np.column_stack([_late_reference(r, shift), np.ones(len(r))])
+            residuals = current - line @ np.linalg.lstsq(line, current, rcond=None)[0]
+            unexplained[k] += float(np.sum(residuals**2) / np.var(current))
+    best = int(np.argmin(unexplained))
+    share = 1.0 - unexplained[best] / sum(len(r) for r in fast)
     if share < 0.5:
         raise fast[0].fail(f"motor_current does not follow drive_reference: at the best delay it explains {share:.0%} "
                            "of the current; check that the columns belong together, that the drive was enabled, and "
@@ -167,14 +166,14 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
 
 
 def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> None:
-    """Refuse records that together lack levels or length, and slopes of the current far from the base set's."""
+    """Raise RecordError if the records lack levels or length, or if their slopes are far from the base set's gain."""
     levels = distinct(np.concatenate([run.reference[run.used] for run in runs]), 0.05)
     if len(levels) < FEWEST_LEVELS or min(levels) >= 0.0 or max(levels) <= 0.0:
         raise RecordError(f"the reference takes {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): "
                           f"gain and offset need at least {FEWEST_LEVELS}, of both signs")
     slopes: list[float] = []
     for run in runs:
-        late = run.late_reference(delay + _rise(values))
+        late = _late_reference(run.record, delay + _rise(values))
         slope = float(np.polyfit(late[run.used], run.current[run.used], 1)[0])
         slopes.append(slope)
         rises = f"motor_current rises by {slope:.4g} A per volt of drive_reference"
@@ -189,7 +188,7 @@ def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> N
                                   "files' headers, and that they are of one drive")
     if values["drive.ki"] <= 0.0:
         return
-    # A record within the integral's first moments shows the proportional part alone, and calls it the whole.
+    # A record much shorter than the integral's time shows the proportional action only, as if it were the whole.
     slow = (values["motor.resistance"] + values["drive.kp"]) / values["drive.ki"]
     longest = max(len(r.record) * r.record.step for r in runs)
     if longest < _LENGTH * slow:
@@ -213,13 +212,13 @@ def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
         x = np.maximum(x, lowest)
         return [(r.current - r.modelled(x, values))[r.used] for r in runs]
 
-    # The fit is flat between samples far from the delay: the best of a few starts, kp's among them.
+    # Far from the delay the sum of squares is flat: the fit begins at the best of a few delays and values of kp.
     starts = [np.array([slope * (1.0 + values["motor.resistance"] / kp), offset, delay, kp, values["drive.ki"],
                         *initial])
               for delay in start + np.array([0.0, 0.5, 1.0, 1.5]) * _rise(values)
               for kp in np.array([0.3, 1.0, 3.0]) * values["drive.kp"]]
     begin = min(starts, key=lambda x: sum(float(r @ r) / len(r) for r in residuals(x)))
-    return weighted_fit(NAMES, residuals, begin, scale, [[k] for k in range(len(runs))])
+    return weighted_fit(NAMES, residuals, begin, scale, range(len(runs)))
 
 
 def _require_rate(delay: float, step: float) -> None:
@@ -230,7 +229,7 @@ def _require_rate(delay: float, step: float) -> None:
 
 def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Run],
                     values: Mapping[str, Any]) -> None:
-    """Refuse an answer the records do not support, or that a limited voltage has made."""
+    """Raise RecordError for estimates that are too uncertain or that follow from a limited voltage."""
     gain, _, delay, kp, ki = parameters
     identified = {**values, **{e.name: e.value for e in parameters}}
     step, rise = min(r.record.step for r in runs), _rise(identified)
@@ -241,17 +240,17 @@ def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Ru
                           f"cannot be distinguished; log at {1.0 / rise:.3g} Hz or more")
     require_certain((gain, delay, kp), _WORST, "record more and larger steps, fast logged")
     if ki.value < 0.0 and ki.value < -2.0 * ki.sigma:
-        raise RecordError(f"drive.ki is found as {ki.value:.3g} V/(A.s), below 0: the current creeps away from its "
+        raise RecordError(f"drive.ki comes out as {ki.value:.3g} V/(A.s), below 0: the current creeps away from its "
                           "reference; check that the winding did not heat up, and motor.resistance")
     p, x = nonlinear.ACTUATOR.namespace(identified), fit.values
     supply = float(values["drive.supply_voltage"])
     for run in (r for r in runs if r.fast):
-        asked = drive.current_reference(ARRAYS, p, run.late_reference(delay.value))
-        demand = np.abs(drive.voltage_demand(p, asked, run.modelled(x, values), x[run.place]))
+        i_ref = drive.current_reference(ARRAYS, p, _late_reference(run.record, delay.value))
+        demand = np.abs(drive.voltage_demand(p, i_ref, run.modelled(x, values), x[run.integral_index]))
         if demand.max() > supply:
-            raise run.record.fail(f"the drive's voltage is saturated: the steps ask for {demand.max():.3g} V of a "
-                                  f"supply of {supply:g} V, so that their rise tells the supply and not Kp; take steps "
-                                  f"below {0.9 * supply / (kp.value * gain.value):.2g} V")
+            raise run.record.fail(f"the drive's voltage is saturated: the steps demand {demand.max():.3g} V of a "
+                                  f"supply of {supply:g} V, so that their rise depends on the supply and not on Kp; "
+                                  f"use steps below {0.9 * supply / (kp.value * gain.value):.2g} V")
 
 
 def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> list[str]:
@@ -260,7 +259,7 @@ def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> list[st
     slow = f"then {(resistance + kp) / ki:.3g} s for the integral" if ki > 0.0 else "without an integral"
     lines = [
         f"The delay is {delay / min(r.record.step for r in runs):.2f} samples of the fastest record; it includes "
-        "whatever the two channels of the logger differ in, and counts from the row at which a reference first stands.",
+        "any delay between the two channels of the logger, and counts from the first row of a new reference.",
         f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, {slow}; right after "
         f"a step {kp / (resistance + kp):.1%} of the current demanded flow.",
         "Kp scales with motor.inductance and motor.resistance, whose own uncertainty is not included.",
@@ -269,13 +268,13 @@ def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> list[st
         lines.append("drive.ki is poorly known: hold the reference for a good part of the integral's time, slowly "
                      "logged.")
     if not any("motor_speed" in r.record.columns for r in runs):
-        lines.append("No record has motor_speed: the rotor was taken as clamped.")
+        lines.append("No record has motor_speed: the rotor was assumed clamped.")
     return lines
 
 
 def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
     x = fit.values
-    parts, line = [], []
+    parts, lines = [], []
     for r in runs:
         time = r.record["time"] - r.record["time"][0]
         stop = np.searchsorted(time, 0.03) if r.fast else len(time)
@@ -284,7 +283,7 @@ def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iter
         if not r.fast:
             order = np.argsort(r.reference[r.used])
             u, i = r.reference[r.used][order], r.current[r.used][order]
-            line.append(pictures.Series(r.record.name, u, i, u, x[GAIN] * u + x[OFFSET]))
+            lines.append(pictures.Series(r.record.name, u, i, u, x[GAIN] * u + x[OFFSET]))
     yield Drawing("Current against time", pictures.panels(parts, "time [s]", "motor current [A]", sharey=False),
                   "Measured current and the fitted current loop; of fast records the first 30 ms.")
     steps = [(r.record.name, [series]) for r in runs if r.fast and (series := _steps(r, x, values)) is not None]
@@ -292,19 +291,19 @@ def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iter
         "Steps of the reference",
         pictures.panels(steps or [("no single steps", [])], "time since the step of the reference [ms]",
                         "share of the step"),
-        "The larger steps of the fast records, scaled and laid on each other: the delay is where the rise begins, "
-        "L/(R + Kp) its time constant.")
+        "The larger steps of the fast records, scaled and laid over each other: the rise begins after the delay; its "
+        "time constant is L/(R + Kp).")
     yield Drawing(
-        "Steady current against reference", pictures.panels([("", line)], "reference [V]", "motor current [A]"),
-        "Slow records, transients left out; the line has the identified gain and offset. Points lie off it by what the "
-        "integral has not yet made up for.")
-    # Records of a tenth of a second and of a minute are shown on one axis.
+        "Steady current against reference", pictures.panels([("", lines)], "reference [V]", "motor current [A]"),
+        "Slow records without transients; the line has the identified gain and offset. Points are off the line by the "
+        "part that the integral has not yet corrected.")
+    # Records of a tenth of a second and of a minute share one axis.
     yield pictures.residuals([(r.record.name, (t := r.record["time"][r.used]) / t[-1]) for r in runs], fit,
                              "share of the record's time", "residual current [A]")
 
 
 def _steps(run: _Run, x: Array, values: Mapping[str, Any]) -> pictures.Series | None:
-    """Return all larger steps of a fast record on each other, as shares of the step, in time from the arrival."""
+    """Return all larger steps of a fast record over each other, as shares of the step against time [ms]."""
     model, h, delay = run.modelled(x, values), run.record.step, x[DELAY] * 1e3
     before, after = int(0.3e-3 / h) + 1, int(1.2e-3 / h) + 1
     times, shares = [], []

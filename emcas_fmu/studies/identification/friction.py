@@ -1,9 +1,9 @@
 """Viscous and Coulomb friction from sweeps at constant speed, section 3.3.
 
-Sweeps at several speeds, both ways, at two temperatures. Of each the windows at constant speed count.
-What the motor's torque does not put into acceleration there is friction; the model's own friction is
-fitted to all windows at once: seven Coulomb coefficients and a viscous one per direction, and the two
-ratios of cold to warm. Slow sweeps tell Coulomb friction against the fin angle, fast ones the rest.
+The records are sweeps at several speeds, in both directions, at two temperatures. In windows at constant speed, the
+motor's torque less inertia times acceleration is friction. The model's friction is fitted to all windows at once: per
+direction seven Coulomb coefficients and a viscous one, and the two ratios of cold to warm friction. Slow sweeps
+determine Coulomb friction against the fin angle, fast ones viscous friction.
 """
 
 from __future__ import annotations
@@ -23,52 +23,53 @@ from ...parameters import ParameterSet
 from ...physics import friction
 from . import motion, pictures
 from .estimation import Fit
-from .records import DIRECTIONS, Array, Record, RecordError, distinct, grouped, read_records
-from .result import Estimate, Identification, estimates, require_certain
+from .records import DIRECTIONS, Array, Record, RecordError, distinct, divided
+from .result import Estimate, Experiment, Identification, estimates, require_certain
 
+EXPERIMENT = Experiment(
+    "friction", "Viscous and Coulomb friction", ("motor_angle", "motor_current", "temperature"), ("motor_speed",),
+    ("motor.torque_constant", "inertia.motor", "inertia.screw", "kinematics.moment_arm", "screw.lead",
+     "friction.fin_viscous", "friction.fin_coulomb"), "N.m")
 VISCOUS = ("friction.viscous.positive", "friction.viscous.negative")
 COULOMB = {d: tuple(f"friction.coulomb.{d}[{n}]" for n in range(7)) for d in ("positive", "negative")}
-# Of friction.table the cold point, at -6 degC by default; the next, 24 degC, is that of the polynomials.
+# The cold point of friction.table, -6 degC by default. The polynomials are those of the next point, 24 degC.
 RATIOS = ("friction.table.viscous[1]", "friction.table.coulomb[1]")
-_SPAN = ("friction.table.temperature[1]", "friction.table.temperature[2]")
+_TABLE = ("friction.table.temperature[1]", "friction.table.temperature[2]")
 NAMES = (*VISCOUS, *COULOMB["positive"], *COULOMB["negative"], *RATIOS)
 
-FEWEST_SPEEDS = 3  # per direction: a line through two points fits anything
-SPEED_SPREAD = 5.0  # fastest over slowest, or Coulomb and viscous friction look alike
-FEWEST_KELVIN = 10.0  # between the temperatures, a third of the 30 K the ratios span
-COVERAGE = 0.75  # of +-command.limit that each direction must have been at: the polynomials hold there
+FEWEST_SPEEDS = 3  # per direction: a line through two points always fits
+SPEED_SPREAD = 5.0  # fastest over slowest speed, to separate Coulomb from viscous friction
+FEWEST_KELVIN = 10.0  # between the temperatures, a third of the 30 K between the points of the table
+COVERAGE = 0.75  # share of +-command.limit that each direction must cover, for the polynomials
 _CONSTANT = 0.10  # relative band around a sweep's speed
-_ACCELERATING = 0.10  # of a window's driving torque that may go into acceleration: more is no constant speed
-_CREEP = 0.2  # of the sweep's speed: slower inside a window is stick-slip
+_ACCELERATING = 0.10  # largest share of the torque that may accelerate at constant speed
+_CREEP = 0.2  # share of a sweep's speed: a window with a slower sample is stick-slip
 _DRIFT = 5.0  # K within a record
 _FEWEST_WINDOWS = 8
-_PLAUSIBLE = 30.0  # factor to the base set's friction beyond which a unit is more likely wrong
-_WORST_COULOMB, _WORST = 0.2, 0.5  # relative 1 sigma beyond which there is no answer
-_ASSUMED = ("motor.torque_constant", "inertia.motor", "inertia.screw", "kinematics.moment_arm", "screw.lead",
-            "friction.fin_viscous", "friction.fin_coulomb")
+_PLAUSIBLE = 30.0  # ratio to the base set's friction beyond which a unit is probably wrong
+_WORST_COULOMB, _WORST = 0.2, 0.5  # largest relative 1 sigma of an answer
 
 
 class Sweep(NamedTuple):
-    """Windows in a row at constant speed in one direction."""
+    """Consecutive windows at constant speed in one `direction` (1, -1), with fin angle and friction torque in each."""
 
     direction: int
     speed: float
     temperature: float
     windows: motion.Averages
-
-
-Points = Sequence[tuple[Sweep, Array, Array]]  # of each sweep the fin angle [rad] and the friction [N.m] at its windows
+    fin: Array
+    torque: Array
 
 
 def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = False) -> Identification:
-    """Identify friction parameters from records with motor_angle, motor_current and temperature.
+    """Identify friction parameters.
 
-    `keep_ratios` takes the cold ratios from `base`, for measurements at one temperature. Raises RecordError.
+    With `keep_ratios` the cold ratios are those of `base`, for measurements at one temperature. Raises RecordError.
     """
-    records = read_records(paths, ("motor_angle", "motor_current", "temperature"), ("motor_speed",))
-    sweeps, groups = grouped(records, lambda record: _sweeps(record, base.values))
+    records = EXPERIMENT.read(paths)
+    sweeps, owners = divided(records, lambda record: _sweeps(record, base.values))
     _require(sweeps, base, keep_ratios)
-    fit = _fit(sweeps, groups, base, NAMES[:-2] if keep_ratios else NAMES)
+    fit = _fit(sweeps, owners, base, NAMES[:-2] if keep_ratios else NAMES)
     values = {**base.values, **dict(zip(fit.names, fit.values, strict=True))}
     _require_plausible(values, base)
     parameters = estimates(fit, base)
@@ -81,9 +82,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
              *(["The cold ratios are those of the base parameters, not measured."] if keep_ratios else []),
              "All torques scale with motor.torque_constant, whose own uncertainty is not included; an offset of the "
              "current sensor goes into the Coulomb friction, with opposite signs in the two directions."]
-    return Identification(
-        "friction", "Viscous and Coulomb friction", records, base, _ASSUMED, fit, "N.m",
-        parameters, notes, lambda: _drawings(sweeps, fit, base.values, values))
+    return Identification(EXPERIMENT, records, base, fit, parameters, notes, lambda: _drawings(sweeps, fit, values))
 
 
 def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
@@ -93,14 +92,16 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
     if np.ptp(temperature) > _DRIFT:
         raise record.fail(f"temperature drifts by {np.ptp(temperature):.3g} K within the record; at most {_DRIFT:g} K "
                           "may pass for one temperature: let it settle, or cut the record")
-    # A first look in short windows tells how long the sweeps last; then a twentieth of that each.
+    # Short windows first, to see how long the sweeps last; then windows of a twentieth of that.
     width = max(len(record) // 100, 6)
     look = motion.averages(record, width, max(width // 2, 1))
     moving = float(np.mean(np.abs(look.speed) > 0.5 * np.abs(look.speed).max())) * len(record)
     both = (look.speed.max() > 0.0) + (look.speed.min() < -0.3 * np.abs(look.speed).max())
     width = int(np.clip(moving / max(both, 1) / 20.0, 8, 64))
     a = motion.averages(record, width, width // 2)
-    m, torque = motion.balance(motion.namespace(values, motion.WARM), a)
+    p = motion.namespace(values, motion.WARM)
+    m, torque = motion.balance(p, a)
+    fin = motion.fin_angle(p, a.angle)
     unaccelerated = np.abs(m.inertia * a.acceleration) < _ACCELERATING * np.abs(torque)
     sweeps = []
     slipping = 0
@@ -112,10 +113,11 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
         steady = (np.abs(along - speed) < _CONSTANT * speed) & unaccelerated
         smooth = a.slowest > _CREEP * speed
         slipping += int(np.sum((along > 0.3 * speed) & (along < 3.0 * speed) & ~smooth))
-        for inside in motion.stretches(steady & smooth, _FEWEST_WINDOWS):
-            windows = a.at(inside[1:-1])  # the first and last may reach into what came before and after
+        for stretch in motion.stretches(steady & smooth, _FEWEST_WINDOWS):
+            inside = stretch[1:-1]  # the first and last may overlap the motion before and after
+            windows = a.at(inside)
             sweeps.append(Sweep(direction, float(np.mean(direction * windows.speed)), float(np.mean(temperature)),
-                                windows))
+                                windows, fin[inside], torque[inside]))
     if not sweeps:
         raise record.fail("has no stretch at constant speed" + (
             ": the motion is stick-slip; sweep faster or stiffen the speed control" if slipping > _FEWEST_WINDOWS else
@@ -124,12 +126,8 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
     return sweeps
 
 
-def _fin(sweep: Sweep, values: Mapping[str, Any]) -> Array:
-    return motion.fin_angle(nonlinear.ACTUATOR.namespace(values), sweep.windows.angle)
-
-
 def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> None:
-    """Refuse sweeps that together lack a direction, speeds, part of the range or a temperature."""
+    """Raise RecordError if the sweeps lack a direction, speeds, part of the range or a temperature."""
     limit = float(base.values["command.limit"])
     for direction, word in DIRECTIONS:
         along = [s for s in sweeps if s.direction == direction]
@@ -143,7 +141,7 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
             raise RecordError(f"the speeds in the {word} direction ({_listed(along, 'speed')} rad/s) are too alike to "
                               "tell Coulomb from viscous friction: the fastest must be at least "
                               f"{SPEED_SPREAD:g} times the slowest")
-        fin = np.concatenate([_fin(s, base.values) for s in along])
+        fin = np.concatenate([s.fin for s in along])
         if fin.min() > -COVERAGE * limit or fin.max() < COVERAGE * limit:
             raise RecordError(f"sweeps in the {word} direction cover the fin angle from {degrees(fin.min()):.3g} to "
                               f"{degrees(fin.max()):.3g} deg; a sixth-order polynomial needs at least "
@@ -151,7 +149,7 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
                               "over the whole range")
     if keep_ratios:
         return
-    cold, warm = (float(base.values[name]) for name in _SPAN)
+    cold, warm = (float(base.values[name]) for name in _TABLE)
     inside = np.clip([s.temperature for s in sweeps], cold, warm)
     if np.ptp(inside) < FEWEST_KELVIN:
         raise RecordError(f"all sweeps are at about the same temperature ({_listed(sweeps, 'temperature')} degC): the "
@@ -171,34 +169,33 @@ def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
     return ", ".join(f"{x:.3g}" for x in distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
 
 
-def _fit(sweeps: Sequence[Sweep], groups: Sequence[Sequence[int]], base: ParameterSet, names: Sequence[str]) -> Fit:
-    torques = [motion.balance(motion.namespace(base.values, s.temperature), s.windows)[1] for s in sweeps]
-    level = max(float(np.mean(np.abs(np.concatenate(torques)))), 1e-12)
+def _fit(sweeps: Sequence[Sweep], owners: Sequence[int], base: ParameterSet, names: Sequence[str]) -> Fit:
+    level = max(float(np.mean(np.abs(np.concatenate([s.torque for s in sweeps])))), 1e-12)
     fastest = max(s.speed for s in sweeps)
-    flat = [level, *[0.0] * 6]  # polynomials to start from: those of the base set might be far off
+    flat = [level, *[0.0] * 6]  # initial polynomials: those of the base set may be far off
     start = np.array([*[0.1 * level / fastest] * 2, *flat, *flat, 1.0, 1.0])[:len(names)]
     scale = np.array([*[level / fastest] * 2, *[level] * 14, 1.0, 1.0])[:len(names)]
     return motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps], start,
-                             scale, groups)
+                             scale, owners)
 
 
 def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
-    """Refuse friction that drives the motion, falls with speed, or is far from the base set's."""
+    """Raise RecordError for friction that drives the motion, falls with speed, or is far from the base set's."""
     p, q = nonlinear.ACTUATOR.namespace(values), base.nested()
     for side, direction in DIRECTIONS:
         level, expected = (float(_coulomb(getattr(each.friction.coulomb, direction), 0.0)) for each in (p, q))
         if level <= 0.0:
-            raise RecordError(f"the Coulomb friction found in the {direction} direction is {level:.3g} N.m: the "
+            raise RecordError(f"the Coulomb friction in the {direction} direction comes out as {level:.3g} N.m: the "
                               "current does not resist the motion; check the signs of motor_current and motor_angle, "
                               "and the zero of the current sensor")
         if not 1.0 / _PLAUSIBLE < level / max(expected, 1e-9) < _PLAUSIBLE:
-            raise RecordError(f"the Coulomb friction found in the {direction} direction, {level:.3g} N.m, is "
+            raise RecordError(f"the Coulomb friction in the {direction} direction, {level:.3g} N.m, is "
                               f"{level / expected:.3g} times that of the base parameters ({expected:.3g} N.m): check "
                               "the unit of motor_current and the base's motor.torque_constant")
         if float(friction.viscous(FLOATS, p, float(side))) <= 0.0:
-            raise RecordError(f"the viscous friction found in the {direction} direction is not positive: friction "
-                              "falls with speed, which the model does not know; leave out the slowest sweeps if they "
-                              "are in mixed lubrication, and check that temperature was the same at all speeds")
+            raise RecordError(f"the viscous friction in the {direction} direction is not positive: friction falls with "
+                              "speed, contrary to the model; leave out the slowest sweeps if they are in mixed "
+                              "lubrication, and check that temperature was the same at all speeds")
     for name in RATIOS:
         if float(values[name]) < 0.0:
             raise RecordError(f"{name} is {float(values[name]):.3g}: the sweeps do not agree with one ratio; check the "
@@ -206,7 +203,7 @@ def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
 
 
 def _require_certain(parameters: Sequence[Estimate], fit: Fit, base: ParameterSet) -> dict[str, float]:
-    """Refuse uncertain results; return 1 sigma [N.m] of the Coulomb friction per direction, the largest in range."""
+    """Return the largest 1 sigma [N.m] of each direction's Coulomb friction in range. Raises RecordError if large."""
     limit = float(base.values["command.limit"])
     bands = {d: float(_band(fit, d, np.linspace(-limit, limit, 81)).max()) for d in COULOMB}
     for direction, band in bands.items():
@@ -227,68 +224,63 @@ def _coulomb(coefficients: Any, fin: Any) -> Any:
 
 def _band(fit: Fit, direction: str, fin: Array) -> Array:
     """Return 1 sigma [N.m] of a direction's Coulomb polynomial at fin angles [rad]."""
-    # The polynomial is linear in its coefficients: its gradient is itself, for unit coefficients.
+    # The polynomial is linear in its coefficients: its gradient has the polynomials of unit coefficients.
     rows = np.array([_coulomb(unit, fin) for unit in np.eye(7)]).T
     at = [fit.names.index(n) for n in COULOMB[direction]]
     band: Array = np.sqrt(np.einsum("ij,jk,ik->i", rows, fit.covariance[np.ix_(at, at)], rows))
     return band
 
 
-def _drawings(sweeps: Sequence[Sweep], fit: Fit, base: Mapping[str, Any],
-              values: Mapping[str, Any]) -> Iterator[Drawing]:
-    fins = [_fin(s, base) for s in sweeps]
-    points = [(s, fin, s.direction * motion.balance(motion.namespace(base, s.temperature), s.windows)[1])
-              for s, fin in zip(sweeps, fins)]
+def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
     yield Drawing(
         "Coulomb friction against fin angle",
-        pictures.panels([(f"{word} direction", _against_fin(direction, word, points, fit, values))
+        pictures.panels([(f"{word} direction", _against_fin(direction, word, sweeps, fit, values))
                          for direction, word in DIRECTIONS], "fin angle [deg]", "Coulomb friction at the motor [N.m]"),
-        "Windows of the slowest sweeps with the viscous part taken off, and the fitted sixth-order polynomials with "
-        "their 2-sigma band, per direction of motion.")
+        "Windows of the slowest sweeps less the viscous friction, and the fitted sixth-order polynomials with their "
+        "2-sigma band, per direction of motion.")
     yield Drawing(
         "Friction against speed",
-        pictures.panels([("", _against_speed(points, values))], "motor speed [rad/s]",
+        pictures.panels([("", _against_speed(sweeps, values))], "motor speed [rad/s]",
                         "friction at fin angle 0 [N.m]"),
         "Mean of each sweep at constant speed, reduced to fin angle 0 with the fitted polynomials, and the fitted "
         "line: its slope is the viscous coefficient.")
-    yield pictures.residuals([(f"{s.direction * s.speed:+.3g} rad/s", np.degrees(fin))
-                              for s, fin in zip(sweeps, fins)], fit, "fin angle [deg]", "residual torque [N.m]")
+    yield pictures.residuals([(f"{s.direction * s.speed:+.3g} rad/s", np.degrees(s.fin)) for s in sweeps], fit,
+                             "fin angle [deg]", "residual torque [N.m]")
 
 
-def _against_fin(direction: int, word: str, points: Points, fit: Fit,
+def _against_fin(direction: int, word: str, sweeps: Sequence[Sweep], fit: Fit,
                  values: Mapping[str, Any]) -> list[pictures.Series]:
-    """Return the friction of the slowest sweeps in a direction, warm and cold, less what is viscous."""
+    """Return the friction of the slowest sweeps in a direction, warm and cold, less viscous friction."""
     series = []
-    slow = min(s.speed for s, _, _ in points if s.direction == direction)
-    for s, fin, torque in points:
+    slow = min(s.speed for s in sweeps if s.direction == direction)
+    for s in sweeps:
         if s.direction != direction or s.speed > 1.15 * slow:
             continue
         p = motion.namespace(values, s.temperature)
-        grid = np.linspace(fin.min(), fin.max(), 200)
+        grid = np.linspace(s.fin.min(), s.fin.max(), 200)
         viscous = float(friction.viscous(FLOATS, p, direction)) * s.speed
         model = friction.coulomb(ARRAYS, p, float(direction), grid)
         warm = np.maximum(_coulomb(getattr(p.friction.coulomb, word), grid), 1e-12)
-        series.append(pictures.Series(f"{s.temperature:.3g} degC", np.degrees(fin), torque - viscous, np.degrees(grid),
-                                      model, 2.0 * _band(fit, word, grid) * model / warm))
+        series.append(pictures.Series(f"{s.temperature:.3g} degC", np.degrees(s.fin), direction * s.torque - viscous,
+                                      np.degrees(grid), model, 2.0 * _band(fit, word, grid) * model / warm))
     return series
 
 
-def _against_speed(points: Points, values: Mapping[str, Any]) -> list[pictures.Series]:
+def _against_speed(sweeps: Sequence[Sweep], values: Mapping[str, Any]) -> list[pictures.Series]:
     """Return the mean friction of each sweep over speed, by direction and temperature, reduced to fin angle 0."""
     series = []
-    temperatures = distinct([s.temperature for s, _, _ in points], 5.0)
+    temperatures = distinct([s.temperature for s in sweeps], 5.0)
     for direction, word in DIRECTIONS:
         for t in temperatures:
-            alike = [(s, fin, torque) for s, fin, torque in points
-                     if s.direction == direction and abs(s.temperature - t) < 5.0]
+            alike = [s for s in sweeps if s.direction == direction and abs(s.temperature - t) < 5.0]
             if not alike:
                 continue
-            p = motion.namespace(values, float(np.mean([s.temperature for s, _, _ in alike])))
-            # What is Coulomb is taken off at each fin angle and put back as that at fin angle 0.
+            p = motion.namespace(values, float(np.mean([s.temperature for s in alike])))
+            # Coulomb friction at each fin angle is replaced by that at fin angle 0.
             centre = float(friction.coulomb(FLOATS, p, float(direction), 0.0))
-            torque = np.array([np.mean(friction_torque - friction.coulomb(ARRAYS, p, float(direction), fin)) + centre
-                               for _, fin, friction_torque in alike])
-            speed = np.array([s.speed for s, _, _ in alike])
+            torque = np.array([np.mean(direction * s.torque - friction.coulomb(ARRAYS, p, float(direction), s.fin))
+                               + centre for s in alike])
+            speed = np.array([s.speed for s in alike])
             grid = np.linspace(0.0, speed.max(), 2)
             line = centre + float(friction.viscous(FLOATS, p, direction)) * grid
             series.append(pictures.Series(f"{word}, {t:.3g} degC", speed, torque, grid, line))

@@ -1,9 +1,9 @@
 """Total inertia at the motor from spin-ups, and what it leaves for the rotor, (2.8)-(2.17).
 
-Steps of current turn the motor up from rest, at several levels and both ways. Windows of the motion
-balance K_t i against inertia times acceleration and friction. Friction is not taken from the parameter
-set but found along, per direction: viscous coefficient and sixth-order Coulomb polynomial. Levels apart
-are what tells inertia from friction.
+Steps of current accelerate the motor from rest, at several levels and in both directions. In windows of the motion,
+K_t i equals inertia times acceleration plus friction. Friction is estimated together with the inertia, not taken from
+the parameter set: per direction a viscous coefficient and a sixth-order Coulomb polynomial. The different levels
+separate inertia from friction.
 """
 
 from __future__ import annotations
@@ -23,51 +23,51 @@ from ...physics import kinematics, mechanics
 from . import motion, pictures
 from .estimation import Fit
 from .friction import COULOMB, VISCOUS
-from .records import DIRECTIONS, Array, Record, RecordError, grouped, read_records
-from .result import Estimate, Identification, estimates, require_certain
+from .records import DIRECTIONS, Array, Record, RecordError, divided
+from .result import Estimate, Experiment, Identification, estimates, require_certain
 
+EXPERIMENT = Experiment(
+    "inertia", "Inertia", ("motor_angle", "motor_current"), ("motor_speed",),
+    ("motor.torque_constant", "inertia.screw", "inertia.fin", "inertia.shaft", "inertia.fork", "mass.nut",
+     "kinematics.moment_arm", "kinematics.initial_angle", "screw.lead"), "N.m")
 TOTAL = "total inertia at the motor"  # at fin angle 0
 MOTOR = "inertia.motor"
-SPREAD = 1.5  # highest over lowest torque between runs of one direction, at least
+SPREAD = 1.5  # least ratio of highest to lowest torque in one direction
 _NAMES = (MOTOR, *VISCOUS, *COULOMB["positive"], *COULOMB["negative"])
-_WORST = 0.1
-_SCALE = 40.0  # factor of a file's own inertia to the base set's beyond which a unit must be wrong
-_FASTEST = 0.02  # of the largest speed: slower windows may touch standstill
-_ASSUMED = ("motor.torque_constant", "inertia.screw", "inertia.fin", "inertia.shaft", "inertia.fork", "mass.nut",
-            "kinematics.moment_arm", "kinematics.initial_angle", "screw.lead")
+_WORST = 0.1  # largest relative 1 sigma of an answer
+_SCALE = 40.0  # ratio of a file's inertia to the base set's beyond which a unit is wrong
+_SLOWEST = 0.02  # share of the largest speed: slower windows may contain standstill
 
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
-    """Identify inertia.motor from spin-up records with motor_angle and motor_current. Raises RecordError."""
-    records = read_records(paths, ("motor_angle", "motor_current"), ("motor_speed",))
-    parts, groups = grouped(records, lambda record: _moving(record, base.values))
-    _require_scale(records, [[parts[i] for i in members] for members in groups], base)
+    """Identify inertia.motor from spin-ups. Raises RecordError."""
+    records = EXPERIMENT.read(paths)
+    parts, owners = divided(records, lambda record: _moving(record, base.values))
     _require(parts, base)
-    fit = _fit(parts, groups, base)
+    fit = _fit(parts, owners, base)
     rotor = estimates(fit, base)[0]
     assert rotor.base is not None
     total = _total({**base.values, MOTOR: rotor.value})
     whole = Estimate(TOTAL, total, rotor.sigma, rotor.unit, _total(base.values), parameter=False)
     require_certain([whole], _WORST, "spin up at levels of current further apart, to separate it from friction")
     if rotor.value <= 0.0:
-        raise RecordError(f"the total inertia at the motor is found as {total:.4g} kg.m2, but screw, nut and fin side "
+        raise RecordError(f"the total inertia at the motor comes out as {total:.4g} kg.m2, but screw, nut and fin side "
                           f"of the base parameters alone make {total - rotor.value:.4g}: check inertia.fin, .fork, "
                           ".shaft and .screw, mass.nut and the unit of motor_current")
     if not 1.0 / 30.0 < rotor.value / rotor.base < 30.0:
-        raise RecordError(f"inertia.motor is found as {rotor.value:.4g} kg.m2, {rotor.value / rotor.base:.3g} times "
+        raise RecordError(f"inertia.motor comes out as {rotor.value:.4g} kg.m2, {rotor.value / rotor.base:.3g} times "
                           "that of the base parameters: check the units of motor_current, motor_angle and time in the "
                           "headers")
     torque = _torques(parts, base.values)
     notes = [
         f"{len(parts)} stretches of motion; torques from {torque.min():.3g} to {torque.max():.3g} N.m.",
-        f"Friction found along, positive and negative direction: Coulomb {fit.values[3]:.3g} and "
+        f"Friction estimated as well, positive and negative direction: Coulomb {fit.values[3]:.3g} and "
         f"{fit.values[10]:.3g} N.m at fin angle 0, viscous {fit.values[1]:.3g} and {fit.values[2]:.3g} N.m.s/rad.",
-        "The total is that at fin angle 0. It scales with motor.torque_constant; inertia.motor is what screw, nut and "
-        "fin side of the parameter set leave of it. Their uncertainties are not included.",
+        "The total is that at fin angle 0. It scales with motor.torque_constant; inertia.motor is the total less the "
+        "inertias of screw, nut and fin side in the parameter set. Their uncertainties are not included.",
     ]
-    return Identification(
-        "inertia", "Inertia", records, base, _ASSUMED, fit, "N.m",
-        [rotor, whole], notes, lambda: _drawings(parts, records, fit, base.values))
+    return Identification(EXPERIMENT, records, base, fit, [rotor, whole], notes,
+                          lambda: _drawings(parts, records, fit, base.values))
 
 
 def _total(values: Mapping[str, Any]) -> float:
@@ -78,17 +78,18 @@ def _total(values: Mapping[str, Any]) -> float:
 
 
 def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:
-    """Return the stretches of a record in which the motor slides one way."""
+    """Return the stretches of a record in which the motor slides in one direction. Raises RecordError."""
     motion.check(record, values)
     speed = np.abs(np.diff(record["motor_angle"])) / record.step
     count = max(int(np.sum(speed > 0.05 * speed.max())), 1)
     width = int(np.clip(count / 12, 8, 64))
     a = motion.averages(record, width, max(width // 2, 1))
-    sliding = a.slowest > _FASTEST * np.abs(a.speed).max()
+    sliding = a.slowest > _SLOWEST * np.abs(a.speed).max()
     stretches = [a.at(inside) for inside in motion.stretches(sliding, 4)]
     if not stretches:
-        raise record.fail(f"no motion long enough to tell an acceleration: fewer than 4 windows of {width} samples; "
+        raise record.fail(f"no motion is long enough to show an acceleration: fewer than 4 windows of {width} samples; "
                           "log faster, or with a smaller current")
+    _require_scale(record, stretches, values)
     return stretches
 
 
@@ -97,28 +98,27 @@ def _torques(parts: Sequence[motion.Averages], values: Mapping[str, Any]) -> Arr
     return np.array([np.mean(np.abs(a.current)) for a in parts]) * float(values["motor.torque_constant"])
 
 
-def _require_scale(records: Sequence[Record], parts: Sequence[Sequence[motion.Averages]], base: ParameterSet) -> None:
-    """Refuse a file whose torque and acceleration are no pair: one wrong unit among several would bend them all."""
-    expected = _total(base.values)
-    for record, stretches in zip(records, parts, strict=True):
-        torque = float(np.mean(_torques(stretches, base.values)))
-        implied = torque / float(np.mean(np.abs(np.concatenate([a.acceleration for a in stretches]))))
-        # Friction only adds to the torque, and most of all where a spin-up hardly overcomes it.
-        if not 1.0 / _SCALE < implied / expected < 10.0 * _SCALE:
-            raise record.fail(
-                f"torque and acceleration do not belong together: motor.torque_constant times motor_current, "
-                f"{torque:.3g} N.m, over the acceleration is {implied:.3g} kg.m2, {implied / expected:.2g} times the "
-                f"inertia of the base parameters; check the units in the header (motor_current was read as "
-                f"{record.units['motor_current']}, motor_angle as {record.units['motor_angle']}, time as "
-                f"{record.units['time']})")
+def _require_scale(record: Record, stretches: Sequence[motion.Averages], values: Mapping[str, Any]) -> None:
+    """Raise RecordError if torque and acceleration do not fit: one file's wrong unit would distort the fit of all."""
+    expected = _total(values)
+    torque = float(np.mean(_torques(stretches, values)))
+    implied = torque / float(np.mean(np.abs(np.concatenate([a.acceleration for a in stretches]))))
+    # Friction adds to the torque, most in a spin-up that hardly overcomes it.
+    if not 1.0 / _SCALE < implied / expected < 10.0 * _SCALE:
+        raise record.fail(
+            f"torque and acceleration do not belong together: motor.torque_constant times motor_current, "
+            f"{torque:.3g} N.m, over the acceleration is {implied:.3g} kg.m2, {implied / expected:.2g} times the "
+            f"inertia of the base parameters; check the units in the header (motor_current was read as "
+            f"{record.units['motor_current']}, motor_angle as {record.units['motor_angle']}, time as "
+            f"{record.units['time']})")
 
 
 def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
-    """Refuse spin-ups in one direction, or of one level of torque in a direction."""
+    """Raise RecordError for spin-ups in one direction only, or at one level of torque in a direction."""
     for direction, word in DIRECTIONS:
         stretches = [a for a in parts if np.sign(a.speed[0]) == direction]
         if not stretches:
-            raise RecordError(f"no spin-up in the {word} direction: the friction to be taken off differs with "
+            raise RecordError(f"no spin-up in the {word} direction: friction, which is subtracted, differs with "
                               "direction; measure both")
         torque = _torques(stretches, base.values)
         accelerations = np.concatenate([a.acceleration for a in stretches])
@@ -129,18 +129,18 @@ def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
                               f"spin up at levels at least {SPREAD:g} times apart")
 
 
-def _fit(parts: Sequence[motion.Averages], groups: Sequence[Sequence[int]], base: ParameterSet) -> Fit:
+def _fit(parts: Sequence[motion.Averages], owners: Sequence[int], base: ParameterSet) -> Fit:
     start = np.array([float(base.values[n]) for n in _NAMES])
     level = float(np.mean(_torques(parts, base.values)))
     fastest = max(float(np.abs(a.speed).max()) for a in parts)
     scale = np.array([start[0], *[1e-2 * level / (fastest / 10.0)] * 2, *[level] * 14])
-    return motion.fit_motion(base.values, _NAMES, parts, [motion.WARM] * len(parts), start, scale, groups)
+    return motion.fit_motion(base.values, _NAMES, parts, [motion.WARM] * len(parts), start, scale, owners)
 
 
 def _drawings(parts: Sequence[motion.Averages], records: Sequence[Record], fit: Fit,
               values: Mapping[str, Any]) -> Iterator[Drawing]:
     p = motion.namespace({**values, **dict(zip(_NAMES, fit.values.tolist(), strict=True))}, motion.WARM)
-    names = [record.name for record, members in zip(records, fit.groups, strict=True) for _ in members]
+    names = [records[owner].name for owner in fit.owners]
     series = []
     for name, a, residuals in zip(names, parts, fit.residuals, strict=True):
         inertial = motion.balance(p, a)[0].inertia * a.acceleration
@@ -150,7 +150,7 @@ def _drawings(parts: Sequence[motion.Averages], records: Sequence[Record], fit: 
     yield Drawing(
         "Torque against acceleration",
         pictures.panels([("", series)], "motor acceleration [rad/s²]", "torque less friction [N.m]"),
-        "Windows of all spin-ups, friction found along taken off; the slope of the lines is the inertia, which varies "
-        f"by the fin's share over +-{degrees(values['command.limit']):.3g} deg.")
+        "Windows of all spin-ups less the estimated friction; the slope of the lines is the inertia; the fin's share "
+        f"of it varies over +-{degrees(values['command.limit']):.3g} deg.")
     yield pictures.residuals([(name, np.degrees(motion.fin_angle(p, a.angle))) for name, a in zip(names, parts)], fit,
                              "fin angle [deg]", "residual torque [N.m]")

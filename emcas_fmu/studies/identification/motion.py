@@ -1,10 +1,9 @@
 """The equation of motion averaged over windows, for records of motor angle and current.
 
-A smooth window phi (Hann, sum 1, zero with its slope at both ends) averages the current, the
-central differences of the angle and its second differences alike. Summed by parts the latter are
-the angle under phi' and phi'' (Shinbrot 1957, modulating functions): acceleration is had without
-differentiating an encoder's steps, and what the equation of motion balances at each instant it
-balances in the average.
+A smooth window phi (Hann, sum 1, value and slope zero at both ends) averages the current, the central differences of
+the angle and its second differences alike. Summed by parts, these differences are the angle weighted by phi' and phi''
+(Shinbrot 1957, modulating functions): an encoder's steps are not differentiated. The averages satisfy the equation of
+motion because every sample does.
 """
 
 from __future__ import annotations
@@ -23,22 +22,22 @@ from ...steppers.rigid import stops
 from .estimation import Fit, weighted_fit
 from .records import Array, Record, refuse_clipped, refuse_magnitude, runs
 
-# Windows that overlap by half share a sixth of their variance: of white noise too, 1 + 2/6 windows make one.
+# Windows that overlap by half share a sixth of their variance: averages of white noise have tau = 1 + 2/6.
 _OVERLAP = 4.0 / 3.0
-# Motor angle beyond the stops, in shares of the travel, at which the unit or the zero must be wrong.
-_OVER_TRAVEL = 1.25
-_OVER_CURRENT = 2.0
+# Largest motor angle, as a share of the travel, and current, as a share of the limit: beyond, a unit or zero is wrong.
+_OVER_TRAVEL, _OVER_CURRENT = 1.25, 2.0
+WARM = 24.0  # degC, at which friction.viscous and friction.coulomb apply
 
 
 class Averages(NamedTuple):
-    """Windowed means, each an array over windows: time, motor angle, speed, acceleration, current; SI."""
+    """Means over windows, arrays of one length: time, motor angle, speed, acceleration, current; SI."""
 
     time: Array
     angle: Array
     speed: Array
     acceleration: Array
     current: Array
-    slowest: Array  # least speed [rad/s] along the direction of motion inside a window
+    slowest: Array  # least speed [rad/s] in the window along the direction of motion
 
     def at(self, windows: Any) -> Averages:
         """Return some of the windows."""
@@ -46,7 +45,7 @@ class Averages(NamedTuple):
 
 
 def check(record: Record, values: Mapping[str, Any]) -> None:
-    """Refuse current or angle that are clipped, of a wrong magnitude or at rest, and a speed that denies the angle."""
+    """Raise RecordError for a clipped current, implausible magnitudes, no motion, or a speed unlike the angle's."""
     p = nonlinear.ACTUATOR.namespace(values)
     travel = motor_travel(p)
     refuse_clipped(record, "motor_current")
@@ -59,8 +58,8 @@ def check(record: Record, values: Mapping[str, Any]) -> None:
         raise record.fail(f"there is no motion to speak of: the motor turns by {moved:.3g} rad of the {2 * travel:.3g} "
                           "rad between the stops; check the unit of motor_angle, and that the drive was enabled")
     if "motor_speed" in record.columns:
-        smooth = max(len(record) // 50, 3)
-        rate, speed = (np.convolve(x, np.ones(smooth) / smooth, "valid") for x in (
+        width = max(len(record) // 50, 3)
+        rate, speed = (np.convolve(x, np.ones(width) / width, "valid") for x in (
             np.gradient(record["motor_angle"], record.step), record["motor_speed"]))
         ratio = float(rate @ speed) / float(rate @ rate)
         if not 0.9 < ratio < 1.1:
@@ -70,7 +69,7 @@ def check(record: Record, values: Mapping[str, Any]) -> None:
 
 
 def motor_travel(p: Any) -> float:
-    """Return the larger motor angle [rad] of the two stops."""
+    """Return the larger of the motor angles [rad] at the two stops."""
     low, high = stops(ARRAYS, p)
     return float(max(-low, high))
 
@@ -82,7 +81,7 @@ def fin_angle(p: Any, motor_angle: Array) -> Array:
 
 
 def averages(record: Record, width: int, hop: int) -> Averages:
-    """Return windows of `width` samples, one every `hop`."""
+    """Return the means over windows of `width` samples, `hop` samples apart."""
     window = hann(width + 2)[1:-1]
     window = window / window.sum()
     angle, step = record["motor_angle"], record.step
@@ -91,7 +90,7 @@ def averages(record: Record, width: int, hop: int) -> Averages:
         return np.convolve(x, window[::-1], "valid")[::hop]
 
     speed = mean((angle[2:] - angle[:-2]) / (2.0 * step))
-    # A quarter of the window: over fewer samples an encoder's steps are not yet averaged out.
+    # Over less than a quarter of the window an encoder's steps do not average out.
     part = max(width // 4, 1)
     local = (angle[part:] - angle[:-part]) / (part * step)
     views = np.lib.stride_tricks.sliding_window_view(local, width - part + 1)[::hop][:len(speed)]
@@ -102,27 +101,24 @@ def averages(record: Record, width: int, hop: int) -> Averages:
                     mean(record["motor_current"][inner]), slowest)
 
 
-WARM = 24.0  # degC, at which friction is what friction.viscous and friction.coulomb say
-
-
 def namespace(values: Mapping[str, Any], temperature: Array | float) -> Any:
-    """Return parameters as attributes, at a temperature [degC] or one for each window."""
+    """Return the parameters as attributes, at a temperature [degC] or an array of one for each window."""
     return nonlinear.ACTUATOR.namespace({**values, "friction.temperature": temperature})
 
 
 def balance(p: Any, a: Averages) -> tuple[mechanics.Mechanics, Array]:
-    """Return the mechanics at windows, and the torque [N.m] left for friction: what drives less what accelerates."""
+    """Return the mechanics at windows, and the friction torque [N.m]: all torques less inertia times acceleration."""
     m = mechanics.coefficients(ARRAYS, p, a.angle, loads.level(ARRAYS, p))
     driving = drive.torque(p, a.current) + m.load + m.centrifugal * a.speed * a.speed
     return m, driving - m.inertia * a.acceleration
 
 
 def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[Averages],
-               temperatures: Sequence[float], start: Array, scale: Array, groups: Sequence[Sequence[int]]) -> Fit:
-    """Fit the parameters `names` to the equation of motion in sliding windows.
+               temperatures: Sequence[float], start: Array, scale: Array, owners: Sequence[int]) -> Fit:
+    """Fit the parameters `names` to the equation of motion in windows in which the motor slides.
 
-    `parts` are stretches of windows, each at a temperature [degC]; `values` are the other parameters. Residuals are
-    torques [N.m]; for `scale` and `groups` see :func:`.estimation.weighted_fit`.
+    `parts` are stretches of windows, each at one of `temperatures` [degC]; `values` are the other parameters. Residuals
+    are torques [N.m]; for `scale` and `owners` see :func:`.estimation.weighted_fit`.
     """
     windows = Averages(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     lengths = [len(a.time) for a in parts]
@@ -136,9 +132,9 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
                     + mechanics.damping(ARRAYS, p, m, direction) * windows.speed)
         return np.split(torque - friction, ends)
 
-    return weighted_fit(names, residuals, start, scale, groups, _OVERLAP)
+    return weighted_fit(names, residuals, start, scale, owners, _OVERLAP)
 
 
 def stretches(windows: NDArray[np.bool_], fewest: int) -> list[NDArray[np.int64]]:
-    """Return the indices of each run of consecutive windows that hold and number at least `fewest`."""
+    """Return the indices of each run of True of at least `fewest` windows."""
     return [np.arange(begin, end) for begin, end in runs(windows) if end - begin >= fewest]

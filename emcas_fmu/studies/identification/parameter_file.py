@@ -1,7 +1,7 @@
-"""The identified values as a parameter file that `load_parameters` reads.
+"""The identified values as a parameter file for `load_parameters`.
 
-What the base set already changed from the defaults is carried over, so that experiments can be
-chained: each starts from the file the one before has written.
+The file also has the values that the base set changed from the defaults: experiments can be chained, each starting
+from the file that the previous one has written.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _REMARK = "Reported, no parameter: "
 
 
 def write_identified(result: Identification, path: Path, base_files: Iterable[Path] = ()) -> None:
-    """Write the base set with what was identified over it. Raises ParameterError where that makes no sound set."""
+    """Write the base set with the identified values. Raises ParameterError if these break its limits or rules."""
     names = Counter(_array(e.variable.name) for e in result.base.entries)
     identified = [e for e in result.estimates if e.parameter]
     changes: dict[str, object] = {}
@@ -29,7 +29,8 @@ def write_identified(result: Identification, path: Path, base_files: Iterable[Pa
         whole = len(elements) == names[array]
         for name, members in {array: elements}.items() if whole else {e.name: [e] for e in elements}.items():
             changes[name] = file_entry([_rounded(e) for e in members], members[0].unit, SOURCE, _note(result, members))
-    first = f"Identified by emcas {__version__} ({result.kind}); values, units, 1-sigma uncertainties in the notes."
+    first = (f"Identified by emcas {__version__} ({result.experiment.kind}); values, units, 1-sigma uncertainties in "
+             "the notes.")
     write_parameters(result.base.with_values(changes), path, [first, *_remarks(result, base_files)])
 
 
@@ -38,7 +39,7 @@ def _array(name: str) -> str:
 
 
 def _remarks(result: Identification, base_files: Iterable[Path]) -> list[str]:
-    """Return comments on what is no parameter, those of the base files among them."""
+    """Return comments on estimates that are no parameters, and those of the base files."""
     new = [f"{_REMARK}{e.name} = {_rounded(e):g} {e.unit} (1 sigma {e.sigma:.2g}; {result.files})"
            for e in result.estimates if not e.parameter]
     replaced = tuple(line.partition(" = ")[0] + " = " for line in new)
@@ -48,7 +49,7 @@ def _remarks(result: Identification, base_files: Iterable[Path]) -> list[str]:
 
 
 def _rounded(estimate: Estimate) -> float:
-    """Return the value with three digits of its uncertainty: more are noise."""
+    """Return the value to three digits of its uncertainty: more are noise."""
     if not estimate.sigma > 0.0:
         return estimate.value
     return round(estimate.value, 2 - floor(log10(estimate.sigma)))

@@ -1,4 +1,4 @@
-"""Pictures the identifications share: measured points with a model, and residuals."""
+"""Plots of all experiments: measured points with a model, and residuals."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...figures.plots import COLORS, GRAY, Drawing, figure, legend
 from .estimation import Fit
 from .records import Array
 
-MOST_POINTS = 800  # drawn of one series: more only thickens the page
+MOST_POINTS = 800  # of a series: more only make the page larger
 
 
 class Series(NamedTuple):
-    """Measured points and a model's line with a band of +-`band`, if there is one."""
+    """Measured points, and a model's line with a band of +-`band` if it is not None."""
 
     label: str
     x: Array
@@ -28,20 +28,20 @@ class Series(NamedTuple):
 
 
 def _thinned(*columns: Array) -> tuple[Array, ...]:
-    """Return at most `MOST_POINTS` of columns of one length, evenly."""
+    """Return at most `MOST_POINTS` rows of columns, at equal distances."""
     step = max(-(-len(columns[0]) // MOST_POINTS), 1)
     return tuple(c[::step] for c in columns)
 
 
 def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label: str, height: float = 3.4,
            sharey: bool = True) -> Figure:
-    """Draw panels side by side: points, models over them."""
+    """Draw panels side by side, each with a title and the points and models of its series."""
     drawn, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
     for axes, (title, series) in zip(grid[0], parts, strict=True):
         for color, s in zip(COLORS * 4, series):
             x, y = _thinned(s.x, s.y)
             size, alpha = (3.0, 0.45) if len(x) > 60 else (6.0, 1.0)
-            # A lone series' model would not be distinguished from its points.
+            # In one colour, the model of a single series would be hard to see among its points.
             axes.plot(*_thinned(s.model_x, s.model_y), color=COLORS[1] if len(series) == 1 else color, label=s.label)
             axes.plot(x, y, ".", color=color, markersize=size, alpha=alpha, linewidth=0, zorder=1.9,
                       label=s.label if len(series) > 1 else None)
@@ -55,9 +55,9 @@ def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label:
 
 def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_label: str,
               factor: float = 1.0) -> Drawing:
-    """Draw residuals against what they may depend on, their distribution, and their autocorrelation.
+    """Draw residuals against a quantity on which they may depend, their distribution and their autocorrelation.
 
-    `series` has the label and abscissa of each stretch; residuals are shown times `factor`.
+    `series` has the label and abscissa of each stretch; residuals are multiplied by `factor`.
     """
     drawn, ((first, second, third),) = figure(1, 3, width=9.5, height=2.9, width_ratios=(2.2, 1, 1), x=x_label,
                                               y=[y_label])
@@ -84,6 +84,6 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
     third.axhspan(-bound, bound, color=GRAY, alpha=0.3, linewidth=0)
     third.set_xlabel("lag [samples]")
     third.set_ylabel("autocorrelation")
-    return Drawing("Residuals", drawn, "What the fitted model leaves: without a trend to the left, near the normal "
-                   "curve, and an autocorrelation of which the uncertainties take account (grey: 2-sigma of white "
-                   "noise).")
+    return Drawing("Residuals", drawn, "What the fitted model does not explain. Left: there should be no trend. "
+                   "Middle: their distribution should be near the normal one. Right: the uncertainties account for "
+                   "their autocorrelation (grey: 2 sigma of white noise).")

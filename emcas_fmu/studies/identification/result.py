@@ -1,4 +1,4 @@
-"""The outcome of an identification: estimates with uncertainty, notes, pictures, and how it was done."""
+"""Description and result of an experiment: columns, assumptions, estimates with uncertainty, notes, plots."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ...bench.writers import write_page
 from ...figures.plots import Drawing, pictures
 from ...parameters import ParameterSet
 from .estimation import METHOD, Fit
-from .records import Record, RecordError
+from .records import Record, RecordError, read_records
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 1-sigma uncertainty and its value in the base set, in `unit`.
+    """A value with its 1-sigma uncertainty, and the value in the base set, in `unit`.
 
-    `name` is a parameter's where `parameter` holds; otherwise the model has none and it is reported only.
+    If `parameter` is false, the model has no parameter of this `name`: the estimate is only reported.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Estimate:
 
 
 def estimates(fit: Fit, base: ParameterSet) -> list[Estimate]:
-    """Return the fitted values with names, which are those of parameters."""
+    """Return the estimates of the fitted values with names, which are names of parameters."""
     entries = {e.variable.name: e for e in base.entries}
     return [Estimate(name, float(value), float(sigma), entries[name].variable.unit, float(entries[name].value))
             for name, value, sigma in zip(fit.names, fit.values, fit.sigmas)]
@@ -47,20 +47,29 @@ def require_certain(estimates: Iterable[Estimate], worst: float, remedy: str) ->
 
 
 @dataclass(frozen=True)
-class Identification:
-    """The outcome of one experiment.
-
-    The residuals of the `fit` are in `unit`, a group per record. `assumed` are the parameters taken from the `base`
-    set. `drawings` makes the pictures.
-    """
+class Experiment:
+    """An experiment of a `kind`: `required` and `optional` columns, parameters `assumed` known, `unit` of residuals."""
 
     kind: str
     title: str
+    required: Sequence[str]
+    optional: Sequence[str]
+    assumed: Sequence[str]
+    unit: str
+
+    def read(self, paths: Sequence[Path]) -> list[Record]:
+        """Read the records. Raises RecordError."""
+        return read_records(paths, self.required, self.optional)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The result of an experiment; `drawings` makes its plots."""
+
+    experiment: Experiment
     records: Sequence[Record]
     base: ParameterSet
-    assumed: Sequence[str]
     fit: Fit
-    unit: str
     estimates: Sequence[Estimate]
     notes: Sequence[str]
     drawings: Callable[[], Iterable[Drawing]]
@@ -71,22 +80,22 @@ class Identification:
 
     @property
     def files(self) -> str:
-        """Names of the data files, for a note: all of a few, else their number and the first."""
+        """Names of the data files, for a note: up to three, otherwise their number, the first and the last."""
         names = [r.name for r in self.records]
         return ", ".join(names) if len(names) <= 3 else f"{len(names)} files from {names[0]} to {names[-1]}"
 
     @property
-    def given(self) -> dict[str, float]:
-        """The assumed parameters."""
-        return {name: float(self.base.values[name]) for name in self.assumed}
+    def assumed(self) -> dict[str, float]:
+        """The assumed parameters, from the base set."""
+        return {name: float(self.base.values[name]) for name in self.experiment.assumed}
 
     @property
     def noise(self) -> list[dict[str, Any]]:
-        """Per file the residuals' standard deviation and correlation time."""
+        """Standard deviation, number and correlation time of each file's residuals."""
         fit = self.fit
-        return [{"file": record.name, "residual": float(deviation), "unit": self.unit,
-                 "residuals": sum(len(fit.residuals[i]) for i in members), "correlation_time": float(time)}
-                for record, members, deviation, time in zip(self.records, fit.groups, fit.deviations, fit.times)]
+        return [{"file": record.name, "residual": float(deviation), "unit": self.experiment.unit, "residuals": count,
+                 "correlation_time": float(time)} for record, deviation, count, time in zip(
+                     self.records, fit.deviations, fit.counts, fit.times)]
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
@@ -97,17 +106,17 @@ class Identification:
         return sorted(pairs, key=lambda pair: -abs(pair[2]))[:10]
 
     def write_report(self, path: Path) -> None:
-        """Write a page with the pictures; the same result gives the same bytes."""
+        """Write a page with the plots; the same result gives the same bytes."""
         write_page(path, "studies/identification/report.html.j2", [self.base], result=self,
                    figures=pictures(self.drawings()), records=list(zip(self.records, self.noise)))
 
     def document(self) -> Mapping[str, Any]:
-        """Return everything but the pictures, for JSON."""
+        """Return everything except the plots, for JSON."""
         entries = [asdict(e) for e in self.estimates]
         count = len(self.fit.names)
-        return {"kind": self.kind, "title": self.title, "emcas_version": __version__, "method": self.method,
-                "estimates": {entry.pop("name"): entry for entry in entries},
+        return {"kind": self.experiment.kind, "title": self.experiment.title, "emcas_version": __version__,
+                "method": self.method, "estimates": {entry.pop("name"): entry for entry in entries},
                 "correlation": {"names": self.fit.names, "matrix": self.fit.correlation[:count, :count]},
-                "given": self.given, "notes": self.notes, "residuals": self.noise,
+                "given": self.assumed, "notes": self.notes, "residuals": self.noise,
                 "files": [{"file": r.name, "rows": len(r), "sample_rate_hz": float(f"{1.0 / r.step:.6g}"),
                            "units": r.units, "sha256": r.sha256} for r in self.records]}
