@@ -1,4 +1,4 @@
-"""What a check of an archive finds."""
+"""Findings of a check of an archive."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found: in which file of the archive, at which connection or parameter, and what to do."""
+    """One finding: in which file of the archive, at which connection or parameter, and its remedy."""
 
     level: Literal["error", "warning"]
     file: str
@@ -25,7 +25,7 @@ class Finding:
 
 @dataclass
 class Report:
-    """The findings about an archive, each once, in the order of its files, and how much was looked at."""
+    """The findings about an archive, each once, and how many connections and parameters were checked."""
 
     path: Path
     variants: tuple[str, ...] = ()
@@ -33,13 +33,17 @@ class Report:
     parameters: int = 0
     _findings: dict[Finding, None] = field(default_factory=dict)
 
+    def add(self, findings: Iterable[Finding]) -> None:
+        """Add findings."""
+        self._findings.update(dict.fromkeys(findings))
+
     def error(self, file: str, place: str, message: str, remedy: str) -> None:
         """Add something that makes hosts fail or compute something else."""
-        self._findings[Finding("error", file, place, message, remedy)] = None
+        self.add([Finding("error", file, place, message, remedy)])
 
     def warning(self, file: str, place: str, message: str, remedy: str) -> None:
-        """Add something that is allowed and may be meant."""
-        self._findings[Finding("warning", file, place, message, remedy)] = None
+        """Add something that is allowed and may be intended."""
+        self.add([Finding("warning", file, place, message, remedy)])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -48,12 +52,12 @@ class Report:
 
     @property
     def errors(self) -> tuple[Finding, ...]:
-        """Those that make the check fail."""
+        """The findings that make the check fail."""
         return tuple(f for f in self._findings if f.level == "error")
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
-        """Those that do not."""
+        """The findings that do not make the check fail."""
         return tuple(f for f in self._findings if f.level == "warning")
 
     def document(self) -> dict[str, Any]:

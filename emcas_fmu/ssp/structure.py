@@ -1,8 +1,12 @@
-"""System structures as read from an archive, with the parameter sets they bind."""
+"""System structures of an archive, with the parameter sets bound in them.
+
+Read are systems of FMUs with their parameter sets in files, as this package writes them. Anything else that SSP allows,
+such as a system within a system, is refused as a problem of the structure.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from posixpath import normpath
@@ -10,33 +14,32 @@ from typing import Any
 from urllib.parse import unquote
 
 from .archive import Archive
+from .findings import Finding
 from .interface import Interface, Value, typed
 from .schema import ANNOTATION, FMU, NAMESPACES, SSD, SSV, SspError, parse, violations
 from .units import Unit
 
-OnProblem = Callable[[str, str], None]  # (file, what is wrong with it)
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
+_CORRECT = "correct the file, or write the archive anew"
 
 
 @dataclass(frozen=True)
 class Connector:
-    """An end for connections, as declared, under an XML prefix. Type and unit are empty where left to the FMU."""
+    """A declared connector and its XML prefix. The type is empty, the unit nameless, where left to the FMU."""
 
     name: str
     kind: str
     type: str
-    unit: str
+    unit: Unit
     prefix: str
 
 
 @dataclass(frozen=True)
 class Connection:
-    """Two ends, each element (empty: the system itself) and connector; a factor and offset if there is one."""
+    """Two ends, each element (empty: the system itself) and connector."""
 
     start: tuple[str, str]
     end: tuple[str, str]
-    transformation: tuple[float, float] | None
-    suppressed: bool  # no unit conversion by the host
 
     def __str__(self) -> str:
         return " -> ".join(".".join(filter(None, end)) for end in (self.start, self.end))
@@ -44,12 +47,12 @@ class Connection:
 
 @dataclass(frozen=True)
 class Setting:
-    """A parameter of a set: name without prefix, type, value and unit as in the file."""
+    """A parameter of a set: name, type, value as in the file, and unit."""
 
     name: str
     type: str
     value: str
-    unit: str
+    unit: Unit
 
     @property
     def typed(self) -> Value:
@@ -59,171 +62,155 @@ class Setting:
 
 @dataclass(frozen=True)
 class Binding:
-    """A parameter set at an element: file (or the structure's own for an inline one), name, prefix, settings, units."""
+    """A bound parameter set: its file, name and settings."""
 
     file: str
     name: str
-    prefix: str
-    settings: tuple[Setting, ...]
-    units: dict[str, Unit]
-    mapped: bool
+    settings: list[Setting]
 
 
 @dataclass
 class Element:
-    """A component, a system or a signal dictionary's reference (type ``dictionary``).
+    """The system, or a component of it.
 
-    `guid` is that of the FMU the archive was written for, as its system records it, `annotations` are their types;
-    `interface` is that of a component's FMU, once a check has read it.
+    `guid` is the GUID, as the system records it, of the FMU that the archive was written for. `annotations` are types.
+    A check sets `interface`, that of a component's FMU.
     """
 
     name: str
-    type: str
-    source: str = ""
-    guid: str = ""
+    source: str
     connectors: dict[str, Connector] = field(default_factory=dict)
     bindings: list[Binding] = field(default_factory=list)
+    annotations: list[str] = field(default_factory=list)
+    guid: str = ""
     elements: dict[str, Element] = field(default_factory=dict)
     connections: list[Connection] = field(default_factory=list)
     connections_prefix: str = ""
-    annotations: list[str] = field(default_factory=list)
     interface: Interface | None = None
 
 
 @dataclass
 class Structure:
-    """A system structure: its file in the archive, its name, its top-level system and its units.
-
-    The units of the components' FMUs are among them, once a check has read these.
-    """
+    """A system structure: file in the archive, name, system, and what is wrong with the documents read."""
 
     file: str
     name: str
     system: Element
-    units: dict[str, Unit]
+    problems: list[Finding]
 
 
-def systems(system: Element, path: str = "") -> Iterator[tuple[str, Element]]:
-    """Yield a system and those in it, each with its path and a dot (nothing for the outermost)."""
-    yield path, system
-    for element in system.elements.values():
-        if element.type == "system":
-            yield from systems(element, f"{path}{element.name}.")
-
-
-def elements(system: Element, path: str = "") -> Iterator[tuple[str, Element]]:
-    """Yield all elements of a system, and of those in it, each with its path."""
-    for element in system.elements.values():
-        yield f"{path}{element.name}", element
-        yield from elements(element, f"{path}{element.name}.")
-
-
-def read_structure(archive: Archive, file: str, on_problem: OnProblem) -> Structure:
-    """Read a structure; `on_problem` gets what is wrong with it or with its parameter sets, the rest is read.
-
-    Raises SspError if nothing can be made of it.
-    """
-    root = parse(archive.read(file), file)
-    for problem in violations(root, SSD):
-        on_problem(file, problem)
-    top = root.find("ssd:System", NAMESPACES)
-    if top is None:
-        raise SspError(f"{file}: has no System")
-    system = _element(top, archive, file, on_problem)
-    return Structure(file, root.get("name", ""), system, _units(root, "ssd", file, on_problem))
+def read_structure(archive: Archive, file: str) -> Structure:
+    """Read a structure and its parameter sets. Raises SspError if the file is not XML or has no system."""
+    return _Reader(archive, file).structure()
 
 
 def read_variant(ssp: Path, name: str) -> Structure:
-    """Return the structure of a variant. Raises SspError if there is none, or anything wrong with any of them."""
-    def refuse(file: str, problem: str) -> None:
-        raise SspError(f"{ssp}: {file}: {problem}; see emcas ssp check")
-
+    """Return the structure of a variant. Raises SspError if the archive has none, or anything wrong in any of them."""
     archive = Archive(ssp)
-    structures = {s.name: s for s in (read_structure(archive, file, refuse) for file in archive.structures)}
+    structures = {s.name: s for s in (read_structure(archive, file) for file in archive.structures)}
+    for problem in (problem for structure in structures.values() for problem in structure.problems):
+        raise SspError(f"{ssp}: {problem}; see emcas ssp check")
     if name not in structures:
         raise SspError(f"{ssp}: has no variant {name!r}; it has {', '.join(structures) or 'none'}")
     return structures[name]
 
 
-def _units(root: Any, kind: str, file: str, on_problem: OnProblem) -> dict[str, Unit]:
-    units = {}
-    for element in root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES):
-        name, base = element.get("name", ""), element.find("ssc:BaseUnit", NAMESPACES)
-        try:
-            units[name] = Unit.of(base.attrib if base is not None else {})
-        except ValueError as error:
-            on_problem(file, f"unit {name}: {error}")
-    return units
+class _Reader:
+    """Reads one structure; collects what is wrong with it and goes on."""
 
+    def __init__(self, archive: Archive, file: str) -> None:
+        self.archive, self.file = archive, file
+        self.problems: list[Finding] = []
 
-def _connector(node: Any) -> Connector:
-    nodes = {name: node.find(f"ssc:{name}", NAMESPACES) for name in _TYPES}
-    kind = next((name for name in _TYPES if nodes[name] is not None), "")
-    unit = nodes[kind].get("unit", "") if kind else ""
-    return Connector(node.get("name", ""), node.get("kind", ""), kind, unit, node.prefix or "")
+    def problem(self, message: str, remedy: str = _CORRECT, file: str = "", place: str = "") -> None:
+        self.problems.append(Finding("error", file or self.file, place, message, remedy))
 
+    def structure(self) -> Structure:
+        root = parse(self.archive.read(self.file), self.file)
+        units = self.checked(root, SSD, self.file)
+        top = root.find("ssd:System", NAMESPACES)
+        if top is None:
+            raise SspError(f"{self.file}: has no System")
+        system = self.element(top, units)
+        recorded = {fmu.get("source"): fmu.get("guid", "") for fmu in top.iterfind(
+            f"ssd:Annotations/ssc:Annotation[@type='{ANNOTATION}']/emcas:Fmu", NAMESPACES)}
+        for node in top.iterfind("ssd:Elements/*", NAMESPACES):
+            element = self.element(node, units)
+            element.guid = recorded.get(element.source, "")
+            if (kind := node.get("type", FMU) if _tag(node) == "Component" else _tag(node)) != FMU:
+                self.problem(f"is of the type {kind}, and emcas reads FMUs in one system only",
+                             "put FMUs into the outermost system, as libcosim and Ecos need it, too",
+                             place=f"element {element.name}")
+            if element.name in system.elements:
+                self.problem(f"{system.name}: there are two elements named {element.name}")
+            system.elements[element.name] = element
+        connections = top.find("ssd:Connections", NAMESPACES)
+        if connections is not None:
+            system.connections_prefix = connections.prefix or ""
+            system.connections = [self.connection(node) for node in connections]
+        return Structure(self.file, root.get("name", ""), system, self.problems)
 
-def _element(node: Any, archive: Archive, file: str, on_problem: OnProblem) -> Element:
-    kind = {"System": "system", "SignalDictionaryReference": "dictionary"}.get(
-        node.tag.rpartition("}")[2], node.get("type", FMU))
-    element = Element(node.get("name", ""), kind, node.get("source", ""))
-    for child in node.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
-        connector = _connector(child)
-        if connector.name in element.connectors:
-            on_problem(file, f"{element.name}: connector {connector.name} is declared twice")
-        element.connectors[connector.name] = connector
-    for child in node.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
-        try:
-            element.bindings.append(_binding(child, archive, file, on_problem))
-        except SspError as error:
-            on_problem(file, f"parameter binding of {element.name}: {error}")
-    element.annotations = [a.get("type", "") for a in node.iterfind("ssd:Annotations/ssc:Annotation", NAMESPACES)]
-    recorded = {fmu.get("source"): fmu.get("guid", "") for fmu in node.iterfind(
-        f"ssd:Annotations/ssc:Annotation[@type='{ANNOTATION}']/emcas:Fmu", NAMESPACES)}
-    for child in node.iterfind("ssd:Elements/*", NAMESPACES):
-        inner = _element(child, archive, file, on_problem)
-        inner.guid = recorded.get(inner.source, "")
-        if inner.name in element.elements:
-            on_problem(file, f"{element.name}: there are two elements named {inner.name}")
-        element.elements[inner.name] = inner
-    connections = node.find("ssd:Connections", NAMESPACES)
-    if connections is not None:
-        element.connections_prefix = connections.prefix or ""
-        element.connections = [_connection(child, file, on_problem) for child in connections]
-    return element
+    def element(self, node: Any, units: Mapping[str, Unit]) -> Element:
+        element = Element(node.get("name", ""), normpath(unquote(node.get("source", ""))))
+        element.annotations = [a.get("type", "") for a in node.iterfind("ssd:Annotations/ssc:Annotation", NAMESPACES)]
+        for child in node.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
+            kind, unit, _ = _typed(child, units)
+            connector = Connector(child.get("name", ""), child.get("kind", ""), kind, unit, child.prefix or "")
+            if connector.name in element.connectors:
+                self.problem(f"{element.name}: connector {connector.name} is declared twice")
+            element.connectors[connector.name] = connector
+        for child in node.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
+            try:
+                element.bindings.append(self.binding(child))
+            except SspError as error:
+                self.problem(f"parameter binding of {element.name}: {error}")
+        return element
 
+    def connection(self, node: Any) -> Connection:
+        start, end = ((node.get(f"{side}Element", ""), node.get(f"{side}Connector", "")) for side in ("start", "end"))
+        connection = Connection(start, end)
+        if node.find("*") is not None:
+            self.problem("has a transformation, which emcas does not read", "convert where the value is computed",
+                         place=f"connection {connection}")
+        return connection
 
-def _connection(node: Any, file: str, on_problem: OnProblem) -> Connection:
-    ends = [(node.get(f"{side}Element", ""), node.get(f"{side}Connector", "")) for side in ("start", "end")]
-    linear = node.find("ssc:LinearTransformation", NAMESPACES)
-    transformation = None
-    try:
-        if linear is not None:
-            transformation = float(linear.get("factor", 1.0)), float(linear.get("offset", 0.0))
-    except ValueError as error:
-        on_problem(file, f"connection {ends}: {error}")
-    return Connection(ends[0], ends[1], transformation, node.get("suppressUnitConversion") in ("true", "1"))
-
-
-def _binding(node: Any, archive: Archive, file: str, on_problem: OnProblem) -> Binding:
-    source = node.get("source")
-    mapped = node.find("ssd:ParameterMapping", NAMESPACES) is not None
-    if source is not None:
-        name = normpath(unquote(source))
-        root = parse(archive.read(name), name)
+    def binding(self, node: Any) -> Binding:
+        """Read a parameter set from its file. Raises SspError if it cannot be read or is not in a file as it is."""
+        if node.get("prefix") or not node.get("source") or node.find("*") is not None:
+            raise SspError("emcas reads sets from files, without prefix or mapping; bind one such file to each "
+                           "component, which every host reads")
+        file = normpath(unquote(node.get("source")))
+        root = parse(self.archive.read(file), file)
         if root.tag != f"{{{SSV}}}ParameterSet":
-            raise SspError(f"{name}: is not a parameter set")
-        return _set(root, name, on_problem, node.get("prefix", ""), mapped)
-    inline = node.find("ssd:ParameterValues/ssv:ParameterSet", NAMESPACES)
-    if inline is None:
-        raise SspError("has neither a source nor values")
-    return _set(inline, file, on_problem, node.get("prefix", ""), mapped)
+            raise SspError(f"{file}: is not a parameter set")
+        units, settings = self.checked(root, SSV, file), []
+        for parameter in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
+            kind, unit, value = _typed(parameter, units)
+            settings.append(Setting(parameter.get("name", ""), kind, value, unit))
+        return Binding(file, root.get("name", ""), settings)
+
+    def checked(self, root: Any, namespace: str, file: str) -> dict[str, Unit]:
+        """Check a document against its schema. Returns the units that it defines."""
+        for violation in violations(root, namespace):
+            self.problem(violation, file=file)
+        units = {}
+        for node in root.iterfind(f"{{{namespace}}}Units/ssc:Unit", NAMESPACES):
+            name, base = node.get("name", ""), node.find("ssc:BaseUnit", NAMESPACES)
+            try:
+                units[name] = Unit.defined(name, {} if base is None else base.attrib)
+            except ValueError as error:
+                self.problem(f"unit {name}: {error}", file=file)
+        return units
 
 
-def _set(root: Any, file: str, on_problem: OnProblem, prefix: str, mapped: bool) -> Binding:
-    for problem in violations(root, SSV):
-        on_problem(file, problem)
-    settings = tuple(Setting(parameter.get("name", ""), kind, value.get("value", ""), value.get("unit", ""))
-                     for parameter in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES)
-                     for value in parameter if (kind := value.tag.rpartition("}")[2]) in _TYPES)
-    return Binding(file, root.get("name", ""), prefix, settings, _units(root, "ssv", file, on_problem), mapped)
+def _tag(node: Any) -> str:
+    return str(node.tag).rpartition("}")[2]
+
+
+def _typed(node: Any, units: Mapping[str, Unit]) -> tuple[str, Unit, str]:
+    """Return type, unit and value of a connector or parameter from the element for its type; empty without one."""
+    for child in node:
+        if _tag(child) in _TYPES:
+            unit = child.get("unit", "")
+            return _tag(child), units.get(unit, Unit(unit)), child.get("value", "")
+    return "", Unit(""), ""

@@ -1,4 +1,4 @@
-"""Units as SSP and FMI define them: exponents of the base units, factor and offset to SI."""
+"""Units as SSP and FMI documents define them, and conversions between two of them."""
 
 from __future__ import annotations
 
@@ -12,25 +12,32 @@ BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 @dataclass(frozen=True)
 class Unit:
-    """A value x in this unit is ``factor * x + offset`` in the SI unit with these exponents (in the order of BASES)."""
+    """A unit by name; a value x in it is ``factor * x + offset`` in the SI unit with these exponents of BASES.
 
-    exponents: tuple[int, ...]
+    A unit that the document does not define has no exponents.
+    """
+
+    name: str
+    exponents: tuple[int, ...] | None = None
     factor: float = 1.0
     offset: float = 0.0
 
     @classmethod
-    def of(cls, attributes: Mapping[str, Any]) -> Unit:
-        """Read the attributes of a BaseUnit element. Raises ValueError if they are no numbers."""
-        return cls(tuple(int(attributes.get(base, 0)) for base in BASES),
+    def defined(cls, name: str, attributes: Mapping[str, Any]) -> Unit:
+        """Return the unit with the attributes of a BaseUnit element. Raises ValueError if one is not a number."""
+        return cls(name, tuple(int(attributes.get(base, 0)) for base in BASES),
                    float(attributes.get("factor", 1.0)), float(attributes.get("offset", 0.0)))
+
+    def __str__(self) -> str:
+        return self.name or "no unit"
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """A value y in the other unit is ``factor * x + offset``."""
+    """A value x in one unit is ``factor * x + offset`` in the other."""
 
-    factor: float
-    offset: float
+    factor: float = 1.0
+    offset: float = 0.0
 
     @property
     def identity(self) -> bool:
@@ -41,8 +48,13 @@ class Conversion:
         return self.factor * value + self.offset
 
 
-def conversion(start: Unit | None, end: Unit | None) -> Conversion | None:
-    """Return how to convert from one unit to another; None if one is not known or they do not measure the same."""
-    if start is None or end is None or start.exponents != end.exponents or end.factor == 0.0:
+def conversion(start: Unit, end: Unit) -> Conversion | None:
+    """Return the conversion between two units; None if they measure different quantities or one is not defined.
+
+    An undefined unit is known by its name alone. Without a name any unit will do.
+    """
+    if start.exponents is None or end.exponents is None:
+        return Conversion() if start.name == end.name or not start.name else None
+    if start.exponents != end.exponents or end.factor == 0.0:
         return None
     return Conversion(start.factor / end.factor, (start.offset - end.offset) / end.factor)

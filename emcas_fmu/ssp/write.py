@@ -100,14 +100,14 @@ def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
     """
     actuator = get(model)
     table = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
-    if missing := [v.name for v in table if v.name not in interface.ports]:
+    if missing := [v.name for v in table if v.name not in interface.variables]:
         of = "" if model == NONLINEAR else f" of the model {actuator.name}"
         raise SspError(f"{file}: is not an FMU of one actuator{of}: it lacks {', '.join(missing[:3])}"
                        f"{' and more' if len(missing) > 3 else ''}; build one with emcas build")
     inputs = started(model)
     values: dict[str, Value] = {}
     for entry in actuator.file_entries:
-        start = interface.ports[inputs.get(entry.name, entry).name].start
+        start = interface.variables[inputs.get(entry.name, entry).name].start
         if start is None:
             raise SspError(f"{file}: {entry.name} has no start value; build the FMU with emcas build")
         values[entry.name] = typed(entry.kind, start)  # type: ignore[assignment]

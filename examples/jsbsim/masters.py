@@ -112,7 +112,7 @@ def _checked(ssp: Path, variant: str) -> Structure:
         if connector is None or connector.kind != kind:
             raise SspError(f"{ssp}: connection {what}: the system has no {kind} {name}; `emcas ssp` writes one that "
                            "has")
-        if connector.unit not in ("", unit):  # without a unit it is the FMU's, which the check compares
+        if connector.unit.name not in ("", unit):  # without a unit it is the FMU's, which the check compares
             raise SspError(f"{ssp}: connection {what}: {name} is in {connector.unit}, not {unit or 'no unit'}; "
                            "declare the unit of the FMU")
     return structure

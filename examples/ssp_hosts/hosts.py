@@ -52,9 +52,6 @@ class System(ABC):
         self._withheld: dict[str, str] = {}  # outputs this host cannot read, and why
         for connection in structure.system.connections:
             if connection.start[0] and connection.end[0]:
-                if connection.transformation is not None:
-                    raise SspError(f"{structure.file}: connection {connection} has a transformation, which is not "
-                                   "supported here; convert where the value is made")
                 self._inner.append((connection.start, connection.end))
         fed = {end for _, end in self._inner}
         for component, element in structure.system.elements.items():
