@@ -1,4 +1,4 @@
-/* The actuator as a library for the Python API: one, many, and whole runs at a call. */
+/* The actuator as a library for the Python API: one actuator, many, and many whole runs in one call. */
 #include "core.h"
 #include "parameter_checks.h"
 #include "tables.h"
@@ -7,12 +7,12 @@
 #include <cpuid.h>
 #endif
 
-/* One actuator, laid out by its user: actuator_size() bytes, aligned for double. */
+/* One actuator, in memory that its user provides: actuator_size() bytes, aligned for double. */
 typedef struct {
     double parameters[MODEL_PARAMETERS];
     double constants[KERNEL_CONSTANTS];
     double motion[MODEL_MOTION];
-    double motion_loads[CORE_MOTION_LOADS]; /* by this motion */
+    double motion_loads[CORE_MOTION_LOADS]; /* caused by this motion */
     core_state state;
 } actuator;
 
@@ -21,14 +21,14 @@ API size_t actuator_size(void)
     return sizeof(actuator);
 }
 
-/* Where in it, and how long, the changing state is. */
+/* Offset and size of the state within an actuator. */
 API size_t actuator_state(size_t *size)
 {
     *size = sizeof(core_state);
     return offsetof(actuator, state);
 }
 
-/* Follow parameters that changed. Gives 0, and does nothing, if they are no set to compute with. */
+/* Use these parameters from now on. Returns 0, and changes nothing, if they break a limit or rule. */
 API int actuator_bind(actuator *a, const double *parameters)
 {
     if (!rules_hold(parameters)) return 0;
@@ -56,7 +56,7 @@ static void outputs(const actuator *a, const core_inputs *in, double *out)
     core_outputs(a->parameters, a->constants, &a->state, &plan, in, out);
 }
 
-/* The core's inputs as an array: command, loads, supply, enable, the actuator's further ones. */
+/* The core's inputs from an array: command, loads, supply, enable, the actuator's further inputs. */
 static core_inputs listed(const double *in)
 {
     core_inputs inputs = {0};
@@ -70,7 +70,7 @@ API void actuator_outputs(const actuator *a, const double *in, double *out)
     outputs(a, &inputs, out);
 }
 
-/* Core.run: to `end` [s] with the core's inputs, held or with a core_ramp as an array. */
+/* Core.run: advance to `end` [s] with the core's inputs, held, or with a core_ramp as an array. */
 API int actuator_run(actuator *a, double end, const double *in, const double *ramp, double *out)
 {
     const core_inputs inputs = listed(in);
@@ -89,8 +89,8 @@ static void row(actuator *a, const double *in, core_inputs *out)
     core_inputs_of(in, a->motion_loads, out);
 }
 
-/* How many actuators the vectors of this processor hold that vectors.c is compiled for: 8 with AVX-512, 4 with AVX2, 1 with
- * neither, or with a system that does not keep their registers (Intel's manual, volume 1, 13.3 and 15.2). */
+/* The number of actuators in a vector of this processor, for which vectors.c is compiled: 8 with AVX-512, 4 with AVX2, 1
+ * with neither, or if the system does not save their registers (Intel's manual, volume 1, 13.3 and 15.2). */
 API int actuator_lanes(void)
 {
 #if defined __x86_64__
@@ -104,9 +104,9 @@ API int actuator_lanes(void)
     return 1;
 }
 
-/* Move actuators first to last - 1 on to `end` [s], with the interface's inputs held: columns of a value for each
- * actuator, `stride` [doubles] apart, 0 where it is one for all. An output's column begins `out_stride` [doubles] behind
- * the one before. A result for each; gives how many did not get there. */
+/* Advance actuators first to last - 1 to `end` [s] with the interface's inputs held. The columns of inputs have a value for
+ * each actuator, `stride` [doubles] apart, 0 if one is for all. The columns of outputs are `out_stride` [doubles] apart.
+ * Writes a result for each actuator; returns how many did not get there. */
 API size_t actuators_run(actuator *a, size_t first, size_t last, double end, const double *const *columns,
                          const ptrdiff_t *stride, double *out, size_t out_stride, int *result)
 {
@@ -123,7 +123,7 @@ API size_t actuators_run(actuator *a, size_t first, size_t last, double end, con
     return failed;
 }
 
-/* The inputs of a run's row; 0 if one is not finite. */
+/* Read the inputs of a run's row; returns 0 if one is not finite. */
 static int row_at(actuator *a, const input_column *columns, size_t run, size_t k, core_inputs *out)
 {
     double in[MODEL_INPUTS];
@@ -134,7 +134,7 @@ static int row_at(actuator *a, const input_column *columns, size_t run, size_t k
     return 1;
 }
 
-/* One of actuators_simulate's runs, of an actuator at its start. Gives how many points were reached. */
+/* One run of actuators_simulate, with an actuator at its start. Returns how many points were reached. */
 static size_t simulate(actuator *a, size_t run, size_t points, double step, size_t held, const input_column *in,
                        const output_column *out, size_t columns, int *result)
 {
@@ -142,7 +142,7 @@ static size_t simulate(actuator *a, size_t run, size_t points, double step, size
     double now[MODEL_OUTPUTS];
     *result = CORE_DONE;
     for (size_t k = 0; k < points; ++k) {
-        /* The last row's inputs act nowhere: what is put out at a row is under those before it. */
+        /* The outputs at a row are those under the inputs of the row before it; the inputs of the last row never act. */
         if (k) *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL, now);
         if (*result != CORE_DONE) return k;
         if (k % held == 0 && !row_at(a, in, run, k / held, &inputs)) {
@@ -156,10 +156,10 @@ static size_t simulate(actuator *a, size_t run, size_t points, double step, size
     return points;
 }
 
-/* `count` whole runs from the start, each with its parameters, `apart` [doubles] from one to the next (0: one set for
- * all): outputs at `points` of time, `step` [s] apart and the first at 0. Each row of the inputs, of which there are
- * MODEL_INPUTS columns, is held for `held` steps. Outputs at points that were not reached are NaN; `reached` and
- * `result` have a number for each run. Gives how many runs went no further. */
+/* Simulate `count` whole runs from the start. Their parameters are `apart` [doubles] from one run to the next (0: one set
+ * for all). The outputs are those at `points` points of time, `step` [s] apart and the first at 0. Each row of the inputs,
+ * of which there are MODEL_INPUTS columns, is held for `held` steps. Outputs at points that a run did not reach are NaN;
+ * `reached` and `result` have a number for each run. Returns how many runs are incomplete. */
 API size_t actuators_simulate(size_t count, const double *parameters, size_t apart, size_t points, double step,
                               size_t held, const input_column *in, const output_column *out, size_t columns,
                               int64_t *reached, int *result)
@@ -179,7 +179,7 @@ API size_t actuators_simulate(size_t count, const double *parameters, size_t apa
     return failed;
 }
 
-/* The run of an actuator at its start: all outputs at the rows of `in`, a table as `out`. Gives how many were reached. */
+/* Simulate one actuator from its start: all outputs at the rows of the table `in`. Returns how many rows were reached. */
 API size_t actuator_simulate(actuator *a, size_t rows, double step, const double *in, double *out, int *result)
 {
     input_column inputs[MODEL_INPUTS];

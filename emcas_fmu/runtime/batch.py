@@ -12,24 +12,24 @@ from typing import NoReturn
 import numpy as np
 
 from ..actuators import NONLINEAR, get
-from ..parameters import ParameterError, check_parameters
+from ..parameters import ParameterError
 from ..support.progress import Progress, silent
 from .codegen import MOTION
-from .compiled import REASONS, Array, address, all_finite, by_schedule, doubles, longest_line, prepare
+from .compiled import REASONS, Array, address, all_finite, by_schedule, doubles, longest_line, prepare, refusal
 from .library import WORTH_VECTORS, loaded, vectors
 
-STEPS = 100_000  # of an actuator that a batch is taken to make: 100 s of 1 ms
-_LINE = 64  # bytes of a cache's line, and of the longest vectors
+STEPS = 100_000  # that a batch is expected to take: 100 s of 1 ms
+_CACHE_LINE = 64  # bytes, also of the longest vectors
 _CHUNK = 4096  # actuators that are prepared at a time
 _PIECES = 50  # of a step, between which progress is reported
 
-# Units of a batch, actuators or groups of them, from one to before another: to an end [s], under inputs (columns,
-# strides, number of the motion), with outputs to (address, stride, results). Gives how many did not get there.
+# Advances items of a batch (single actuators or groups), from the first to before the last: to an end [s], with inputs
+# (columns, strides, number of the motion) and outputs (address, stride, results). Returns how many did not get there.
 _Move = Callable[..., int]
 
 
-class _Vectors(ct.Structure):
-    """batch of vectors.c."""
+class _Groups(ct.Structure):
+    """batch in vectors.c."""
 
     _fields_ = (("count", ct.c_size_t), ("order", ct.c_void_p), ("common", ct.c_void_p), ("places_count", ct.c_size_t),
                 ("places", ct.c_void_p), ("varying", ct.c_void_p), ("groups", ct.c_void_p),
@@ -37,13 +37,13 @@ class _Vectors(ct.Structure):
 
 
 class Batch:
-    """Many actuators side by side, at rest at their start, each with its parameters and inputs, which are 0 at first.
+    """Many actuators side by side, at rest at their start, each with its parameters; their inputs are 0 at first.
 
-    `parameters` is an array [count, parameters] in the model's order, SI
-    (:func:`emcas_fmu.runtime.compiled.parameter_row`), or [1, parameters] for `count` with the same. `threads` share
-    the work of a step. As many actuators are moved at once as the processor's vectors hold, or `lanes` of 1, 4 and 8;
-    the numbers are the same. Raises ParameterError naming an actuator that cannot have its parameters, CompilerError
-    where there is no compiled kernel.
+    `parameters` is an array in the model's order, SI (:func:`emcas_fmu.runtime.compiled.parameter_row`), of shape
+    [count, parameters], or [1, parameters] for `count` equal actuators. `threads` share the work of a step. `lanes`
+    (1, 4 or 8; by default as many as the processor's vectors hold) is the number of actuators that are moved at once;
+    the results are the same. Raises ParameterError naming an actuator with unsound parameters, CompilerError if there
+    is no compiled kernel, ValueError for wrong shapes.
     """
 
     def __init__(self, parameters: Array, count: int, model: str = NONLINEAR, threads: int = 1,
@@ -58,11 +58,11 @@ class Batch:
                              f"{len(actuator.parameters)})")
         self._threads = threads
         self._pools: dict[int, ThreadPoolExecutor] = {}  # by process
-        # Columns that begin a multiple of a page apart would compete for the same places in the cache.
+        # Columns whose starts are a multiple of a page apart would compete for the same lines of the cache.
         stride = -(-count // 8) * 8 + 8
         self._table = np.zeros((len(actuator.outputs), stride))
         self.outputs: Array = self._table[:, :count]
-        """Outputs at the time that was reached, a column of the interface's each [outputs, count], SI."""
+        """Outputs at the time that was reached [outputs, count], in the interface's order, SI."""
         self._results = np.zeros(count, dtype=np.intc)
         self._out = address(self._table), stride, address(self._results)
         self._inputs = [v.name for v in actuator.inputs]
@@ -72,17 +72,17 @@ class Batch:
         self._addresses = (ct.c_void_p * len(self._inputs))(*map(address, self._columns))
         self._strides = (ct.c_ssize_t * len(self._inputs))()
         many = vectors(model, STEPS * count if lanes is None else WORTH_VECTORS, lanes)
-        self._units, self._move = self._alone(progress) if many is None else self._together(many, progress)
+        self._items, self._move = self._alone(progress) if many is None else self._together(many, progress)
 
     def _alone(self, progress: Progress) -> tuple[int, _Move]:
+        """Return the number of actuators and what advances them one at a time."""
         library = loaded(self._model)
         size = library.actuator_size()
         memory = _aligned(size * self.count)
-        apart = self._parameters.strides[0] if len(self._parameters) > 1 else 0
+        stride = self._parameters.strides[0] if len(self._parameters) > 1 else 0
         for chunk in _chunks(self.count, _CHUNK):
             for i in range(chunk.start, chunk.stop):
-                parameters = ct.cast(address(self._parameters) + i * apart, ct.POINTER(ct.c_double))
-                if not library.actuator_start(address(memory) + i * size, parameters):
+                if not library.actuator_start(address(memory) + i * size, address(self._parameters) + i * stride):
                     self._refuse(i)
             progress("preparing actuators", chunk.stop, self.count)
 
@@ -93,8 +93,9 @@ class Batch:
         return self.count, move
 
     def _together(self, library: ct.CDLL, progress: Progress) -> tuple[int, _Move]:
+        """Return the number of groups and what advances them."""
         lanes, sets = library.batch_lanes(), self._parameters
-        units = -(-self.count // lanes)
+        groups = -(-self.count // lanes)
         common = prepare(library, sets[:1]).values[0]
         varies, reads, schedules = np.zeros(len(common), dtype=bool), np.zeros(len(common), dtype=bool), []
         library.batch_reads(address(reads))
@@ -102,83 +103,81 @@ class Batch:
             prepared = prepare(library, sets[chunk])
             if prepared.refused.any():
                 self._refuse(chunk.start + int(np.argmax(prepared.refused)))
-            # By their bits: 0 and -0 differ.
+            # Compared as bits, since 0 and -0 differ.
             varies |= (prepared.values.view(np.int64) != common.view(np.int64)).any(axis=0)
             schedules.append(prepared.schedules)
             progress("preparing actuators", chunk.stop, 2 * len(sets))
         all_schedules = np.concatenate(schedules)
         same = bool((all_schedules == all_schedules[0]).all())
         order = np.arange(self.count, dtype=np.uintp) if same else by_schedule(all_schedules)
-        order = np.concatenate([order, np.full(units * lanes - self.count, order[-1])])
+        order = np.concatenate([order, np.full(groups * lanes - self.count, order[-1])])
         places = np.flatnonzero(varies & reads).astype(np.uintp)
-        varying = _aligned(units * lanes * len(places) * 8).view(np.float64).reshape(units, len(places), lanes)
-        for chunk in _chunks(units, _CHUNK // lanes) if len(places) else ():
+        varying = _aligned(groups * lanes * len(places) * 8).view(np.float64).reshape(groups, len(places), lanes)
+        for chunk in _chunks(groups, _CHUNK // lanes) if len(places) else ():
             values = prepare(library, sets[order[chunk.start * lanes:chunk.stop * lanes]]).values[:, places]
             varying[chunk] = values.reshape(-1, lanes, len(places)).transpose(0, 2, 1)
             progress("preparing actuators", min(len(sets) + chunk.stop * lanes, 2 * len(sets)), 2 * len(sets))
         progress("preparing actuators", 2 * len(sets), 2 * len(sets))
         size = library.batch_group_size(longest_line(all_schedules))
-        size = -(-size // _LINE) * _LINE
-        groups = _aligned(size * units)
-        self._kept = order, common, places, varying, groups  # the library has their addresses
-        batch = _Vectors(self.count, address(order), address(common), len(places), address(places), address(varying),
-                         address(groups), size, same, same)
-        library.batch_start(ct.byref(batch), 0, units)
+        size = -(-size // _CACHE_LINE) * _CACHE_LINE
+        memory = _aligned(size * groups)
+        self._kept = order, common, places, varying, memory  # the library has their addresses
+        batch = _Groups(self.count, address(order), address(common), len(places), address(places), address(varying),
+                        address(memory), size, same, same)
+        library.batch_start(ct.byref(batch), 0, groups)
 
         def move(first: int, last: int, *more: object) -> int:
             failed: int = library.batch_run(ct.byref(batch), first, last, *more)
             return failed
 
-        return units, move
+        return groups, move
 
-    def _refuse(self, place: int) -> NoReturn:
-        """Raise ParameterError for an actuator's parameters."""
-        values = dict(zip((v.name for v in get(self._model).parameters),
-                          self._parameters[min(place, len(self._parameters) - 1)].tolist(), strict=True))
-        raise ParameterError([f"actuator {place}: {problem}" for problem in check_parameters(values, self._model)
-                              or [REASONS[-2]]])
+    def _refuse(self, index: int) -> NoReturn:
+        """Raise ParameterError for the parameters of an actuator."""
+        row = self._parameters[min(index, len(self._parameters) - 1)]
+        raise ParameterError([f"actuator {index}: {problem}" for problem in refusal(row, self._model)])
 
-    def hold(self, place: int, value: float | Array) -> None:
-        """Give an input, by its place in the interface, SI: a number for all, or an array [count], which is not copied.
+    def hold(self, index: int, value: float | Array) -> None:
+        """Set an input, by its index in the interface, SI: a number for all, or an array [count], which is not copied.
 
-        It holds until it is given anew; an array that repeats one value in memory is a number. Raises ValueError for
-        another shape and for values that are not finite.
+        It is held until it is set again. An array that repeats one value in memory counts as a number. Raises
+        ValueError for another shape and for values that are not finite.
         """
         column = np.asarray(value, dtype=np.float64)
         if column.shape not in ((), (self.count,)):
-            raise ValueError(f"{self._inputs[place]} has shape {column.shape}, not ({self.count},)")
+            raise ValueError(f"{self._inputs[index]} has shape {column.shape}, not ({self.count},)")
         if not all_finite(column):
-            which = int(np.argmin(np.isfinite(column)))
-            raise ValueError(f"actuator {which}: {self._inputs[place]} = {column.flat[which]} is not finite")
-        self.put(place, column)
+            actuator = int(np.argmin(np.isfinite(column)))
+            raise ValueError(f"actuator {actuator}: {self._inputs[index]} = {column.flat[actuator]} is not finite")
+        self.put(index, column)
 
-    def put(self, place: int, column: Array) -> None:
-        """Give an input as `hold` does, by what is known to be finite and of its shape."""
+    def put(self, index: int, column: Array) -> None:
+        """Set an input as `hold` does, to values that are known to be finite and of the right shape."""
         column = doubles(column)
-        apart = 0 if not column.shape else 1 if self.count == 1 else column.strides[0] // column.itemsize
-        self._columns[place] = column if apart else np.array(column.flat[0])
-        self._addresses[place] = address(self._columns[place])
-        self._strides[place] = apart
-        if place in self._motion:
+        stride = 0 if not column.shape else 1 if self.count == 1 else column.strides[0] // column.itemsize
+        self._columns[index] = column if stride else np.array(column.flat[0])
+        self._addresses[index] = address(self._columns[index])
+        self._strides[index] = stride
+        if index in self._motion:
             self._motions += 1
 
     @property
     def moved(self) -> bool:
-        """Whether some actuator went along in the last step."""
+        """Whether at least one actuator has advanced in the last step."""
         return not self._results.all()
 
     def run(self, end: float, progress: Progress = silent) -> Array:
-        """Move every actuator on to `end` [s] from the start with its inputs held; return :attr:`outputs`.
+        """Advance every actuator to `end` [s] from the start with its inputs held; return :attr:`outputs`.
 
-        Raises ValueError for an end that is not finite, ArithmeticError naming the actuators that cannot be followed;
-        these stay where they were.
+        Raises ValueError for an end that is not finite, ArithmeticError naming the actuators whose equations cannot be
+        followed; these do not move.
         """
         if not isfinite(end):
             raise ValueError(f"the time to move on to is {end} s")
         if self._move_all(end, progress):
-            which = np.flatnonzero(self._results)
-            listed = ", ".join(map(str, which[:10])) + (", ..." if len(which) > 10 else "")
-            raise ArithmeticError(f"actuators {listed}: {REASONS[self._results[which[0]]]}")
+            failed = np.flatnonzero(self._results)
+            listed = ", ".join(map(str, failed[:10])) + (", ..." if len(failed) > 10 else "")
+            raise ArithmeticError(f"actuators {listed}: {REASONS[self._results[failed[0]]]}")
         return self.outputs
 
     def _pool(self) -> ThreadPoolExecutor:
@@ -189,22 +188,22 @@ class Batch:
         return self._pools[process]
 
     def _move_all(self, end: float, progress: Progress) -> int:
-        """Move all units, by the threads there are; return how many actuators did not get there."""
-        given = (self._addresses, self._strides, self._motions, *self._out)
+        """Advance all actuators with the available threads; return how many did not get there."""
+        arguments = (self._addresses, self._strides, self._motions, *self._out)
         if progress is silent and self._threads <= 1:
-            return self._move(0, self._units, end, *given)
-        pieces = _chunks(self._units, -(-self._units // (self._threads if progress is silent else _PIECES)))
+            return self._move(0, self._items, end, *arguments)
+        pieces = _chunks(self._items, -(-self._items // (self._threads if progress is silent else _PIECES)))
 
         def move(piece: slice) -> int:
-            return self._move(piece.start, piece.stop, end, *given)
+            return self._move(piece.start, piece.stop, end, *arguments)
 
         failed, running = 0, [self._pool().submit(move, piece) for piece in pieces] if self._threads > 1 else []
         try:
             for k, piece in enumerate(pieces):
                 failed += running[k].result() if running else move(piece)
-                progress("moving actuators", piece.stop, self._units)
+                progress("moving actuators", piece.stop, self._items)
         finally:
-            wait(running)  # nothing moves on behind the caller's back, whatever a progress raises
+            wait(running)  # even if `progress` raises, nothing moves after this call
         return failed
 
 
@@ -213,7 +212,7 @@ def _chunks(count: int, size: int) -> list[slice]:
 
 
 def _aligned(size: int) -> Array:
-    """Return so many bytes from the beginning of a line of the cache on."""
-    memory = np.empty(size + _LINE, dtype=np.uint8)
-    begin = -address(memory) % _LINE
+    """Return memory of `size` bytes that begins at a line of the cache."""
+    memory = np.empty(size + _CACHE_LINE, dtype=np.uint8)
+    begin = -address(memory) % _CACHE_LINE
     return memory[begin:begin + size]

@@ -1,4 +1,4 @@
-"""The C of the actuator: what is written by hand beside this file, and the headers generated for it."""
+"""C sources of an actuator: the files written by hand, beside this one, and the generated headers."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from ..trace.c_source import c_elementary, c_source
 from ..trace.vector_source import vector_elementary, vector_source
 from . import codegen, core
 
-MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
+MOST_NUMBERS = 12  # in a rule's message: as many as instance.h passes to printf
 
-# gcc does not know the pragma and does not contract under -std=c11; the flag -ffp-contract=off says it to all.
+# gcc does not know the pragma, and does not contract with -std=c11; the flag -ffp-contract=off tells every compiler.
 _NO_CONTRACTION = "#if !defined __GNUC__ || defined __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif\n"
 
 
@@ -49,12 +49,12 @@ def elementary_header() -> str:
 
 
 def batch_sources(model: str = NONLINEAR) -> dict[str, str]:
-    """Return what an actuator's library for Python is made of, its main file first."""
+    """Return the sources of an actuator's library for Python, the main file first."""
     return {**{name: handwritten(name) for name in ("batch.c", "tables.h")}, **core_sources(model=model)}
 
 
 def vector_sources(model: str = NONLINEAR) -> dict[str, str]:
-    """Return what an actuator's library of vectors is made of, its main file first."""
+    """Return the sources of an actuator's library of vectors, the main file first."""
     equations = f"{vector_elementary(elementary.traced())}\n{vector_source(codegen.traced(False, model), 'vector')}"
     return {**{name: handwritten(name) for name in ("vectors.c", "vector.h", "vector_core.h", "tables.h")},
             "vector_kernel.h": header("vector_kernel", "The actuator's equations for many at once",
@@ -68,9 +68,9 @@ def enumerator(name: str) -> str:
 
 
 def model_header(actuator: Actuator) -> str:
-    """Return model.h: sizes, limits and the places of the inputs."""
+    """Return model.h: sizes, limits and the indices of the inputs."""
     def listed(array: str, count: int, first: int = 0) -> str:
-        # Behind others in a list of arguments, and there may be none.
+        # Follows other arguments; may be empty.
         return "".join(f", {array}[{i}]" for i in range(first, first + count))
 
     plant, kept, motion, loads, acting = codegen.sizes(actuator)
@@ -90,11 +90,11 @@ def model_header(actuator: Actuator) -> str:
         f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
         f"    CORE_SAMPLED = {kept + 2 + held},\n    CORE_LOADS = {loads},\n    CORE_MOTION_LOADS = {loads - 1},\n"
         f"    MODEL_MOTION = {motion}\n}};\n\n"
-        "/* Inputs besides the fin port's, and how many of them, the first ones, act on the plant. */\n"
+        "/* Inputs beyond the fin port's, and how many of them, the first ones, act on the plant. */\n"
         f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
-        "/* Place of the supply among the inputs, and of its power among the outputs; -1 where there is none. */\n"
+        "/* Index of the supply among the inputs, and of its power among the outputs; -1 if there is none. */\n"
         f"#define MODEL_SUPPLY ({supply})\n#define MODEL_SUPPLY_POWER ({-1 if power is None else power})\n"
-        "/* The line that feeds several fins: its parameters, its state at the start, whether that is a sag. */\n"
+        "/* The line that feeds several fins: its parameters, its initial state, whether the state is a sag. */\n"
         f"#define MODEL_LINE_PARAMETERS {line_parameters}\n"
         f"#define MODEL_LINE_OF(line) {listed('(line)', line_parameters)}\n"
         f"#define MODEL_LINE_START {c_number(codegen.line_start(actuator))}\n"
@@ -127,7 +127,7 @@ def c_text(value: str) -> str:
 
 
 def rules_header(model: str, worded: Callable[[str], str] = str) -> str:
-    """Return rules.h: limits of the parameters, and the rules for sets of them, with their messages as `worded`."""
+    """Return rules.h: limits of single parameters, and rules for sets of them, their messages changed by `worded`."""
     actuator, tracer = get(model), codegen.traced_rules(model)
     rows = []
     for i, (rule, function) in enumerate(zip(actuator.all_rules, tracer.functions, strict=True)):
@@ -137,7 +137,7 @@ def rules_header(model: str, worded: Callable[[str], str] = str) -> str:
         rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {message}}}")
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
     return header(
-        "rules", "What parameters must fulfil",
+        "rules", "Limits and rules of the parameters",
         "#include <math.h>\n\n#include \"elementary.h\"\n\nstatic const struct {\n    double minimum, maximum;\n"
         f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
         f"enum {{ RULE_NUMBERS = {MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
@@ -147,9 +147,9 @@ def rules_header(model: str, worded: Callable[[str], str] = str) -> str:
 
 
 def core_sources(several: bool = False, model: str = NONLINEAR, worded: Callable[[str], str] = str) -> dict[str, str]:
-    """Return the headers that hold the actuator, or what each of several needs: file name to text.
+    """Return the headers of an actuator, or of each of `several` fins: file name to text.
 
-    `worded` puts the names in messages as they are shown.
+    `worded` changes the parameters' names in messages to those that a user sees.
     """
     return {"elementary.h": elementary_header(), "kernel.h": kernel_header(several, model),
             "model.h": model_header(get(model)), "rules.h": rules_header(model, worded),

@@ -1,4 +1,4 @@
-"""An actuator as a program: its functions (:mod:`emcas_fmu.actuators`) and its schedule traced, as Python or C."""
+"""An actuator as a program: its functions (:mod:`emcas_fmu.actuators`) and its schedule, traced for Python or C."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ from .multi_fin import MultiFin
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
 
-MOTION = slice(FIRST, FIRST + len(fin_port.MOTION))  # of an actuator's inputs: the vehicle's motion
+MOTION = slice(FIRST, FIRST + len(fin_port.MOTION))  # the vehicle's motion among an actuator's inputs
 
 
 def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
-    """Return name, names of the arguments behind ops and p, and the function of each of a program, in their order.
+    """Return the functions of a program: for each its name, its arguments after ops and p, and the function.
 
-    Those of several fins mix the commands and step the supply's :mod:`line <emcas_fmu.actuators.line>`, if any.
+    For several fins the program also mixes the commands and steps the :mod:`line <emcas_fmu.actuators.line>` of the
+    supply, if there is one.
     """
     one: tuple[Traced, ...] = (
         ("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),
@@ -64,7 +65,7 @@ def _of_line(supply: Supply) -> tuple[Traced, ...]:
 def _trace(model: str, functions: Iterable[Traced]) -> Tracer:
     """Return functions of an actuator, traced over its parameters in their order.
 
-    Raises EmcasError naming file and line where those of a user's file cannot be.
+    Raises EmcasError naming file and line if a function in a user's file cannot be traced.
     """
     actuator, tracer = get(model), Tracer()
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
@@ -78,21 +79,21 @@ def _trace(model: str, functions: Iterable[Traced]) -> Tracer:
     return tracer
 
 
-@lru_cache(maxsize=4)  # of an actuator several printers in turn; kept for all, they are millions of objects
+@lru_cache(maxsize=4)  # several printers use one actuator in turn; traces of all would be millions of objects
 def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
-    """Return an actuator's functions, and those of several fins if asked for, traced."""
+    """Return the traced functions of an actuator, or of `several` fins."""
     return _trace(model, functions(get(model), several))
 
 
 @cache
 def traced_rules(model: str = NONLINEAR) -> Tracer:
-    """Return the checks of an actuator's rules, ``check_0`` and so on, each of a share of the travel, traced."""
+    """Return the traced checks of an actuator's rules: ``check_0`` and so on, functions of a share of the travel."""
     return _trace(model, ((f"check_{i}", ("share",), rule.check) for i, rule in enumerate(get(model).all_rules)))
 
 
 @cache
 def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
-    """Return for each output that depends at once on inputs which these are; the states integrate the rest."""
+    """Return the inputs on which each output depends directly, not through states; outputs without any are left out."""
     actuator = get(model)
     states = [Known()] * (len(actuator.states) + 4 + len(actuator.sampled_states))
     direct = {name: tuple(v.name for v in actuator.inputs if v.name in known.names)
@@ -102,17 +103,17 @@ def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
 
 @cache
 def initial_values(model: str) -> Mapping[str, Known]:
-    """Return what is known of each output's initial value: the inputs and parameters that it depends on among it."""
+    """Return the bounds and dependencies of each output's initial value, by name."""
     actuator = get(model)
     initial = dependencies(traced(False, model), "initial", (), _known(actuator.parameters))
     plant, kept = len(actuator.states), len(actuator.controller_states)
-    # As a core starts (core.py): no reference is on its way, no limit is met.
+    # A core (core.py) starts without a reference on its way and without an active limit.
     measured, *held = initial[plant + kept:]
     return _outputs(model, [*initial[:plant], ZERO, ZERO, measured, ZERO, *held])
 
 
 def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
-    """Return what is known of each output by what is of all that the actuator keeps from before."""
+    """Return the bounds and dependencies of each output from those of the states."""
     actuator, tracer = get(model), traced(False, model)
     inputs, parameters = _known(actuator.inputs), _known(actuator.parameters)
     motion_loads = dependencies(tracer, "motion_loads", [inputs[v.name] for v in fin_port.MOTION], parameters)
@@ -124,7 +125,7 @@ def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
 
 
 def _known(variables: Iterable[Variable]) -> dict[str, Known]:
-    """Return what is known of variables by name: parameters are within their limits, inputs need not be."""
+    """Return the bounds of variables by name: parameters are within their limits, inputs may have any value."""
     known = {}
     for v in variables:
         limits = (0.0, 1.0) if v.kind == "Boolean" else (v.minimum, v.maximum) if v.causality == "parameter" else ()
@@ -135,19 +136,20 @@ def _known(variables: Iterable[Variable]) -> dict[str, Known]:
 def source(several: bool = False, model: str = NONLINEAR, spelt: Callable[[str], str] = str) -> str:
     """Return the Python source of a module with ``make(parameters)``.
 
-    `make` takes the flat parameter mapping, its names as `spelt`, and gives the functions in their order, bound to it.
+    `make` has one argument, a mapping of parameters whose names are `spelt`, and returns the functions bound to it, in
+    their order.
     """
     return python_source(traced(several, model),
                          "The actuator's equations as straight-line code; generated, do not edit.", spelt)
 
 
 def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
-    """Return a core of an actuator, in Python, with these parameters."""
+    """Return a core of an actuator with these parameters, in Python."""
     return Core(make(model=model)(values), sizes(get(model)))
 
 
 def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: str = NONLINEAR) -> MultiFin:
-    """Return the cores of several fins with these parameters on one line with these of its own, in Python."""
+    """Return the cores of several fins, a parameter mapping each, on one line with its parameters, in Python."""
     actuator, bound = get(model), [make(True, model)(values) for values in sets]
     return MultiFin(bound, line, line_start(actuator), power_place(actuator), sizes(actuator))
 
@@ -158,17 +160,17 @@ def core_inputs(core: Any, row: Sequence[Any], model: str = NONLINEAR) -> Inputs
 
 
 def inputs_at_rest(command: float, aero_torque: float, supply: float, enable: bool = True, *further: float) -> Inputs:
-    """Return a core's inputs [rad, N.m, V] with a vehicle that neither moves nor weighs."""
+    """Return a core's inputs [rad, N.m, V] without motion loads: the vehicle is in free fall and does not rotate."""
     return (command, aero_torque, *(0.0 for _ in MotionLoads._fields), supply, enable, *further)
 
 
 def power_place(actuator: Actuator) -> int | None:
-    """Return the place of the supply's power among the outputs; None of an actuator without a supply."""
+    """Return the index of the supply power among the outputs; None for an actuator without a supply."""
     return None if actuator.supply is None else [v.name for v in actuator.outputs].index(actuator.supply.power.name)
 
 
 def line_start(actuator: Actuator) -> float:
-    """Return the state that the line of several fins starts with; 0 of fins without a supply."""
+    """Return the initial state of the line of several fins; 0 for fins without a supply."""
     return 0.0 if actuator.supply is None else actuator.supply.line.start
 
 

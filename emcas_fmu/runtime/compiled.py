@@ -1,4 +1,4 @@
-"""Actuators in machine code: one, stepped by its user, and many whole runs at a call."""
+"""Actuators in machine code: one that its user steps, and many whole runs in one call."""
 
 from __future__ import annotations
 
@@ -21,29 +21,30 @@ from .library import loaded, milliseconds, vectors
 from .schedule import Schedule
 
 REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
-            f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
+           f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
+"""Messages of core_result in core.h and, behind them, of the further reasons in tables.h."""
 _REFUSED, _INPUT_NOT_FINITE, _APART = range(len(REASONS) - 2, len(REASONS) + 1)
 Array = NDArray[Any]
 
 
 class _InputColumn(ct.Structure):
-    """input_column of batch.c."""
+    """input_column of tables.h."""
 
     _fields_ = (("first", ct.c_void_p), ("run", ct.c_ssize_t), ("row", ct.c_ssize_t))
 
 
 class _OutputColumn(ct.Structure):
-    """output_column of batch.c."""
+    """output_column of tables.h."""
 
     _fields_ = (*_InputColumn._fields_, ("place", ct.c_size_t), ("every", ct.c_size_t))
 
 
 @dataclass(frozen=True)
 class Tables:
-    """What many runs gave: `columns` by the outputs' names, arrays [runs, rows] with NaN in rows that were not reached.
+    """Results of many runs: `columns` by output, arrays [runs, rows] with NaN in rows that a run did not reach.
 
-    `reached` is how many steps and the start each run has; `failures` what one that went no further would raise alone,
-    by its place.
+    `reached` is the number of points of time that each run reached, the start included. `failures` maps the index of
+    an incomplete run to the error that the run would raise alone.
     """
 
     columns: dict[str, Array]
@@ -51,55 +52,65 @@ class Tables:
     failures: dict[int, ValueError | ArithmeticError]
 
     def finished(self) -> dict[str, Array]:
-        """Return the columns. Raises what the first run that went no further would raise alone."""
+        """Return the columns. Raises the error of the first run that is incomplete."""
         for failure in self.failures.values():
             raise failure
         return self.columns
 
 
-def _numbers(values: Mapping[str, Any], model: str) -> ct.Array[ct.c_double]:
+@cache
+def _names(model: str) -> tuple[dict[str, None], frozenset[str]]:
+    """Return the names of a model's parameters, in their order, and all names that a parameter file may contain."""
+    actuator = get(model)
+    return dict.fromkeys(v.name for v in actuator.parameters), frozenset(v.name for v in actuator.file_entries)
+
+
+def parameter_row(values: Mapping[str, Any], model: str = NONLINEAR) -> Array:
+    """Return a model's parameters as an array in their order, from values by name in SI.
+
+    Raises ParameterError for wrong names, TypeError if `values` is not a mapping.
+    """
     if not isinstance(values, Mapping):
         raise TypeError(f"parameters are a mapping of names to values in SI (.values of a set), not a "
                         f"{type(values).__name__}")
     needed, known = _names(model)
     if not needed.keys() <= values.keys() <= known:
         raise ParameterError(check_parameters(values, model))
-    return (ct.c_double * len(needed))(*(float(values[name]) for name in needed))
+    return np.array([float(values[name]) for name in needed])
 
 
-@cache
-def _names(model: str) -> tuple[dict[str, None], frozenset[str]]:
-    """Return the names of a model's parameters, in their order, and of all that a parameter file may give."""
-    actuator = get(model)
-    return dict.fromkeys(v.name for v in actuator.parameters), frozenset(v.name for v in actuator.file_entries)
-
-
-def _take(function: Callable[..., int], memory: int, values: Mapping[str, Any], model: str) -> None:
-    """Hand parameters to the C side, which judges them by the same limits and rules; the words are found here."""
-    if not function(memory, _numbers(values, model)):
-        raise ParameterError(check_parameters(values, model) or ["the parameters are refused"])
+def refusal(row: Array, model: str) -> list[str]:
+    """Return the problems of parameters that the C side has refused, from an actuator's row of them."""
+    values = dict(zip(_names(model)[0], row.tolist(), strict=True))
+    return check_parameters(values, model) or [REASONS[_REFUSED]]
 
 
 class CompiledCore:
     """:class:`emcas_fmu.runtime.core.Core` in machine code: the same methods and the same bits.
 
-    `values` are the flat parameters in SI. `state` is a string of bytes.
-    Raises CompilerError where there is no compiled kernel.
+    `values` are the parameters by name in SI; `state` is a string of bytes.
+    Raises ParameterError for unsound parameters, CompilerError if there is no compiled kernel.
     """
 
     def __init__(self, values: Mapping[str, Any], model: str = NONLINEAR) -> None:
         self._library = loaded(model)
         self._model = model
         self._memory = ct.create_string_buffer(self._library.actuator_size())
-        self._at = ct.addressof(self._memory)
+        self._address = ct.addressof(self._memory)
         size = ct.c_size_t()
         self._state = self._library.actuator_state(ct.byref(size))
         self._state_size = size.value
-        chosen = get(model)
-        self._in = (ct.c_double * (3 + len(LOADS) + len(chosen.further_inputs)))()
-        self._out = (ct.c_double * len(chosen.outputs))()
-        self._flags = {i for i, v in enumerate(chosen.outputs) if v.kind == "Boolean"}
-        _take(self._library.actuator_start, self._at, values, model)
+        actuator = get(model)
+        self._in = (ct.c_double * (3 + len(LOADS) + len(actuator.further_inputs)))()
+        self._out = (ct.c_double * len(actuator.outputs))()
+        self._flags = {i for i, v in enumerate(actuator.outputs) if v.kind == "Boolean"}
+        self._set_parameters(self._library.actuator_start, values)
+
+    def _set_parameters(self, function: Callable[..., int], values: Mapping[str, Any]) -> None:
+        """Pass parameters to the C side, which applies the same limits and rules; their messages are found here."""
+        row = parameter_row(values, self._model)
+        if not function(self._address, address(row)):
+            raise ParameterError(refusal(row, self._model))
 
     @property
     def state(self) -> bytes:
@@ -110,31 +121,31 @@ class CompiledCore:
     def state(self, state: bytes) -> None:
         if len(state) != self._state_size:
             raise ValueError(f"a state has {self._state_size} bytes, not {len(state)}")
-        ct.memmove(self._at + self._state, state, self._state_size)
+        ct.memmove(self._address + self._state, state, self._state_size)
 
     def bind(self, values: Mapping[str, Any]) -> None:
-        """Take parameter values, anew after a tunable one changed."""
-        _take(self._library.actuator_bind, self._at, values, self._model)
+        """Use these parameter values from now on. Raises ParameterError."""
+        self._set_parameters(self._library.actuator_bind, values)
 
     def motion_loads(self, *motion: float) -> tuple[float, ...]:
-        """Return what the vehicle's motion makes of the actuator, from the inputs of the motion."""
+        """Return the loads that the vehicle's motion causes, from the inputs of the motion."""
         if len(motion) != len(MOTION):
             raise TypeError(f"the motion has {len(MOTION)} inputs, not {len(motion)}")
         out = (ct.c_double * len(MotionLoads._fields))()
-        self._library.actuator_motion_loads(self._at, (ct.c_double * len(MOTION))(*motion), out)
+        self._library.actuator_motion_loads(self._address, (ct.c_double * len(MOTION))(*motion), out)
         return tuple(out)
 
     def outputs(self, inputs: core.Inputs) -> tuple[Any, ...]:
         """Return the outputs in the interface's order."""
         self._in[:] = list(inputs)
-        self._library.actuator_outputs(self._at, self._in, self._out)
+        self._library.actuator_outputs(self._address, self._in, self._out)
         return self._results()
 
     def run(self, end: float, inputs: core.Inputs, ramp: core.Ramp | None = None) -> tuple[Any, ...]:
-        """Move on to `end` [s] from the start; see :meth:`emcas_fmu.runtime.core.Core.run`."""
+        """Advance to `end` [s] from the start; see :meth:`emcas_fmu.runtime.core.Core.run`."""
         self._in[:] = list(inputs)
         change = None if ramp is None else (ct.c_double * (1 + len(ramp[1])))(ramp[0], *ramp[1])
-        result = self._library.actuator_run(self._at, end, self._in, change, self._out)
+        result = self._library.actuator_run(self._address, end, self._in, change, self._out)
         if result:
             raise ArithmeticError(REASONS[result])
         return self._results()
@@ -143,55 +154,52 @@ class CompiledCore:
         return tuple(x != 0.0 if i in self._flags else x for i, x in enumerate(self._out))
 
 
-def parameter_row(values: Mapping[str, Any], model: str = NONLINEAR) -> Array:
-    """Return a model's parameters in their order, from flat values in SI. Raises ParameterError for wrong names."""
-    return np.array(_numbers(values, model))
-
-
 def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str],
                model: str = NONLINEAR, held: int = 1, fine: Collection[str] = ()) -> Tables:
-    """Return the outputs of many actuators at the rows of their inputs, each row held until the next.
+    """Return the outputs of many actuators at the rows of their inputs; each row is held until the next.
 
-    `parameters` is an array [runs, parameters] in their order (:func:`parameter_row`); `inputs` has for each input, in
-    the interface's order, an array that broadcasts to [runs, rows], in SI. Nothing is copied: what is the same for all
-    runs, or in all rows, is given once. A run takes `held` steps of `step` [s] from a row to the next; `outputs` are
-    those at the rows, but those that are `fine` at every step. A run that fails leaves the others alone.
-    Raises ValueError for shapes that do not go together, CompilerError where there is no compiled kernel.
+    `parameters` is an array [runs, parameters] in their order (:func:`parameter_row`). `inputs` contains for each
+    input, in the interface's order, an array in SI that broadcasts to [runs, rows]; no input is copied. From one row to
+    the next a run takes `held` steps of `step` [s]. `outputs` are returned at the rows, those in `fine` at every step.
+    A run that fails does not affect the others. Raises ValueError for shapes that do not match, CompilerError if there
+    is no compiled kernel.
     """
     library, actuator = loaded(model), get(model)
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
     columns = [doubles(column) for column in inputs]
     count, rows, points = table_shape(sets, columns, model, held)
-    places = {v.name: i for i, v in enumerate(actuator.outputs)}
+    index = {v.name: i for i, v in enumerate(actuator.outputs)}
     out = {name: np.empty((count, points if name in fine else rows)) for name in outputs}
     reached, results = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.intc)
 
-    def simulated(function: Callable[..., int], runs: int, *sets: int, first: int = 0) -> None:
-        """Have runs computed, from the `first` on."""
-        function(runs, *sets, points, step, held, (_InputColumn * len(columns))(*(
-            _InputColumn(*_layout(column, first)) for column in columns)), (_OutputColumn * len(out))(*(
-                _OutputColumn(*_layout(column, first), places[name], 1 if name in fine else held)
-                for name, column in out.items())), len(out), address(reached[first:]), address(results[first:]))
+    def simulate(function: Callable[..., object], runs: int, *sets: int, first: int = 0) -> None:
+        """Compute `runs` runs from the `first` on."""
+        read = [_InputColumn(*_layout(column, first)) for column in columns]
+        written = [_OutputColumn(*_layout(column, first), index[name], 1 if name in fine else held)
+                   for name, column in out.items()]
+        function(runs, *sets, points, step, held, (_InputColumn * len(read))(*read),
+                 (_OutputColumn * len(written))(*written), len(written), address(reached[first:]),
+                 address(results[first:]))
 
     many = vectors(model, milliseconds(count * points, step)) if count > 1 else None
     if many is None:
-        simulated(library.actuators_simulate, count, address(sets), sets.shape[1] if len(sets) > 1 else 0)
+        simulate(library.actuators_simulate, count, address(sets), sets.shape[1] if len(sets) > 1 else 0)
     else:
         prepared = prepare(many, sets)
         order = by_schedule(prepared.schedules) if len(sets) > 1 else np.arange(count, dtype=np.uintp)
         results[:] = _APART
         order = order[~np.broadcast_to(prepared.refused, count)[order]]
-        simulated(many.batch_simulate, len(order), address(order), address(prepared.values),
-                  prepared.values.shape[1] if len(sets) > 1 else 0)
+        simulate(many.batch_simulate, len(order), address(order), address(prepared.values),
+                 prepared.values.shape[1] if len(sets) > 1 else 0)
         for run in np.flatnonzero(results == _APART).tolist():
-            simulated(library.actuators_simulate, 1, address(sets[run % len(sets)]), 0, first=run)
-    return Tables(out, reached, {run: _failure(sets[run % len(sets)], columns, run, int(reached[run]), step, held,
-                                               int(results[run]), model)
-                                 for run in np.flatnonzero(results).tolist()})
+            simulate(library.actuators_simulate, 1, address(sets[run % len(sets)]), 0, first=run)
+    failures = {run: _failure(sets[run % len(sets)], columns, run, int(reached[run]), step, held, int(results[run]),
+                              model) for run in np.flatnonzero(results).tolist()}
+    return Tables(out, reached, failures)
 
 
 def table_shape(parameters: Array, inputs: Sequence[Array], model: str, held: int) -> tuple[int, int, int]:
-    """Return how many runs, rows of a run and points of it :func:`run_tables` has. Raises ValueError as that does."""
+    """Return the numbers of runs, of rows and of points of time of :func:`run_tables`. Raises the same ValueError."""
     actuator = get(model)
     if parameters.ndim != 2 or parameters.shape[1] != len(actuator.parameters):
         raise ValueError(f"parameters have shape {parameters.shape}, not (runs, {len(actuator.parameters)})")
@@ -202,10 +210,10 @@ def table_shape(parameters: Array, inputs: Sequence[Array], model: str, held: in
 
 
 class Prepared(NamedTuple):
-    """Many actuators' parameters and what follows from them, `values` [actuators, values], and when they sample.
+    """Parameters of many actuators with the constants computed from them, `values` [actuators, values].
 
-    `schedules` [actuators, numbers of a :class:`emcas_fmu.runtime.schedule.Schedule`]; `refused` are those whose
-    parameters are no set to compute with.
+    `schedules` [actuators, numbers of a :class:`emcas_fmu.runtime.schedule.Schedule`] are their sample periods;
+    `refused` [actuators] marks those whose parameters break a limit or rule.
     """
 
     values: Array
@@ -214,7 +222,7 @@ class Prepared(NamedTuple):
 
 
 def prepare(library: ct.CDLL, parameters: Array) -> Prepared:
-    """Return actuators of `parameters` [actuators, parameters] as a library of vectors takes them."""
+    """Return actuators with `parameters` [actuators, parameters] in the form that a library of vectors needs."""
     size = ct.c_size_t()
     values = np.empty((len(parameters), library.batch_values(ct.byref(size))))
     schedules = np.empty((len(parameters), size.value))
@@ -224,34 +232,32 @@ def prepare(library: ct.CDLL, parameters: Array) -> Prepared:
 
 
 def by_schedule(schedules: Array) -> Array:
-    """Return an order in which actuators that have as many ticks and samples under way are neighbours."""
+    """Return an order in which actuators with the same numbers of ticks and of delayed samples are neighbours."""
     plan = Schedule(*schedules.T)
     return np.lexsort((plan.late_commands, plan.delay_samples, plan.after, plan.before)).astype(np.uintp)
 
 
 def longest_line(schedules: Array) -> int:
-    """Return how many values the longest delay line has: as core_line_length of core.h."""
+    """Return the number of values in the longest delay buffer, as core_line_length in core.h."""
     plan = Schedule(*schedules.T)
     return int(np.max(plan.delay_samples + plan.late_commands)) + 2
 
 
 def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int, step: float, held: int,
              result: int, model: str) -> ValueError | ArithmeticError:
-    """Return what is wrong with a run, in words."""
-    actuator = get(model)
+    """Return the error of an incomplete run."""
     if result == _REFUSED:
-        values = dict(zip((v.name for v in actuator.parameters), parameters.tolist(), strict=True))
-        return ParameterError(check_parameters(values, model) or [REASONS[result]])
+        return ParameterError(refusal(parameters, model))
     if result == _INPUT_NOT_FINITE:
         now = [column[min(run, len(column) - 1)] if column.ndim == 2 else column for column in inputs]
         at = [float(column[min(reached // held, len(column) - 1)] if column.ndim else column) for column in now]
-        name, value = next((v.name, x) for v, x in zip(actuator.inputs, at, strict=True) if not isfinite(x))
+        name, value = next((v.name, x) for v, x in zip(get(model).inputs, at, strict=True) if not isfinite(x))
         return ValueError(f"input {name} is {value} at {reached * step:.6g} s")
     return ArithmeticError(f"at {reached * step:.6g} s: {REASONS[result]}")
 
 
 def doubles(values: Any) -> Array:
-    """Return values as an array that C can step through in doubles, without a copy if they are one."""
+    """Return values as an array of doubles whose strides are whole doubles; not copied if they already are one."""
     array: Array = np.asarray(values, dtype=np.float64)
     flags = array.flags
     if not (flags.aligned and (flags.c_contiguous or not any(stride % array.itemsize for stride in array.strides))):
@@ -260,18 +266,18 @@ def doubles(values: Any) -> Array:
 
 
 def all_finite(array: Array) -> bool:
-    """Return whether every value is finite; of some thousand in half the time of ``isfinite(...).all()``."""
+    """Return whether every value is finite; for some thousand values twice as fast as ``isfinite(...).all()``."""
     return bool(np.count_nonzero(np.isfinite(array)) == array.size)
 
 
 def address(array: Array) -> int:
-    """Return where an array's first value is."""
+    """Return the address of an array's first value."""
     at: int = array.__array_interface__["data"][0]
     return at
 
 
 def _layout(column: Array, first: int) -> tuple[int, int, int]:
-    """Return where values of the `first` run are and how far apart [doubles] those of runs and rows, 0 if one."""
+    """Return the address of the `first` run's values and the strides [doubles] of runs and rows, 0 where constant."""
     strides = [0 if n == 1 else stride // column.itemsize
                for n, stride in zip(column.shape, column.strides, strict=True)]
     run, row = [0, 0, *strides][-2:]

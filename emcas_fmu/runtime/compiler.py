@@ -20,29 +20,29 @@ from tempfile import TemporaryDirectory, gettempdir
 from ..errors import EmcasError
 from ..support.files import cache_directory
 
-# No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculation
-# of what may raise a floating-point exception: hosts run with traps on. No numbers read two at once that were just
-# written one by one: processors wait until both have left them.
+# No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculative operation
+# that may raise a floating-point exception: hosts run with traps on. No reading in pairs of numbers that were just
+# written one by one: processors then wait until both are in the cache.
 FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off", "-ftrapping-math",
          "-fno-math-errno", "-fno-tree-slp-vectorize", "-fomit-frame-pointer", "-fvisibility=hidden", "-g0")
 _ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
-# A first compilation by zig makes its C library: a minute on a slow machine.
+# With its first compilation zig also builds its C library: a minute on a slow machine.
 _PATIENCE = 600
 _NO_SPACE = re.compile("No space left|NoSpaceLeft|disk quota", re.IGNORECASE)
-# Of Apple's processors, 2 to the power of this.
+# Apple's processors have pages of 2 to the power of this, in bytes.
 _PAGE = 14
 _MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 
 
 class CompilerError(EmcasError):
-    """There is no compiler, or it refused; the message says what to do."""
+    """There is no compiler, or it failed; the message says what to do."""
 
 
 @dataclass(frozen=True)
 class Platform:
-    """A platform: its folder in an FMI 2.0 FMU, suffix of its libraries, and flags to link with.
+    """A platform: its folder in an FMI 2.0 FMU, the suffix of its libraries, and the flags for linking.
 
-    `targets` has zig's name for each machine it runs on by FMI 3.0's platform tuple.
+    `targets` maps FMI 3.0's platform tuple of each machine to zig's name for it.
     """
 
     name: str
@@ -61,27 +61,27 @@ PLATFORMS = {p.name: p for p in (
     Platform("aarch64-linux", ".so", {"aarch64-linux": "aarch64-linux-gnu.2.17"}, _LINUX),
 )}
 
-# For a browser. Traps there are none there, and clang says so; musl needs nothing of the page.
+# For a browser. It has no traps, about which clang warns; musl needs no function of the page.
 WEB = Platform("wasm", ".wasm", {"wasm32-wasi": "wasm32-wasi"}, (
     "-Wno-unsupported-floating-point-opt", "-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,--export=__heap_base"))
 
 
 def _local_tuple() -> str:
-    """Return what FMI 3.0 calls this machine."""
+    """Return FMI 3.0's platform tuple of this machine."""
     machine = platform.machine().lower()
     return f"{_MACHINES.get(machine, machine)}-{platform.system().lower()}"
 
 
 def local_platform() -> Platform | None:
-    """Return the platform of this machine; None if it is none of those known."""
+    """Return the platform of this machine; None if it is unknown."""
     return next((p for p in PLATFORMS.values() if _local_tuple() in p.targets), None)
 
 
 def universal(libraries: Sequence[bytes]) -> bytes:
-    """Return one Mach-O file of libraries for several machines, each whole, so that its signature stays valid.
+    """Return one Mach-O file of libraries for several machines; each is whole, so that its signature stays valid.
 
-    Laid out as Apple's mach-o/fat.h says: big-endian magic and count; then of each library CPU type and subtype (as in
-    its header), offset, size and the power of two it is aligned to.
+    The layout is that of Apple's mach-o/fat.h: big-endian magic and count, then for each library its CPU type and
+    subtype (as in its header), offset, size and alignment as a power of two.
     """
     page, entries, body = 1 << _PAGE, b"", b""
     for library in libraries:
@@ -94,7 +94,7 @@ def universal(libraries: Sequence[bytes]) -> bytes:
 
 @dataclass(frozen=True)
 class Compiler:
-    """A command that compiles C, and what it calls itself."""
+    """A command that compiles C, and its version."""
 
     command: tuple[str, ...]
     version: str
@@ -103,16 +103,16 @@ class Compiler:
     def library(self, sources: Mapping[str, str], main: str, target: Platform, name: str,
                 flags: Sequence[str] = ()) -> bytes:
         """Return the shared library `name` of a platform, for all its machines in one file; see :meth:`libraries`."""
-        made = list(self.libraries(sources, main, target, name, flags).values())
-        return made[0] if len(made) == 1 else universal(made)
+        libraries = list(self.libraries(sources, main, target, name, flags).values())
+        return libraries[0] if len(libraries) == 1 else universal(libraries)
 
     def libraries(self, sources: Mapping[str, str], main: str, target: Platform, name: str,
                   flags: Sequence[str] = ()) -> dict[str, bytes]:
         """Return the shared library `name` for each machine of a platform, by FMI 3.0's platform tuple.
 
-        It is made of one source file and the headers beside it: file name to text. A system compiler makes that of
-        this machine only. `flags` come behind FLAGS. The same sources give the same bytes. Raises CompilerError with
-        what the compiler said.
+        `sources` maps file names to text: the source file `main` and its headers. A system compiler builds for this
+        machine only. `flags` follow FLAGS. The same sources give the same bytes. Raises CompilerError with the
+        compiler's message.
         """
         machines = target.targets if self.zig else {_local_tuple(): ""}
         with TemporaryDirectory(prefix="emcas_cc_") as temporary:
@@ -127,7 +127,7 @@ class Compiler:
         output = f"{name}{target.suffix}"
         flags = [*FLAGS, *further, *(("-target", triple, *_ZIG_FLAGS) if self.zig else ("-s",))]
         command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
-        # Zig's own choice of a cache may be a home that cannot be written: it would then wait for ever.
+        # Zig's default cache may be in a home that cannot be written; it would then wait for ever.
         environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_kept(folder) / "zig"),
                        "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
                        "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
@@ -139,12 +139,12 @@ class Compiler:
         if done.returncode != 0:
             raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {triple or target.name}: "
                                 f"{_reason(done.stderr or done.stdout)}")
-        if not self.zig:  # which makes those of other machines, too
+        if not self.zig:  # zig also builds for other machines
             self._require_loadable(folder / output)
         return (folder / output).read_bytes()
 
     def _require_loadable(self, library: Path) -> None:
-        """Raise CompilerError where a library cannot be loaded on this machine; tried in a process of its own."""
+        """Raise CompilerError if a library cannot be loaded on this machine; it is loaded in another process."""
         loading = [sys.executable, "-I", "-S", "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])", str(library)]
         done = subprocess.run(loading, capture_output=True, text=True, check=False, timeout=_PATIENCE)
         if done.returncode != 0:
@@ -154,7 +154,7 @@ class Compiler:
 
 
 def _kept(otherwise: Path) -> Path:
-    """Return the folder that what is compiled is kept in, another where there is none."""
+    """Return the folder of compiled libraries, or the folder `otherwise` if that cannot be used."""
     try:
         return cache_directory()
     except OSError:
@@ -162,7 +162,7 @@ def _kept(otherwise: Path) -> Path:
 
 
 def _reason(said: str) -> str:
-    """Return the line of what a compiler said that tells why it gave up, with the remedy where there is one."""
+    """Return the line of a compiler's output that has the reason of its failure, with the remedy for a full disk."""
     if _NO_SPACE.search(said):
         return (f"the disk is full; free some space in {_kept(Path(gettempdir()))} and {gettempdir()}, or have TMPDIR "
                 "name another folder")
@@ -194,7 +194,7 @@ def system(name: str) -> Compiler:
 
 
 def find(cc: str | None = None) -> Compiler:
-    """Return the compiler of a name, else zig. Raises CompilerError, naming the remedy, if there is none."""
+    """Return the system compiler `cc`, or zig by default. Raises CompilerError with the remedy if there is none."""
     if cc is not None:
         try:
             return system(cc)
@@ -208,7 +208,7 @@ def find(cc: str | None = None) -> Compiler:
 
 
 def local_compilers() -> Iterator[Compiler]:
-    """Yield the compilers that run on this machine and build for it: $CC, zig as the quickest, cc, gcc, clang."""
+    """Yield the compilers that run on this machine and build for it: $CC, then zig (the quickest), cc, gcc, clang."""
     chosen = os.environ.get("CC")
     yield from _working([chosen] if chosen else [])
     if compiler := zig():

@@ -1,8 +1,8 @@
-/* Delay lines and stepping of one actuator: core.py in C, function by function.
+/* Samples, delay buffers and ticks of one actuator: core.py in C, function by function.
  *
- * kernel.h holds the equations and model.h the limits, both generated. The state
- * stands at a tick; a communication point inside one is served by a tentative step
- * from there, so that the host's step sizes leave the trajectory alone.
+ * kernel.h holds the equations and model.h the sizes, both generated. The state is that at the beginning of a tick. At a
+ * communication point inside a tick the outputs come from a tentative step, so that the trajectory does not depend on the
+ * host's step sizes.
  */
 #ifndef EMCAS_CORE_H
 #define EMCAS_CORE_H
@@ -15,14 +15,14 @@
 #include "kernel.h"
 #include "model.h"
 
-/* The states that steps move and, behind them, the time that the last step took: kernel_step writes it all in place. A
- * copy would be read in wider words than it was just written in, which makes a processor wait. */
+/* The plant's states and, behind them, the time that the last step took: kernel_step writes both in place. A copy would
+ * be read in wider words than those just written, for which a processor waits. */
 typedef struct {
     double x[CORE_PLANT + 1];
 } core_plant;
 
-/* Command, loads (aero_torque and what the vehicle's motion makes, with a mean over a tick), what acts through limits,
- * and the actuator's further inputs: arrays of these have one more, unused, since there may be none. */
+/* Command, loads (aero_torque and the motion loads, which have a mean over a tick), inputs that act through limits, and
+ * the actuator's further inputs. Their array has an unused element, since there may be no further input. */
 typedef struct {
     double command, loads[CORE_LOADS], supply, enable, further[CORE_FURTHER + 1];
 } core_inputs;
@@ -32,16 +32,16 @@ typedef struct {
     double begin, command, loads[CORE_LOADS], supply, further[CORE_ACTING + 1];
 } core_ramp;
 
-/* A tick in which a communication point fell: where in it the plant stands, how far it is
- * covered, the inputs there and the integrals of the loads' differences from them. */
+/* A tick that contains a communication point: the plant's time within the tick [s], the time up to which inputs are known
+ * [s], the inputs at the beginning, and the integrals of the loads' differences from these. */
 typedef struct {
     double origin, covered;
     core_inputs first;
     double loads[CORE_LOADS];
 } core_part;
 
-/* Everything that changes while running. The line ends with the DAC's present value and, behind it, the commands on
- * their way, the oldest first. There is a part only while `partial`. */
+/* Everything that changes while running. The line is the delay buffer: the DAC's values up to the present one and, behind
+ * them, the commands on their way, the oldest first. There is a part only while `partial`. */
 typedef struct {
     int64_t period;
     int32_t position;
@@ -60,7 +60,7 @@ typedef struct {
     double period, before, after, arrival, h_before, h_after, samples, late_commands, slack;
 } core_schedule;
 
-/* By its bits: comparing a NaN would raise a floating-point exception. */
+/* Tests the bits: comparing a NaN would raise a floating-point exception. */
 static inline bool core_finite(double x)
 {
     uint64_t bits;
@@ -68,7 +68,7 @@ static inline bool core_finite(double x)
     return (bits & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
 }
 
-/* The same of many: an exponent of all ones and one more carry into the sign bit. */
+/* The same for many numbers: an exponent of all ones plus one carries into the sign bit. */
 static inline bool core_all_finite(const double *x, size_t count)
 {
     uint64_t carried = 0;
@@ -80,7 +80,7 @@ static inline bool core_all_finite(const double *x, size_t count)
     return !(carried >> 63);
 }
 
-/* Finite if all of these are, and small enough to be added. */
+/* The sum is finite if all terms are, and if they are small enough to be added. */
 static inline double core_sum(const double *x, size_t count)
 {
     double sum = 0.0;
@@ -95,10 +95,10 @@ static inline core_schedule core_scheduled(const double *p, const double *c)
     return (core_schedule){out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7], out[8]};
 }
 
-/* DAC values in the line. */
+/* Number of DAC values in the line. */
 static inline size_t core_values(const core_schedule *plan)
 {
-    return (size_t)(int32_t)plan->samples + 2; /* processors turn numbers into signed integers at once */
+    return (size_t)(int32_t)plan->samples + 2; /* the conversion to a signed integer is one instruction */
 }
 
 static inline size_t core_line_length(const core_schedule *plan)
@@ -109,7 +109,7 @@ static inline size_t core_line_length(const core_schedule *plan)
 /* The state at rest at the start. */
 static inline void core_start(const double *p, const double *c, core_state *s)
 {
-    const size_t limited = CORE_CONTROLLER + 1; /* none is met yet: not among what it starts with */
+    const size_t limited = CORE_CONTROLLER + 1; /* the flag for a limit, which is not among the initial values */
     double out[CORE_PLANT + CORE_SAMPLED - 1];
     kernel_initial(p, c, out);
     memset(s, 0, sizeof *s);
@@ -119,13 +119,13 @@ static inline void core_start(const double *p, const double *c, core_state *s)
     for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
 }
 
-/* What the vehicle's motion makes of the actuator, all loads but the first, from the inputs of the motion. */
+/* The loads that the vehicle's motion causes, which are all but the first, from the inputs of the motion. */
 static inline void core_motion_loads(const double *p, const double *c, const double *motion, double *out)
 {
     kernel_motion_loads(p, c, MODEL_MOTION_OF(motion), out);
 }
 
-/* A core's inputs from an actuator's, in the interface's order, and what its vehicle's motion makes. */
+/* A core's inputs from an actuator's inputs, in the interface's order, and its motion loads. */
 static inline void core_inputs_of(const double *in, const double *motion_loads, core_inputs *out)
 {
     out->command = in[INPUT_FIN_COMMAND];
@@ -153,7 +153,7 @@ static inline void core_outputs(const double *p, const double *c, const core_sta
     core_outputs_of(p, c, s, &s->tentative, plan, in, out);
 }
 
-/* The inputs at a time of a ramp, put into `then`; `ramp` may be null: held, those that were given. */
+/* The inputs at a time of a ramp, stored in `then`; without a ramp (null) the inputs are held. */
 static inline const core_inputs *core_at(const core_inputs *in, const core_ramp *ramp, double time, core_inputs *then)
 {
     if (!ramp) return in;
@@ -166,7 +166,7 @@ static inline const core_inputs *core_at(const core_inputs *in, const core_ramp 
     return then;
 }
 
-/* Step a plant of `s` over what is left of a tick [s], from event to event. */
+/* Step a plant of `s` over the rest of a tick, `left` [s], from event to event. */
 static inline bool core_finish(const double *p, const double *c, const core_state *s, core_plant *x,
                                const core_inputs *in, double left)
 {
@@ -202,8 +202,8 @@ static inline core_inputs core_mean(const core_part *part)
     return mean;
 }
 
-/* Where inputs change inside a tick that act on the plant through limits, or in a way not known here, it is
- * split: the plant moves to where the tick is covered, and a new part starts there. */
+/* A tick is split where inputs change that act through limits, or in a way that is not known here: the plant advances to
+ * the time up to which inputs are known, and a new part begins there. */
 static inline bool core_split(const double *p, const double *c, core_state *s, const core_inputs *in)
 {
     const core_part *part = &s->part;
@@ -236,7 +236,7 @@ static inline void core_sample(const double *p, const double *c, core_state *s, 
     memcpy(s->sampled, out + 1, sizeof s->sampled);
 }
 
-/* When the tick that `s` stands at begins [s]. */
+/* The time at which the present tick begins [s]. */
 static inline double core_begun(const core_state *s, const core_schedule *plan)
 {
     const double within = s->position < (int32_t)plan->before ? s->position * plan->h_before
@@ -244,7 +244,7 @@ static inline double core_begun(const core_state *s, const core_schedule *plan)
     return (double)s->period * plan->period + within;
 }
 
-/* Up to `until` [s] in a tick. A whole one leaves no part behind. */
+/* Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part. */
 static inline bool core_tick(const double *p, const double *c, core_state *s, const core_schedule *plan,
                              const core_inputs *in, const core_ramp *ramp, double until, bool whole)
 {
@@ -271,7 +271,7 @@ static inline bool core_tick(const double *p, const double *c, core_state *s, co
     return core_finish(p, c, s, &s->tentative, acting, until - origin);
 }
 
-/* Move on as core_run does, but leave a state that could not be followed as it is. */
+/* Advance as core_run does, but without restoring the state if the equations cannot be followed. */
 static inline core_result core_move(const double *p, const double *c, core_state *s, const core_schedule *plan,
                                     double end, const core_inputs *in, const core_ramp *ramp, double *out)
 {
@@ -280,17 +280,17 @@ static inline core_result core_move(const double *p, const double *c, core_state
     const double beyond = end - at[0] * plan->period;
     if (!(beyond <= plan->slack && -plan->slack <= beyond)) kernel_locate(p, c, end, at);
     if (!((at[0] - (double)s->period) * ticks <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
-    int64_t period = (int64_t)(at[0] > -1.0 ? at[0] : -1.0); /* before the start all is the start */
+    int64_t period = (int64_t)(at[0] > -1.0 ? at[0] : -1.0); /* any time before the start is like the start */
     int32_t position = (int32_t)at[1];
     double rest = at[2];
-    if (period < s->period || (period == s->period && position <= s->position)) { /* never back */
+    if (period < s->period || (period == s->period && position <= s->position)) { /* time never goes back */
         const double covered = s->partial ? s->part.covered : 0.0;
         const bool behind = period < s->period || position < s->position;
         period = s->period;
         position = s->position;
         if (behind || rest < covered) rest = covered;
     }
-    /* Counted beforehand, so that it ends whatever state it began with. */
+    /* The number of ticks is computed first, so that the loop ends whatever the state was. */
     for (int64_t left = (period - s->period) * ticks + (position - s->position); left > 0; --left) {
         const double h = s->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
         if (!core_tick(p, c, s, plan, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
@@ -299,7 +299,7 @@ static inline core_result core_move(const double *p, const double *c, core_state
             ++s->period;
         }
     }
-    const core_plant *reached = &s->plant; /* not its copy, which would be waited for */
+    const core_plant *reached = &s->plant; /* not the copy, for which the processor would wait */
     s->tentative = s->plant;
     if (rest > 0.0) {
         if (!core_tick(p, c, s, plan, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
@@ -315,8 +315,8 @@ static inline core_result core_move(const double *p, const double *c, core_state
     return CORE_DONE;
 }
 
-/* Move on to `end` [s] from the start with the inputs held, or changing as `ramp` says (null:
- * held); all or nothing. The outputs there go to `out`. */
+/* Advance to `end` [s] from the start, all or nothing, with the inputs held or changing by a `ramp` (null: held). The
+ * outputs there are written to `out`. */
 static inline core_result core_run(const double *p, const double *c, core_state *s, double end,
                                    const core_inputs *in, const core_ramp *ramp, double *out)
 {

@@ -1,8 +1,8 @@
-"""Delay lines and stepping of one actuator. Standard library only: it is embedded in the FMU.
+"""Samples, delay buffers and ticks of one actuator. Standard library only: this file is embedded in the FMU.
 
-core.h is the same in C, function by function. The state stands at a tick (:mod:`emcas_fmu.runtime.schedule`). A
-communication point inside one is served by a tentative step from there, so that the host's step sizes leave the
-trajectory alone.
+core.h is the same in C, function by function. The state is that at the beginning of a tick
+(:mod:`emcas_fmu.runtime.schedule`). At a communication point inside a tick the outputs come from a tentative step, so
+that the trajectory does not depend on the host's step sizes.
 """
 
 from __future__ import annotations
@@ -12,29 +12,29 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-# A tick has at most a handful of events; far more means the equations cannot be followed.
+# A tick has a handful of events at most; with far more the equations cannot be followed.
 MOST_EVENTS = 500
-# In one communication step; more is a slip of the host's and would seem to hang.
+# In one communication step. More is a mistake of the host and would seem to hang.
 MOST_TICKS = 100_000_000
-# Ticks from zero to the latest start: a clock counts there in eighths of a tick or less. What is allowed for its
+# Ticks from zero to the latest start. A clock counts there in eighths of a tick or less; the allowance for its
 # rounding, four times that, and the slack, a quarter of a tick, are together less than a tick.
 LATEST = 2.0**49
 
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]
 Inputs = tuple[Any, ...]
 Ramp = tuple[float, tuple[float, ...]]
-# A tick in which a communication point fell: where in it the plant stands [s], how far it is covered [s], the inputs
-# there and the integrals of the loads' differences from them.
+# A tick that contains a communication point: the plant's time within the tick [s], the time up to which inputs are
+# known [s], the inputs at the beginning, and the integrals of the loads' differences from these.
 Part = tuple[float, float, Inputs, tuple[float, ...]]
 
-FIRST = 2  # of an actuator's inputs: command and aero_torque, before the vehicle's motion
+FIRST = 2  # inputs of an actuator before the vehicle's motion: command and aero_torque
 
 
 class Sizes(NamedTuple):
-    """Numbers of what an actuator has.
+    """Numbers of states of plant and controller, of inputs, and of loads.
 
-    States that steps move and that samples keep to themselves, inputs of the vehicle's motion, loads (aero_torque and
-    what the motion makes) and further inputs that act on the plant.
+    `motion` are inputs of the vehicle's motion, `loads` are aero_torque and the motion loads, `acting` the further
+    inputs that act on the plant.
     """
 
     plant: int
@@ -45,31 +45,31 @@ class Sizes(NamedTuple):
 
 
 def inputs_of(row: Sequence[Any], motion_loads: Sequence[float], motion: int, supplied: bool) -> Inputs:
-    """Return a core's inputs from an actuator's, in the interface's order, and what its vehicle's motion makes.
+    """Return a core's inputs from a `row` of the actuator's inputs, in the interface's order, and its motion loads.
 
-    `motion` is the number of inputs of the motion; the supply of an actuator that is not `supplied` is 0 V.
+    `motion` is the number of inputs of the vehicle's motion. The supply of an actuator that is not `supplied` is 0.
     """
     supply = () if supplied else (0.0,)
     return (*row[:FIRST], *motion_loads, *supply, *row[FIRST + motion:])
 
 
 def finite(value: Any) -> bool:
-    """Return whether a value of a stored state is a finite number, and no integer that a float cannot be."""
+    """Return whether a value of a stored state is a finite number that a float can represent."""
     return (isinstance(value, float) and isfinite(value)) or (isinstance(value, int) and abs(value) <= 2**53)
 
 
 def alike(value: Any, template: Any) -> bool:
-    """Return whether a value is finite numbers in as many nested tuples as a template."""
+    """Return whether a value consists of finite numbers, nested in tuples as the template."""
     if not isinstance(template, tuple):
         return finite(value)
     return isinstance(value, tuple) and len(value) == len(template) and all(map(alike, value, template))
 
 
 class Core:
-    """One actuator: its state and what moves it on.
+    """One actuator: its state and the functions that advance it.
 
-    `functions` are those of the kernel bound to the parameters, `sizes` the actuator's.
-    The inputs are the command, the loads, ``supply, enable`` and the further ones.
+    `functions` are the kernel's, bound to the parameters; `sizes` are the actuator's.
+    The inputs are the command, the loads, ``supply, enable`` and the further inputs.
     """
 
     __slots__ = ("_acting", "_active", "_commands", "_controller", "_further", "_kernel_initial", "_kernel_locate",
@@ -84,7 +84,7 @@ class Core:
         self.start()
 
     def bind(self, functions: Functions) -> None:
-        """Take the kernel's functions, anew after a tunable parameter changed."""
+        """Use these functions of the kernel, for instance after a tunable parameter has changed."""
         (kernel_schedule, self._kernel_locate, self._kernel_initial, self._kernel_sample, self._kernel_motion_loads,
          self._kernel_step, self._kernel_outputs) = functions
         period, before, after, *rest = kernel_schedule()
@@ -98,13 +98,13 @@ class Core:
 
     @property
     def latest(self) -> float:
-        """Latest time of a host's clock, and with a minus the earliest [s]."""
+        """Latest time of a host's clock [s]; its negative is the earliest."""
         latest: float = LATEST * min(self.schedule[4:6])
         return latest
 
     @property
     def state(self) -> tuple[Any, ...]:
-        """Everything that changes while running, as nested tuples of numbers; it may be kept and put back."""
+        """Everything that changes while running, as nested tuples of numbers; it may be stored and restored."""
         return (self._period, self._position, self._plant, self._sampled, self._line, self._commands, self._active,
                 self._part, self._tentative)
 
@@ -114,9 +114,9 @@ class Core:
          self._part, self._tentative) = state
 
     def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
-        """Return what is wrong with a state that was stored at `now` [s] from the start, "" if nothing.
+        """Return the problem of a state that was stored at `now` [s] from the start, "" if it is sound.
 
-        It may have been made up. The core is one at its start, `inputs` are of the shape of its inputs.
+        The state may come from anywhere. This core is at its start; `inputs` have the shape of its inputs.
         """
         length, before, ticks, _, h_before, h_after, *_, slack = self.schedule
         if not (isinstance(state, tuple) and len(state) == len(self.state)):
@@ -135,16 +135,16 @@ class Core:
         return ""
 
     def motion_loads(self, *motion: float) -> tuple[float, ...]:
-        """Return what the vehicle's motion makes of the actuator, from the inputs of the motion."""
-        made: tuple[float, ...] = self._kernel_motion_loads(*motion)
-        return made
+        """Return the loads that the vehicle's motion causes, from the inputs of the motion."""
+        loads: tuple[float, ...] = self._kernel_motion_loads(*motion)
+        return loads
 
     def start(self) -> None:
         """Put the actuator at rest at its start."""
         initial = self._kernel_initial()
         plant, rest = initial[:self._states], initial[self._states:]
-        limited = self._controller + 1  # none is met yet: not among what it starts with
-        # Length of the delay line: the sample in the drive before and after the arrival, and those on their way.
+        limited = self._controller + 1  # position of the flag for a limit, which is not among the initial values
+        # The delay buffer: the reference in the drive before and after the arrival, and those on their way.
         line = (0.0,) * (int(self.schedule[-3]) + 2)
         commands = (0.0,) * int(self.schedule[-2])
         self.state = (0, 0, plant, (*rest[:limited], 0.0, *rest[limited:]), line, commands, 0.0, None, plant)
@@ -155,11 +155,11 @@ class Core:
                                     inputs[0], *inputs[self._acting])
 
     def run(self, end: float, inputs: Inputs, ramp: Ramp | None = None) -> tuple[Any, ...]:
-        """Move on to `end` [s] from the start, all or nothing; return the outputs there.
+        """Advance to `end` [s] from the start, all or nothing; return the outputs there.
 
-        The inputs are held, or with `ramp` = (begin [s], rates of change of those before ``enable`` and of the further
-        ones that act) are those at `begin` and change at these rates. A tick takes them at its middle.
-        Raises ArithmeticError where the equations cannot be followed.
+        The inputs are held. With `ramp` = (begin [s], rates of change of the inputs before ``enable`` and of the
+        further inputs that act) they are the inputs at `begin` and change at these rates; a tick uses the inputs at
+        its middle. Raises ArithmeticError if the equations cannot be followed.
         """
         before = self.state
         try:
@@ -176,13 +176,13 @@ class Core:
         if not (periods - self._period) * ticks <= MOST_TICKS:
             raise ArithmeticError(f"{(periods - self._period) * ticks:g} ticks in one step are more than {MOST_TICKS}")
         reached, to = (self._period, self._position), (int(periods), int(at))
-        if to <= reached:  # never back
+        if to <= reached:  # time never goes back
             covered = self._part[1] if self._part is not None else 0.0
             if to < reached or rest < covered:
                 rest = covered
             to = reached
         period, position = to
-        # Counted beforehand, so that it ends whatever state it began with.
+        # The number of ticks is computed first, so that the loop ends whatever the state was.
         for _ in range((period - self._period) * ticks + position - self._position):
             self._tick(inputs, ramp, h_before if self._position < before else h_after, True)
             self._position += 1
@@ -199,7 +199,7 @@ class Core:
         return outputs
 
     def _tick(self, inputs: Inputs, ramp: Ramp | None, until: float, whole: bool) -> None:
-        """Move on up to `until` [s] in a tick. A whole one leaves no part behind."""
+        """Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part."""
         part, begun, acting = self._part, 0.0, inputs
         if ramp is not None:
             begun = self._begun()
@@ -220,7 +220,7 @@ class Core:
             self._tentative, self._part = self._finish(acting, until - origin), part
 
     def _begun(self) -> float:
-        """Return when the tick that the state stands at begins [s]."""
+        """Return the time at which the present tick begins [s]."""
         length, before, _, arrival, h_before, h_after, *_ = self.schedule
         position = self._position
         within = position * h_before if position < before else arrival + (position - before) * h_after
@@ -245,7 +245,7 @@ class Core:
         return (*changed[:enable], inputs[enable], *changed[enable:], *inputs[self._further.stop:])
 
     def _split(self, part: Part, inputs: Inputs) -> Part:
-        """Return the part; where inputs change that act through limits, the plant moves on and another begins there."""
+        """Return the part; if inputs that act through limits change, advance the plant and begin another part there."""
         origin, covered, first, _ = part
         switched = slice(self._supply, self._further.stop)
         if first[switched] == inputs[switched]:
@@ -254,7 +254,7 @@ class Core:
         return covered, covered, inputs, self._nothing
 
     def _finish(self, inputs: Inputs, left: float) -> tuple[float, ...]:
-        """Return the plant after what is left of a tick [s], from event to event."""
+        """Return the plant's state after the rest of a tick, `left` [s], stepped from event to event."""
         plant: tuple[float, ...] = self._plant
         if left <= 0.0:
             return plant

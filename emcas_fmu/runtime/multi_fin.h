@@ -1,8 +1,8 @@
-/* The fins of a unit, which move together on one line that feeds them: multi_fin.py in C, function by function.
+/* FINS fins that share one supply line: multi_fin.py in C, function by function.
  *
- * FINS is their number. On a stiff line each runs as it would alone; a single fin and fins without a supply have
- * no other. The line is stiff where the first of its parameters is 0. Else the fins stop together at its instants, k
- * times its update time, the last parameter, where its state follows what they draw; it is held in between.
+ * The line is stiff if the first of its parameters is 0; each fin then runs as it would alone. A single fin, and fins
+ * without a supply, always do. Otherwise all fins stop at the instants of the line, which are multiples of its update
+ * time, the last parameter. There its state is updated from the fins' consumption; in between it is held.
  */
 #ifndef EMCAS_MULTI_FIN_H
 #define EMCAS_MULTI_FIN_H
@@ -11,25 +11,25 @@
 
 #define MULTI_FIN_LINE (FINS > 1 && MODEL_SUPPLY >= 0)
 
-/* What the fins get of the line, what they draw and their power go before their outputs. */
+/* The line's level at the fins, their consumption and their power precede their outputs. */
 enum { LINE_OUTPUTS = MULTI_FIN_LINE ? 3 : 0, MULTI_FIN_OUTPUTS = LINE_OUTPUTS + FINS * MODEL_OUTPUTS };
 
-/* Parameters of the line; each fin's, and what follows from them; tolerance of communication points, and the latest
- * start [s]. */
+/* Parameters of the line and of each fin, the constants computed from these; tolerance of communication points [s], and
+ * the latest start [s]. */
 typedef struct {
     const double *line, *p[FINS];
     double c[FINS][KERNEL_CONSTANTS];
     double slack, latest;
 } multi_fin;
 
-/* Everything that changes while running: of the line its state and the instant that comes next. */
+/* Everything that changes while running: the fins, the line's state and the number of its next instant. */
 typedef struct {
     core_state core[FINS];
     double line;
     int64_t instant;
 } multi_fin_state;
 
-/* Take the parameters: of the line, and those of the fins one after the other. */
+/* Use these parameters: those of the line, and those of the fins one after the other. */
 static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 {
     m->line = line;
@@ -62,7 +62,7 @@ static double multi_fin_interval(const multi_fin *m)
 }
 #endif
 
-/* What acts on a fin, but for the line, of its actuator's inputs and the mixing commands. But for `motion_loads`, linear. */
+/* A fin's core inputs, without the line, from its actuator's inputs and the mixing commands: linear but for the loads. */
 static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
                              const double *motion_loads, core_inputs *out)
 {
@@ -75,7 +75,7 @@ static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, c
 #endif
 }
 
-/* What a line in this state makes of the source. */
+/* The level at the fins with this source and state of the line. */
 static double line_level(const multi_fin *m, double source, double state)
 {
     double level = source;
@@ -87,7 +87,7 @@ static double line_level(const multi_fin *m, double source, double state)
     return level;
 }
 
-/* The outputs of the line, of the fins' behind them. */
+/* The outputs of the line, from those of the fins behind them. */
 static void line_shared(const multi_fin *m, double source, double state, double *out)
 {
 #if MULTI_FIN_LINE
@@ -114,8 +114,8 @@ static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, cons
 
 #if FINS == 1
 
-/* Move on to `end` [s] after the start, all or nothing. The outputs there go to `out`. A core does that by itself,
- * and copies no more of its delay line than is in use. */
+/* Advance to `end` [s] after the start, all or nothing; the outputs there are written to `out`. One core does that by
+ * itself, and copies only the part of its delay buffer that is in use. */
 static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, double from, double end,
                                  const core_inputs *in, const core_ramp *ramp, double *out)
 {
@@ -130,8 +130,8 @@ static double source_at(const core_inputs *in, const core_ramp *ramp, double tim
     return in->supply + (ramp ? ramp->supply * (time - ramp->begin) : 0.0);
 }
 
-/* All fins to `until`. A sag comes off the ramp of the supply; where the line does not follow the ramp at both ends
- * its level in the middle is held. */
+/* Advance all fins to `until`. A sag is subtracted from the ramp of the supply; if the line does not follow the ramp at
+ * both ends, its level in the middle is held. */
 static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from, double until, const core_inputs *in,
                             const core_ramp *ramp, double *out)
 {
@@ -157,7 +157,7 @@ static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from,
 }
 
 #if MULTI_FIN_LINE
-/* The line's state from an instant on, where the fins draw so much. */
+/* The line's state after an instant at which the fins consume `drawn`. */
 static double line_following(const multi_fin *m, double source, double state, double drawn)
 {
     double inductances = 0.0, next;
@@ -171,7 +171,7 @@ static double line_following(const multi_fin *m, double source, double state, do
 }
 #endif
 
-/* Move on from `from` to `end` [s] after the start, all or nothing. The outputs there go to `out`. */
+/* Advance from `from` to `end` [s] after the start, all or nothing; the outputs there are written to `out`. */
 static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, double from, double end,
                                  const core_inputs *in, const core_ramp *ramp, double *out)
 {
@@ -181,7 +181,7 @@ static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, dou
     const bool stiff = multi_fin_stiff(m);
     const double interval = multi_fin_interval(m);
     if (!stiff && !(end / interval - (double)s.instant <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
-    /* A host's clock may stand a little before an instant it means to have reached. */
+    /* A host's clock may be slightly before an instant that it means to have reached. */
     for (double next; !stiff && (next = (double)s.instant * interval) <= end + m->slack; ++s.instant) {
         const double until = next < end ? next : end;
         const core_result reached = run_fins(m, &s, from, until, in, ramp, outputs);

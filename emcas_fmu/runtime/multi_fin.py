@@ -1,6 +1,6 @@
-"""Several cores that move together on one line. Standard library only: it is embedded in the FMU.
+"""Several fins that share one supply line. Standard library only: this file is embedded in the FMU.
 
-multi_fin.h is the same in C, function by function, and says how the line is stepped; only there inputs may ramp.
+multi_fin.h is the same in C, function by function, and explains how the line is stepped; inputs may ramp there only.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any
 
 from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, finite, inputs_of
 
-_CORE = 7  # of the functions, what a core takes; then mixing, then what the line needs
+_CORE = 7  # functions that a core needs; mixing and the functions of the line follow
 
 Outputs = Sequence[tuple[Any, ...]]
 
@@ -18,11 +18,11 @@ Outputs = Sequence[tuple[Any, ...]]
 class MultiFin:
     """Cores of several fins, with the interface of one.
 
-    `functions` are the kernel's, bound to each fin's parameters. The inputs are a tuple for each fin, supplied
-    by the source; the outputs those of the line (what the fins get, what they draw, power) and then fin by fin.
-    `line` are the line's parameters, the first of which is 0 where it is stiff, the last its update time [s], and
-    `start` is its state at the start; `power` is the place of the supply's power among a fin's outputs, None of fins
-    without a supply, which have no line; `sizes` are a core's.
+    `functions` are the kernel's, bound to each fin's parameters. The inputs are a tuple for each fin, with the source's
+    supply. The outputs are those of the line (level at the fins, what the fins consume, power [W]), then those of the
+    fins one by one. `line` are the line's parameters: the first is 0 if the line is stiff, the last is its update time
+    [s]. `start` is the line's initial state. `power` is the index of the supply power among a fin's outputs, None for
+    fins without a supply, which have no line. `sizes` are those of a core.
     """
 
     __slots__ = ("_functions", "_instant", "_line", "_motion", "_of_line", "_power", "_supply", "cores")
@@ -37,7 +37,7 @@ class MultiFin:
         self._instant = 1
 
     def bind(self, functions: Sequence[Functions]) -> None:
-        """Take the kernel's functions, anew after a tunable parameter changed."""
+        """Use these functions of the kernel, for instance after a tunable parameter has changed."""
         self._functions = list(functions)
         for core, f in zip(self.cores, functions, strict=True):
             core.bind(f[:_CORE])
@@ -49,7 +49,7 @@ class MultiFin:
 
     @property
     def latest(self) -> float:
-        """Latest time of a host's clock, and with a minus the earliest [s]."""
+        """Latest time of a host's clock [s]; its negative is the earliest."""
         return min(core.latest for core in self.cores)
 
     @property
@@ -64,7 +64,7 @@ class MultiFin:
             core.state = one
 
     def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
-        """Return what is wrong with a state that was stored at `now` [s] from the start; see :meth:`Core.unsound`."""
+        """Return the problem of a state that was stored at `now` [s] from the start; see :meth:`Core.unsound`."""
         if not (isinstance(state, tuple) and len(state) == 3):
             return "number of values"
         of_line, instant, states = state
@@ -77,20 +77,20 @@ class MultiFin:
             return "state of the supply's line"
         placed = type(instant) is int and instant >= 1 and finite(instant)
         if placed and self._line and self._line[0] > 0.0:
-            # The next instant of a line that is not stiff lies ahead, within an interval.
+            # The next update of a line that is not stiff is ahead, within an interval.
             ahead, interval = instant * self._line[-1] - now, self._line[-1]
             placed = 0.0 <= ahead <= interval * (1.0 + 1e-9) + 1e-9
         return "" if placed else "place in time of the supply's line"
 
     def motion_loads(self, *motion: float) -> list[tuple[float, ...]]:
-        """Return what the vehicle's motion makes of each fin, from the inputs of the motion."""
+        """Return the loads that the vehicle's motion causes at each fin, from the inputs of the motion."""
         return [core.motion_loads(*motion) for core in self.cores]
 
     def acting(self, rows: Sequence[Sequence[Any]], motion_loads: Sequence[Sequence[float]], mixing: Sequence[float]
                ) -> tuple[Inputs, ...]:
         """Return each fin's core inputs from its actuator's inputs, its motion loads and the mixing commands."""
-        inputs = [inputs_of(row, made, self._motion, self._power is not None)
-                  for row, made in zip(rows, motion_loads, strict=True)]
+        inputs = [inputs_of(row, loads, self._motion, self._power is not None)
+                  for row, loads in zip(rows, motion_loads, strict=True)]
         return tuple((*f[_CORE](command, *mixing), *rest)
                      for f, (command, *rest) in zip(self._functions, inputs, strict=True))
 
@@ -100,9 +100,9 @@ class MultiFin:
         return self._put_out(inputs[0][self._supply], each)
 
     def run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        """Move on to `end` [s] from the start with the inputs held, all or nothing; return the outputs there.
+        """Advance to `end` [s] from the start with the inputs held, all or nothing; return the outputs there.
 
-        Raises ArithmeticError where the equations cannot be followed.
+        Raises ArithmeticError if the equations cannot be followed.
         """
         before = self.state
         try:
@@ -116,7 +116,7 @@ class MultiFin:
         stiff, interval = (not self._line[0] > 0.0, self._line[-1]) if self._line else (True, 1.0)
         if not stiff and not end / interval - self._instant <= MOST_TICKS:
             raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the line")
-        # A host's clock may stand a little before an instant it means to have reached.
+        # A host's clock may be slightly before an instant that it means to have reached.
         while not stiff and (following := self._instant * interval) <= last:
             _, drawn, _ = self._shared(source, self._run_fins(min(following, end), inputs))
             state = self._following(source, drawn)
@@ -130,7 +130,7 @@ class MultiFin:
         return [core.run(until, self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
 
     def _supplied(self, inputs: Inputs) -> Inputs:
-        """Return a fin's inputs with what the line has in place of the source's."""
+        """Return a fin's inputs with the line's level as supply, instead of the source's."""
         if self._power is None:
             return inputs
         return (*inputs[:self._supply], self._level(inputs[self._supply]), *inputs[self._supply + 1:])
@@ -140,8 +140,8 @@ class MultiFin:
         return level  # type: ignore[no-any-return]
 
     def _shared(self, source: float, each: Outputs) -> tuple[float, float, float]:
-        """Return the outputs of the line for the fins': what they get, what they draw, and the power [W]."""
-        power = 0.0  # in C's order; sum() compensates from Python 3.12 on
+        """Return the outputs of the line from the fins': its level, what the fins consume, and their power [W]."""
+        power = 0.0  # added in C's order; sum() compensates rounding from Python 3.12 on
         for outputs in each:
             power += outputs[self._power or 0]
         level = self._level(source)

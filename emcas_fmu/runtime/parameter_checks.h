@@ -1,11 +1,11 @@
-/* Whether a set of parameters may be computed with: limits and rules of rules.h, which is generated. */
+/* Checks of a set of parameters, by the limits and rules of rules.h, which is generated. */
 #ifndef EMCAS_PARAMETER_CHECKS_H
 #define EMCAS_PARAMETER_CHECKS_H
 
 #include "core.h"
 #include "rules.h"
 
-/* A rule broken by the parameters, with the numbers of its message from numbers[1] on, of the worst place. */
+/* Whether the parameters break a rule; numbers[1] and following are the numbers of its message, at the worst share. */
 static inline bool rules_broken(const rule *one, const double *p, const double *constants, double *numbers)
 {
     const int scan = one->scanned ? RULE_SCAN : 0;
@@ -20,7 +20,7 @@ static inline bool rules_broken(const rule *one, const double *p, const double *
     return worst > 0.0;
 }
 
-/* Limits first: nothing can be said of a combination with a value out of them. */
+/* The limits come first: rules apply to values within them only. */
 static inline bool rules_hold(const double *p)
 {
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];

@@ -1,8 +1,8 @@
-"""When samples, arrivals and ticks happen.
+"""The times of samples, arrivals and ticks.
 
-Time is a count of ticks. A sample period is cut where the delayed reference reaches
-the drive, and both parts into equal ticks no longer than the longest allowed, so that
-whatever the delay, samples and arrivals fall on tick boundaries.
+Time is counted in ticks. A sample period is cut at the instant at which the delayed reference reaches the drive. Both
+parts are divided into equal ticks that are no longer than the longest allowed. So samples and arrivals are at
+boundaries of ticks, whatever the delay.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from ..actuators.declaration import Actuator
 from ..control import command as bus
 from ..ops.base import Ops, Value
 
-# Communication points this close to a tick, as a share of the sample time, lie on it: hosts
-# add up their steps in floating point, and a point just short of a sample would put the
-# command off by a whole one. Never more than a quarter of the shortest tick.
+# Communication points this close to a tick, as a share of the sample time, count as being on it, but not more than a
+# quarter of the shortest tick: hosts add up their steps in floating point, and a point slightly before a sample would
+# delay the command by a whole sample.
 TOLERANCE = 1e-3
-# A tick may be this much longer than the longest, relative: rounding asks for no further tick.
+# A tick may be longer than the longest by this relative amount, so that rounding does not add a tick.
 _ROUNDING = 1e-9
 
 
 class Schedule(NamedTuple):
     """A sample period: ``before`` ticks of length ``h_before`` [s], then ``after`` of ``h_after``.
 
-    A sample reaches the drive ``delay_samples`` periods after its own, ``arrival`` [s]
-    into the period: between the two parts. A command reaches the controllers ``late_commands`` periods after its own
-    sample. ``slack`` [s] is the tolerance of communication points.
+    The reference of a sample reaches the drive ``delay_samples`` periods later, ``arrival`` [s] into the period:
+    between the two parts. A command reaches the controllers ``late_commands`` periods after its sample. ``slack`` [s]
+    is the tolerance of communication points.
     """
 
     sample_time: Value
@@ -62,14 +62,14 @@ def schedule(ops: Ops, p: Any, actuator: Actuator) -> Schedule:
 
 
 def locate(ops: Ops, p: Any, actuator: Actuator, time: Value) -> tuple[Value, ...]:
-    """Return whole periods and whole ticks beyond them in a time [s] from the start, and the rest [s].
+    """Return the whole periods in a time [s] from the start, the whole ticks after them, and the rest [s].
 
     The rest is 0 within the slack.
     """
     s = schedule(ops, p, actuator)
     periods = ops.floor((time + s.slack) / s.sample_time)
     within = time - periods * s.sample_time
-    late = within + s.slack  # not negative but for rounding
+    late = within + s.slack  # negative by rounding only
     early = ops.both(s.before > 0.0, late < s.arrival)
     first = ops.clip(ops.floor(late / s.h_before), 0.0, s.before - 1.0)
     second = ops.clip(ops.floor((late - s.arrival) / s.h_after), 0.0, s.after - 1.0)

@@ -1,4 +1,4 @@
-/* Columns of the inputs and outputs of many whole runs. */
+/* Columns of inputs and outputs of many whole runs. */
 #ifndef EMCAS_TABLES_H
 #define EMCAS_TABLES_H
 
@@ -10,24 +10,24 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-/* An input of many runs: its first value, and how far on [doubles] that of the next run and of the next row is; 0 where
- * it is the same. */
+/* An input of many runs: its first value, and the strides [doubles] to the next run and to the next row; 0 if the value
+ * is the same. */
 typedef struct {
     const double *first;
     ptrdiff_t run, row;
 } input_column;
 
-/* An output of many runs, likewise: its place among the outputs, and of which points of time it is kept, every nth. */
+/* An output of many runs, likewise; `place` is its index among the outputs, and it is kept at every `every`th point. */
 typedef struct {
     double *first;
     ptrdiff_t run, row;
     size_t place, every;
 } output_column;
 
-/* Why a run went no further, behind the reasons of core_result; the last is that it did not stay with its group. */
+/* Further results of a run, behind those of core_result; RUN_APART: it did not stay with its group. */
 enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE, RUN_APART };
 
-/* Whether an output is kept at a point of time; divisions take long. */
+/* Whether an output is kept at a point of time; without a division in the usual case, since divisions are slow. */
 static inline bool kept_at(const output_column *column, size_t k)
 {
     return column->every == 1 || k % column->every == 0;
@@ -39,7 +39,7 @@ static inline double *value_at(const output_column *column, size_t run, size_t k
            + (ptrdiff_t)(column->every == 1 ? k : k / column->every) * column->row;
 }
 
-/* Outputs of a run at the points that it did not reach. */
+/* Set the outputs of a run at points that it did not reach to NaN. */
 static inline void not_reached(const output_column *out, size_t columns, size_t run, size_t reached, size_t points)
 {
     for (size_t k = reached; k < points; ++k)

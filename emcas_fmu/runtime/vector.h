@@ -1,5 +1,5 @@
-/* LANES numbers side by side and conditions of them, by the widest vectors the compiler's flags allow. Every operation
- * gives each lane the bits that C gives of one number. */
+/* LANES numbers side by side, and conditions of them, in the widest vectors that the compiler's flags allow. In each lane
+ * every operation has the bits of the same operation on one number in C. */
 #ifndef EMCAS_VECTOR_H
 #define EMCAS_VECTOR_H
 
@@ -101,8 +101,8 @@ static inline lanes lanes_clip(lanes x, lanes low, lanes high)
     return lanes_where(lanes_less(x, low), low, lanes_minimum(high, x));
 }
 
-/* The two operations on bits of ops/elementary.py. Added to a number of which the last digit counts ones, a whole number
- * stands in the last bits; and bits put below such a number's are a whole number added to it. */
+/* The two operations on bits in ops/elementary.py. In a double of 2 to the power of 52 or more the last bit counts ones: a
+ * whole number that is added to it is in its last bits, and bits that are set there are a whole number added to it. */
 static inline lanes lanes_power_of_two(lanes k) { return lanes_shifted(k + lanes_set(0x1.8p52 + 1023.0)); }
 static inline lanes lanes_exponent(lanes x)
 {

@@ -1,7 +1,7 @@
 /* Stepping of LANES actuators side by side: core.h over vectors, function by function.
  *
- * Lanes move together: a lane counts (`which`) where its samples and ticks fall in with the others'. A lane that does
- * not, or that cannot be followed, is left for core.h to move alone, from a copy of its state. */
+ * Lanes move together while their samples and ticks coincide; `which` are the lanes that do. The others, and those whose
+ * equations cannot be followed, are moved by core.h alone, from a copy of their state. */
 #ifndef EMCAS_VECTOR_CORE_H
 #define EMCAS_VECTOR_CORE_H
 
@@ -21,14 +21,14 @@ typedef struct {
     lanes period, before, after, arrival, h_before, h_after, samples, late_commands, slack;
 } group_schedule;
 
-/* Parameters of LANES actuators, and behind them what follows from these. */
+/* Parameters of LANES actuators and, behind them, the constants computed from these. */
 enum { GROUP_VALUES = MODEL_PARAMETERS + KERNEL_CONSTANTS };
 
 typedef struct {
     lanes values[GROUP_VALUES];
 } group_parameters;
 
-/* What is needed at every step stands together, at the end; a core_part, which is not, first. A lane's time is `period`,
+/* The members that every step needs are together, at the end; those of a core_part come first. A lane's time is `period`,
  * `position` and `partial`, as in core_state. */
 typedef struct {
     lanes origin, covered, loads[CORE_LOADS];
@@ -40,22 +40,22 @@ typedef struct {
     lanes line[CORE_LINE];
 } group_state;
 
-/* `motion_loads` is of `motion`: where that is all groups', of the one with this number. */
+/* `motion_loads` are those of `motion`; `common_motion` is its number if all groups have the same motion, else 0. */
 typedef struct {
     uint64_t common_motion;
     lanes motion[MODEL_MOTION], motion_loads[CORE_MOTION_LOADS];
-    group_state state; /* its line as long as the longest that is needed */
+    group_state state; /* with a line as long as the longest of the batch */
 } group;
 
-/* A step of a group: what its lanes have in common. */
+/* A step of a group: the values that its lanes have in common. */
 typedef struct {
     const lanes *p, *c;
     group_schedule plan;
     double end;
     lanes at[3]; /* period, position and rest of `end` */
     int32_t before, ticks;
-    size_t values, late, line; /* of the line: DAC's values, commands, the longest of all lanes */
-    unsigned together;         /* lanes whose schedules are like that of lane 0 */
+    size_t values, late, line; /* numbers of DAC values, of delayed commands, and of both in the longest lane */
+    unsigned together;         /* lanes whose schedule has the same numbers as that of lane 0 */
 } group_step;
 
 static inline lanes group_lane(const lanes *x, int lane)
@@ -68,7 +68,7 @@ static inline double *group_at(lanes *x, int lane)
     return (double *)x + lane;
 }
 
-/* The lanes whose time is that of `lane`. */
+/* The lanes that have reached the same time as `lane`. */
 static inline unsigned group_beside(const group_state *s, int lane)
 {
     unsigned beside = 0;
@@ -78,7 +78,7 @@ static inline unsigned group_beside(const group_state *s, int lane)
     return beside;
 }
 
-/* Those lanes of `which`, not none, that can move together: that did not stay behind the one that is furthest. */
+/* The lanes of `which` (at least one) that have reached the latest time, and so can move together. */
 static inline unsigned group_together(const group_state *s, unsigned which)
 {
     int lead = __builtin_ctz(which);
@@ -90,7 +90,7 @@ static inline unsigned group_together(const group_state *s, unsigned which)
     return which & group_beside(s, lead);
 }
 
-/* A sum, which is no number or infinite where one of its terms is; in four parts, so that none waits for another. */
+/* A sum that is finite only where all terms are; in four independent parts, which a processor adds in parallel. */
 static inline lanes group_sum(const lanes *x, int count)
 {
     lanes sum[4] = {lanes_set(0.0), lanes_set(0.0), lanes_set(0.0), lanes_set(0.0)};
@@ -107,7 +107,7 @@ static inline void group_outputs(const group_step *g, unsigned which, const grou
                    CORE_HELD_OF(s), in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
 }
 
-/* Gives the lanes that got there. */
+/* Returns the lanes that reached the end of the tick. */
 static inline lanes_mask group_finish(const group_step *g, lanes_mask which, const group_state *s, group_plant *x,
                                       const group_inputs *in, lanes left)
 {
@@ -207,13 +207,13 @@ static inline lanes_mask group_tick(const group_step *g, lanes_mask which, group
     return group_finish(g, which, s, &s->tentative, acting, until - origin);
 }
 
-/* Move those lanes of `which`, not none, on to `end` [s] that can go together; gives which of them got there. Of the
- * others nothing in `s` and `out` has a meaning. */
+/* Advance the lanes of `which` (at least one) to the step's end, as far as they move together; returns those that reached
+ * it. The values of other lanes in `s` and `out` have no meaning. */
 static inline lanes_mask group_move(const group_step *g, unsigned which, group_state *s, const group_inputs *in,
                                     lanes *out)
 {
     const int lead = __builtin_ctz(which);
-    /* The next sample is not located, as in core_move: at rounding's distance from the slack the two may differ. */
+    /* As in core_move the next sample is not located: at the slack's very edge the two ways may round differently. */
     const lanes next = lanes_set((double)(s->period[lead] + 1)), none = lanes_set(0.0);
     const lanes_mask near = lanes_less_equal(lanes_fabs(lanes_set(g->end) - next * g->plan.period), g->plan.slack);
     const lanes at[3] = {lanes_where(near, next, g->at[0]), lanes_where(near, none, g->at[1]),
@@ -229,7 +229,7 @@ static inline lanes_mask group_move(const group_step *g, unsigned which, group_s
     if (!((periods - (double)here) * g->ticks <= CORE_MOST_TICKS)) return lanes_of_bits(0);
     int64_t period = (int64_t)(periods > -1.0 ? periods : -1.0);
     lanes rest = at[2];
-    if (period < here || (period == here && position <= there)) { /* never back */
+    if (period < here || (period == here && position <= there)) { /* time never goes back */
         const lanes covered = s->partial[0] ? s->covered : lanes_set(0.0);
         const bool behind = period < here || position < there;
         period = here;

@@ -5,9 +5,10 @@
 
 enum { PLAN = sizeof(core_schedule) / sizeof(double) };
 
-/* Many actuators. A group has LANES of them, `order` says which: repeated where a group is not full. Of the values of an
- * actuator (its parameters and what follows from them) those that all have in common are in `common`, the others, which
- * are at `places` among them, in `varying`: a vector for each of them, group after group. */
+/* Many actuators, in groups of LANES. `order` lists the actuators of the groups; the last one is repeated to fill a group.
+ * The values of an actuator are its parameters and the constants computed from them. `common` are those of one actuator;
+ * `places` are the indices of those that differ between actuators, and `varying` has a vector for each of these, group
+ * after group. */
 typedef struct {
     size_t count;
     const size_t *order;
@@ -17,7 +18,7 @@ typedef struct {
     const lanes *varying;
     char *groups;
     size_t group_size;
-    int same_schedule, in_order; /* of all actuators; `order` is that of the columns */
+    int same_schedule, in_order; /* all actuators have the same schedule; `order` is the columns' order */
 } batch;
 
 API int batch_lanes(void)
@@ -25,28 +26,28 @@ API int batch_lanes(void)
     return LANES;
 }
 
-/* How many values an actuator has, and how many of them are its schedule. */
+/* The number of values of an actuator, and the number of values of its schedule. */
 API size_t batch_values(size_t *schedule)
 {
     *schedule = PLAN;
     return GROUP_VALUES;
 }
 
-/* Which of the values steps, samples and outputs read; what the others were for is among these. */
+/* Mark the values that steps, samples and outputs read; the others are needed only to compute these. */
 API void batch_reads(unsigned char *reads)
 {
     memset(reads, 1, GROUP_VALUES);
     memcpy(reads, VECTOR_READS, sizeof VECTOR_READS);
 }
 
-/* Bytes of a group of delay lines no longer than `line`. */
+/* Bytes of a group whose delay buffers have `line` values at most. */
 API size_t batch_group_size(size_t line)
 {
     return offsetof(group, state.line) + line * sizeof(lanes);
 }
 
-/* The values and schedules of actuators with `parameters`, `apart` [doubles] from one to the next. The schedule of those
- * whose parameters are no set to compute with is no number. */
+/* Compute the values and schedules of actuators from their `parameters`, `apart` [doubles] from one to the next. The period
+ * of an actuator whose parameters break a limit or rule is NaN. */
 API void batch_prepare(size_t count, const double *parameters, size_t apart, double *values, double *schedules)
 {
     for (size_t i = 0; i < count; ++i) {
@@ -62,7 +63,7 @@ API void batch_prepare(size_t count, const double *parameters, size_t apart, dou
     }
 }
 
-/* Where a group is to go. Lanes whose schedule has other numbers of ticks or samples are not `together` with lane 0. */
+/* The step of a group to `end` [s]. Lanes whose numbers of ticks or delayed samples differ are not `together` with lane 0. */
 static group_step prepared(const group_parameters *of, double end)
 {
     group_step g = {.p = of->values, .c = of->values + MODEL_PARAMETERS, .end = end};
@@ -85,7 +86,7 @@ static group_step prepared(const group_parameters *of, double end)
     return g;
 }
 
-/* core_start of every lane. */
+/* core_start for every lane. */
 static void start(group *at, const group_step *g)
 {
     memset(at, 0, batch_group_size(g->line));
@@ -144,7 +145,7 @@ static void put_back(const core_state *s, group_state *to, int lane, size_t line
     to_lane(to->line, lane, s->line, line);
 }
 
-/* core_run of one lane from the state `before`; its state and outputs replace what is in `s` and `out`. */
+/* core_run for one lane from the state `before`; its state and outputs are written to that lane of `s` and `out`. */
 static core_result alone(const group_step *g, const group_state *before, group_state *s, int lane,
                          const group_inputs *in, lanes *out)
 {
@@ -161,7 +162,7 @@ static core_result alone(const group_step *g, const group_state *before, group_s
     return result;
 }
 
-/* Copy a group's state, without the part of a tick if no lane is inside one. */
+/* Copy a group's state; the part of a tick only if a lane is inside a tick. */
 static void keep(const group_state *s, group_state *to, size_t line)
 {
     enum { ALWAYS = (offsetof(group_state, line) - offsetof(group_state, sampled)) / sizeof(lanes) };
@@ -178,7 +179,7 @@ static void keep(const group_state *s, group_state *to, size_t line)
     for (size_t i = 0; i < line; ++i) to->line[i] = s->line[i];
 }
 
-/* Move a group on, each lane whole or not at all; gives those that did not get there, with why in `result`. */
+/* Advance a group, each lane all or nothing; returns the lanes that did not get there, with their reasons in `result`. */
 static unsigned move(const group_step *g, group_state *s, const group_inputs *in, lanes *out, core_result *result)
 {
     group_state before;
@@ -193,8 +194,8 @@ static unsigned move(const group_step *g, group_state *s, const group_inputs *in
     return stopped;
 }
 
-/* What the vehicle's motion makes of a group, anew if it has changed. The motion that all groups have in common has a
- * number above 0, another one if it has changed. */
+/* Compute the motion loads of a group if the vehicle's motion has changed. A motion that all groups have in common has a
+ * number above 0, which changes with it. */
 static void update_motion_loads(group *at, const group_step *g, const lanes *motion, uint64_t common)
 {
     if (common && at->common_motion == common) return;
@@ -226,7 +227,7 @@ static void prefetch_from(const void *first, const void *last)
     for (const char *line = first; line < (const char *)last; line += 64) __builtin_prefetch(line);
 }
 
-/* Have what a step of a group needs on its way from memory, which is not the part of a tick. */
+/* Fetch from memory what a step of a group needs: everything but the part of a tick. */
 static void prefetch(const group *at, size_t bytes)
 {
     prefetch_from(at->motion_loads, &at->state);
@@ -256,9 +257,8 @@ API void batch_start(const batch *b, size_t first, size_t last)
     }
 }
 
-/* Move groups first to last - 1 on to `end` [s], with the interface's inputs held: columns of a value for each actuator,
- * `stride` [doubles] apart, 0 where it is one for all. `motion` is the number of the vehicle's motion. An output's column
- * begins `out_stride` [doubles] behind the one before. Gives how many actuators did not get there. */
+/* Advance groups first to last - 1 to `end` [s], with inputs, outputs and results as in actuators_run of batch.c. `motion`
+ * is the number of the vehicle's motion. Returns how many actuators did not get there. */
 API size_t batch_run(const batch *b, size_t first, size_t last, double end, const double *const *columns,
                      const ptrdiff_t *stride, uint64_t motion, double *out, size_t out_stride, int *result)
 {
@@ -311,7 +311,7 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
     return failed;
 }
 
-/* Rows of inputs of a group's runs; gives the lanes whose inputs are finite. */
+/* Read a row of inputs of a group's runs; returns the lanes whose inputs are finite. */
 static unsigned table_row(const input_column *in, const size_t *run, size_t k, lanes *row)
 {
     lanes sum = lanes_set(0.0);
@@ -325,8 +325,8 @@ static unsigned table_row(const input_column *in, const size_t *run, size_t k, l
     return lanes_bits(lanes_equal(sum, lanes_set(0.0)));
 }
 
-/* actuators_simulate of a group: the lanes `which`, of the runs `run`. One that does not stay with the others, or cannot be
- * followed, is left to be made alone. */
+/* actuators_simulate for the lanes `which` of a group, which are the runs `run`. A run that does not stay with the others,
+ * or whose equations cannot be followed, is left RUN_APART. */
 static void simulate(const group_parameters *of, unsigned which, const size_t *run, size_t points, double step,
                      size_t held, const input_column *in, const output_column *out, size_t columns, int64_t *reached,
                      int *result)
@@ -363,8 +363,8 @@ static void simulate(const group_parameters *of, unsigned which, const size_t *r
     }
 }
 
-/* actuators_simulate of batch.c for actuators with these `values`, `apart` [doubles] from one to the next, in an order of
- * runs in which neighbours have like schedules. Runs that are RUN_APART have to be made alone. */
+/* actuators_simulate of batch.c for actuators with `values`, `apart` [doubles] from one to the next. In the `order` of runs
+ * neighbours have like schedules. Runs with the result RUN_APART have to be simulated alone. */
 API void batch_simulate(size_t count, const size_t *order, const double *values, size_t apart, size_t points, double step,
                         size_t held, const input_column *in, const output_column *out, size_t columns,
                         int64_t *reached, int *result)

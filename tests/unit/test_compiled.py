@@ -263,14 +263,14 @@ def test_the_next_compiler_is_tried(uncached: Path, monkeypatch: pytest.MonkeyPa
 
 def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Python computes it, until more is asked for, by whichever way; or where the kernel is there."""
-    monkeypatch.setattr(library, "_asked", defaultdict(float))
+    monkeypatch.setattr(library, "_steps", defaultdict(float))
     values = load_parameters(model=SMALL).values
     runs = [simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1)]
     assert not list(uncached.iterdir())
     simulate(values, (library.WORTH_COMPILING - 1000) * 1e-3, 1e-3, model=SMALL)
     (kept,) = uncached.iterdir()
     for asked in (0.0, 100.0 * library.WORTH_COMPILING):
-        monkeypatch.setattr(library, "_asked", defaultdict(float, {(SMALL, 1): asked}))
+        monkeypatch.setattr(library, "_steps", defaultdict(float, {(SMALL, 1): asked}))
         runs.append(simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1))
     assert list(uncached.iterdir()) == [kept]
     assert all(np.array_equal(run[name], runs[0][name]) for run in runs for name in run)
@@ -281,7 +281,7 @@ def test_what_has_been_compiled_is_looked_for_before_that(lanes: int, enough: in
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
     """For a second, or two actuators of a batch."""
     monkeypatch.setattr(library, "_kept", lambda *_: True)
-    monkeypatch.setattr(library, "_asked", defaultdict(float))
+    monkeypatch.setattr(library, "_steps", defaultdict(float))
     assert not library.worth(SMALL, enough - 1, lanes)
     assert library.worth(SMALL, 1, lanes)
 
