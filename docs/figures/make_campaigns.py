@@ -35,7 +35,7 @@ FIGURES = {"energy": "net_energy", "power_rms": "rms_power", "power_peak": "peak
 EXPERIMENTS = {
     **{f"step of {size} deg": (Experiment("a", "step", 0.6), {"amplitude": radians(size)}) for size in (1, 5, 20)},
     "sine of 2 deg, 10 Hz": (Experiment("a", "sine", 0.6), {"amplitude": radians(2), "frequency": 10.0}),
-    "sweep of 1 deg, 0.5 to 30 Hz": (Experiment("a", "chirp", 12.0), {
+    "sweep of 1 deg, 0.5 to 30 Hz": (Experiment("a", "sweep", 12.0), {
         "amplitude": radians(1), "low": 0.5, "high": 30.0})}
 
 

@@ -22,6 +22,8 @@ from ..support import extras
 from .excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to, times
 from .frequency_response import PURE, FrequencyResponse, fundamental_weights, swept
 from .metrics import FIGURES, MOTION, RESTING, USAGE, motion, rest, usage
+from .motions import KINDS as MOTIONS
+from .motions import motion as commanded
 from .runs import Run, Runs
 from .subject import Subject
 
@@ -30,8 +32,8 @@ _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
 _MOVES = tuple(dict.fromkeys((*MOTION, *USAGE)))
 _RESTS = tuple(dict.fromkeys((*RESTING, *USAGE)))
 KINDS: Mapping[str, tuple[str, ...]] = {
-    "step": _MOVES, "slew": (*_MOVES, "rate_asymmetry"), "load": _RESTS, "release": _RESTS, "sine": _BANDWIDTHS,
-    "linear": _MARGINS, "repeat": ("repeat_error",)}
+    **{kind: _MOVES for kind, each in MOTIONS.items() if each.jumps}, "slew": (*_MOVES, "rate_asymmetry"),
+    "load": _RESTS, "release": _RESTS, "sine": _BANDWIDTHS, "linear": _MARGINS, "repeat": ("repeat_error",)}
 """The figures of each kind of test."""
 BANDWIDTHS = 2.0, 60.0  # Hz, between which a bandwidth is looked for
 GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz, of which two neighbours are bisected
@@ -76,14 +78,15 @@ class Test:
     def __str__(self) -> str:
         """What is done, in words."""
         size = f"{degrees(self.amplitude):.4g} deg"
-        words = {"step": f"step of {size}, both ways, held for {self.duration:g} s",
+        words = {**{kind: f"{kind} of {size}, both ways, over {self.duration:g} s" for kind in MOTIONS},
+                 "step": f"step of {size}, both ways, held for {self.duration:g} s",
                  "slew": f"slew from one side to the other, {size}, both ways, over {self.duration:g} s",
                  "load": f"{self.torque:g} N.m at once on a fin held at 0, both ways, for {self.duration:g} s",
                  "release": f"{self.torque:g} N.m let go after {self.settle:g} s, both ways, over {self.duration:g} s",
                  "sine": f"fundamental under sines of {size}", "linear": "linear loop, broken at the drive's reference",
                  "repeat": f"slew of ±{size} after one-sided cycles, stall, saturation, disabling and brown-out"}
         loaded = f", {'with' if self.torque > 0.0 else 'against'} {abs(self.torque):g} N.m"
-        return (words[self.kind] + (loaded if self.torque and self.kind in ("step", "slew") else "")
+        return (words[self.kind] + (loaded if self.torque and self.kind in MOTIONS else "")
                 + ("" if self.supply == 1.0 else f", at {100.0 * self.supply:g} % of the supply"))
 
 
@@ -175,7 +178,7 @@ def _motion(test: Test, sign: float) -> Excitation:
     if test.kind == "slew":
         slew = slew_to(level, test.duration, torque, settle=test.settle)
         return slew.holding({COMMAND: np.where(slew.judged(slew.time), level, -level)})  # from the first row on
-    return step_to(level, test.duration).holding({LOAD: torque})
+    return commanded(test.kind, level, test.duration).holding({LOAD: torque})
 
 
 def _moved(runs: Runs) -> dict[str, Array]:

@@ -19,6 +19,7 @@ from ..parameters import ParameterSet
 from ..parameters.schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
 from ..support.files import models_directory
 from ..variables import Variable
+from . import motions
 from .excitation import SETTLE, STEP
 from .measure import BANDWIDTHS, KINDS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
@@ -50,13 +51,16 @@ _AMPLITUDE: Any = (Annotated[float, PlainValidator(_amplitude)], ...)
 _TORQUE: Any = (Annotated[float, PlainValidator(_torque)], ...)
 _DURATION: Any = (Annotated[float, In("s", _SHORTEST, 100.0)], 0.6)
 _SETTLE: Any = (Annotated[float, In("s", STEP, 100.0)], SETTLE)
-_TIMED: Any = {"duration": _DURATION, "supply": (Annotated[float, In("1", 0.1, 2.0)], 1.0)}
-_MOVE = {**_TIMED, "amplitude": _AMPLITUDE, "torque": (Annotated[float, In("N.m")], 0.0)}
+_SUPPLY: Any = (Annotated[float, In("1", 0.1, 2.0)], 1.0)
+_MOTION: Mapping[str, Any] = {"amplitude": _AMPLITUDE, "duration": _DURATION, "settle": _SETTLE,
+                              "torque": (Annotated[float, In("N.m")], 0.0)}
+_LOAD: Mapping[str, Any] = {"torque": _TORQUE, "duration": _DURATION, "supply": _SUPPLY}
+_OTHERS: Mapping[str, Mapping[str, Any]] = {
+    "load": _LOAD, "release": {**_LOAD, "settle": _SETTLE}, "sine": {"amplitude": _AMPLITUDE}, "linear": {},
+    "repeat": {"amplitude": _AMPLITUDE, "duration": _DURATION, "torque": _TORQUE}}
 _TESTS: Mapping[str, type[Table]] = {
-    kind: create_model(kind, __base__=Table, kind=(str, ...), **fields) for kind, fields in (
-    ("step", _MOVE), ("slew", {**_MOVE, "settle": _SETTLE}), ("load", {**_TIMED, "torque": _TORQUE}),
-    ("release", {**_TIMED, "torque": _TORQUE, "settle": _SETTLE}), ("sine", {"amplitude": _AMPLITUDE}), ("linear", {}),
-    ("repeat", {"amplitude": _AMPLITUDE, "duration": _DURATION, "torque": _TORQUE}))}
+    **{name: motions.schema(name, _MOTION, supply=_SUPPLY) for name, kind in motions.KINDS.items() if kind.jumps},
+    **{name: create_model(name, __base__=Table, kind=(str, ...), **fields) for name, fields in _OTHERS.items()}}
 
 
 def _unit(figure: str) -> str:

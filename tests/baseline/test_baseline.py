@@ -17,7 +17,7 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.schema import In
 from emcas_fmu.studies.baseline.files import read
-from emcas_fmu.studies.baseline.model import ALL, Limit, Step, output_units, unit_of
+from emcas_fmu.studies.baseline.model import ALL, Jump, Limit, output_units, unit_of
 from emcas_fmu.studies.baseline.study import Row, compare
 
 from .conftest import SHORT, check, edit, emcas, record
@@ -176,7 +176,7 @@ def test_cases_of_the_user(short: Path) -> None:
 def test_a_command_beyond_the_range_is_reduced_once(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text('[command]\nlimit = "12 deg"\n')
     record(tmp_path, article="small.toml")
-    commands = {name: c.command for name, c in read(tmp_path / "baseline").cases.items() if isinstance(c, Step)}
+    commands = {name: c.command for name, c in read(tmp_path / "baseline").cases.items() if isinstance(c, Jump)}
     assert (commands["large_step"], commands["step"]) == (12.0, -5.0)
 
 

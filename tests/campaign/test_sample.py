@@ -14,6 +14,7 @@ import pytest
 from emcas_fmu.bench import metrics
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.frequency_response import frequency_response
+from emcas_fmu.bench.motions import KINDS, OLD_WORDS
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES, LEAD_IN
@@ -76,7 +77,7 @@ def test_a_sweep_has_the_validations_bandwidth(values: Mapping[str, Any]) -> Non
     inputs = case.inputs()
     angle = simulate(values, case.stop_time, fin_command=inputs["fin_command"])["fin_angle"]
     expected = frequency_response(inputs["time"], inputs["fin_command"], angle, 0.5, 30.0)
-    found = figures(Experiment("a", "chirp", case.stop_time - LEAD_IN), {
+    found = figures(Experiment("a", "sweep", case.stop_time - LEAD_IN), {
         "experiments.a.amplitude": case.amplitude, "experiments.a.low": 0.5, "experiments.a.high": 30.0})
     assert found["bandwidth_3db"] == pytest.approx(expected.bandwidth, rel=1e-4)
     assert found["bandwidth_90deg"] == pytest.approx(expected.phase_bandwidth, rel=1e-4)
@@ -163,6 +164,18 @@ low = "2 Hz"
 high = { levels = ["20 Hz", "6 Hz"] }
 duration = "2 s"
 """
+
+
+@pytest.mark.parametrize("kind", [*KINDS, *OLD_WORDS])
+def test_every_kind_of_motion_is_an_experiment(write: Write, kind: str) -> None:
+    shape = "".join(f'{field} = "{hertz} Hz"\n' for field, hertz in zip(
+        KINDS[OLD_WORDS.get(kind, kind)].shape, (5, 20), strict=False))
+    plan = load_study(write(SMALL.replace('kind = "step"\n', f'kind = "{kind}"\n{shape}'))).plan
+    row = row_of(plan, 0, [0.11, 20.0, -10.0], SUBJECT)
+    assert (row["status"], row["error"]) == ("ok", "")
+    assert row["step.peak_rate"] > 0.01
+    assert ("step.rise_time" in row) == KINDS[plan.experiments[0].kind].jumps
+    assert ("step.bandwidth_3db" in row) == KINDS[plan.experiments[0].kind].sweeps
 
 
 def test_no_response_is_no_bandwidth(write: Write, recwarn: pytest.WarningsRecorder) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from emcas_fmu.bench.motions import KINDS
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
@@ -24,7 +25,7 @@ from .conftest import GRID, ODD, SMALL, Write, campaign, replaced
 def test_the_example_is_sound(write: Write, tmp_path: Path) -> None:
     study = load_study(models_directory() / "campaign.toml")
     assert study.samples == 1000
-    assert {e.kind for e in study.plan.experiments} == {"step", "chirp"}
+    assert {e.kind for e in study.plan.experiments} == {"step", "sweep"}
     (tmp_path / "unit.toml").write_text('[drive]\nsupply_voltage = "19.5 V"\n', encoding="utf-8")
     small = load_study(write(f'[base]\nparameters = "{tmp_path / "unit.toml"}"\n{study.text}'))
     for each, limits in ((study, (18.0, 39.0)), (small, (9.0, 19.5))):  # the brown-out is a share of the supply
@@ -155,7 +156,7 @@ duration = "0.2 s"
      "end = 0.01 s is before begin = 0.03 s"),
     ('"constant"\nvalue =', '"window"\nbegin = { low = "30 ms", high = "50 ms", count = 3 }\nend = "20 ms"\nvalue =',
      "end = 0.02 s is before begin = 0.03 s"),
-    ('kind = "step"', 'kind = "chirp"\nlow = "20 Hz"\nhigh = "20 Hz"', "low (up to 20 Hz) must be below high"),
+    ('kind = "step"', 'kind = "sweep"\nlow = "20 Hz"\nhigh = "20 Hz"', "low (up to 20 Hz) must be below high"),
     ('kind = "step"', 'kind = "chirp"\nlow = "20 Hz"\n'
      'high = { distribution = "uniform", low = "15 Hz", high = "30 Hz" }', "must be below high (from 15 Hz"),
     ("[campaign]", '[base]\nfin = 2\n[campaign]', "fin 2 is one of an FMU"),
@@ -165,7 +166,7 @@ duration = "0.2 s"
     ('low = "-6 degC"', 'low = "50 %"', "a percentage of a temperature says nothing"),
     ('follows = "motor.torque_constant"', 'follows = "motor.resistance"', "is no number that varies"),
     ('kind = "constant"', 'kind = "konstant"', "did you mean constant"),
-    ('kind = "step"', 'kind = "leap"', "there is step, sine, chirp, hold"),
+    ('kind = "step"', 'kind = "leap"', f"there is {', '.join(KINDS)}"),
     ('amplitude = "5 deg"', 'amplitude = "5 V"', "experiments.step.amplitude = 5 V"),
     ('amplitude = "5 deg"', 'amplitude = "50 deg"', "must be within"),
     ('amplitude = "5 deg"', 'amplitude = "0 deg"', "other than 0"),

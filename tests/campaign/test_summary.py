@@ -68,7 +68,7 @@ def test_what_was_never_reached_is_worst(summarised: Summarised) -> None:
 
 def test_infinite_figures_keep_their_side(summarised: Summarised) -> None:
     """A gain of nothing is the least, a bandwidth beyond the sweep the largest; one that cannot be had is worst."""
-    text = SMALL + '[experiments.sweep]\nkind = "chirp"\namplitude = "1 deg"\nlow = "1 Hz"\nhigh = "9 Hz"\n'
+    text = SMALL + '[experiments.sweep]\nkind = "sweep"\namplitude = "1 deg"\nlow = "1 Hz"\nhigh = "9 Hz"\n'
     gains = [-inf if i == 7 else nan if i == 8 else i / 100 for i in range(100)]
     found = summarised(text, **{"sweep.peak_gain": gains, "sweep.bandwidth_3db": [-gain for gain in gains]})
     gain, band = spreads(found, "sweep", "peak_gain", "bandwidth_3db")

@@ -54,7 +54,7 @@ duration = "0.1 s"
 kind = "spring"
 stiffness = { levels = ["0 N.m/rad", "100 N.m/rad"] }
 [experiments.sweep]
-kind = "chirp"
+kind = "sweep"
 amplitude = "2 deg"
 low = "5 Hz"
 high = { levels = ["30 Hz", "20 Hz"] }

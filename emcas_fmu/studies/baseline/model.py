@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pydantic import Field, PlainValidator, ValidationInfo, field_validator
 
 from ...actuators import get
-from ...bench import metrics
-from ...bench.excitation import Excitation, csv_file, reference_case, step_to, sweep
+from ...bench import metrics, motions
+from ...bench.excitation import Excitation, csv_file, reference_case
 from ...bench.frequency_response import sweep_response
 from ...bench.measure import Test, sweep_figures
 from ...bench.measure import excitation as measured
@@ -184,10 +184,8 @@ class Case(Table):
         return metrics.usage(run)
 
 
-class Sweep(Case):
-    """A sine sweep of amplitude `command` [deg]; the bandwidths are those under steady sines of it."""
-
-    measured: ClassVar[tuple[str, ...]] = (*_SWEPT, *_ELECTRICAL)
+class Motion(Case):
+    """A kind of motion of the bench; of a slew a `torque` [N.m] comes on with the command, as in requirements."""
 
     command: Annotated[float, In("deg")]
     duration: Annotated[float, In("s", 0.1, LONGEST)]
@@ -200,34 +198,31 @@ class Sweep(Case):
         return command
 
     def made(self, folder: Path, subject: Subject) -> Excitation:
-        return sweep(radians(self.command), self.duration)
+        torque = getattr(self, "torque", 0.0)
+        if self.kind == "slew":  # from the first row on at its starting end
+            sign = copysign(1.0, self.command)
+            slew = Test("slew", abs(radians(self.command)), self.duration, sign * torque)
+            return measured(slew, sign, subject)
+        return motions.motion(self.kind, radians(self.command), self.duration, **({"torque": torque} if torque else {}))
 
-    def measure(self, run: Run, subject: Subject) -> dict[str, float]:
-        response = sweep_response(run)
-        return {**metrics.usage(run), **sweep_figures(response, subject, abs(radians(self.command)), self.start)}
 
-
-class Step(Sweep):
-    """From rest to `command` [deg]; `torque` [N.m] comes on with it."""
+class Jump(Motion):
+    """A motion whose command jumps."""
 
     measured: ClassVar[tuple[str, ...]] = (*_MOTION, *_ELECTRICAL)
-
-    torque: Annotated[float, In("N.m")] = 0.0
-
-    def made(self, folder: Path, subject: Subject) -> Excitation:
-        return step_to(radians(self.command), self.duration, self.torque)
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         return {**metrics.usage(run), **metrics.motion(run, -1)}
 
 
-class Slew(Step):
-    """From -`command` to `command` [deg] while `torque` [N.m] comes on."""
+class Sweep(Motion):
+    """A sine sweep; the bandwidths are those under steady sines of its amplitude."""
 
-    def made(self, folder: Path, subject: Subject) -> Excitation:
-        sign = copysign(1.0, self.command)
-        slew = Test("slew", abs(radians(self.command)), self.duration, sign * self.torque)
-        return measured(slew, sign, subject)
+    measured: ClassVar[tuple[str, ...]] = (*_SWEPT, *_ELECTRICAL)
+
+    def measure(self, run: Run, subject: Subject) -> dict[str, float]:
+        response = sweep_response(run)
+        return {**metrics.usage(run), **sweep_figures(response, subject, abs(radians(self.command)), self.start)}
 
 
 class Reference(Case):
@@ -262,7 +257,10 @@ class Replay(Case):
         return replace(inputs, title=f"inputs of {self.file}")
 
 
-KINDS: Mapping[str, type[Case]] = {"step": Step, "slew": Slew, "sweep": Sweep, "reference": Reference, "file": Replay}
+_FIELDS: Mapping[str, Any] = {"torque": (Annotated[float, In("N.m")], 0.0)}
+KINDS: Mapping[str, type[Case]] = {
+    **{name: motions.schema(name, _FIELDS, Jump if kind.jumps else Sweep)
+       for name, kind in motions.KINDS.items() if kind.jumps or kind.sweeps}, "reference": Reference, "file": Replay}
 
 
 @dataclass(frozen=True)

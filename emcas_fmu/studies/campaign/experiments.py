@@ -1,4 +1,4 @@
-"""What is done in a sample: kinds of experiments and input profiles, as excitations of the bench."""
+"""The experiments of a campaign: a motion of the command and profiles of other inputs, as excitations."""
 
 from __future__ import annotations
 
@@ -11,19 +11,12 @@ from typing import Any
 import numpy as np
 
 from ...actuators import get
-from ...bench.excitation import COMMAND, STEP, Excitation, sine_from_rest, staircase, step_to, sweep
-from ...reference.cases import LEAD_IN
+from ...bench.excitation import COMMAND, STEP, Excitation
+from ...bench.motions import KINDS, motion
 from ...simulation import Array
 
-REQUIREMENT = "requirement"  # no experiment's name: columns begin so
-SAME = ""  # in the tables below: the unit of the input itself
-# The command of each kind of experiment: fields with units. All but those with a default must be given.
-EXPERIMENTS: Mapping[str, Mapping[str, str]] = {
-    "step": {"amplitude": SAME},
-    "sine": {"amplitude": SAME, "frequency": "Hz"},
-    "chirp": {"amplitude": SAME, "low": "Hz", "high": "Hz"},
-    "hold": {"amplitude": SAME},
-}
+REQUIREMENT = "requirement"  # reserved: the columns of requirements begin with it
+SAME = ""  # the unit of the input itself
 PROFILES: Mapping[str, Mapping[str, str]] = {
     "constant": {"value": SAME},
     "step": {"before": SAME, "after": SAME, "at": "s"},
@@ -31,13 +24,14 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
     "sine": {"amplitude": SAME, "frequency": "Hz", "offset": SAME},
     "spring": {"stiffness": "N.m/rad", "offset": SAME},
 }
-# What these stand for where they are left out is the input's start.
+"""Kinds of input profiles: their fields with units."""
+# Fields that may be left out: the input's start value is the default.
 OPTIONAL = ("before", "outside", "offset")
 
 
 @dataclass(frozen=True)
 class Profile:
-    """How an input goes: `prefix` and a field's name make the name its number is found by."""
+    """One input over time; the numbers of its fields are named `prefix`, a dot and the field."""
 
     variable: str
     kind: str
@@ -46,7 +40,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A run of a sample: the command's kind, `duration` [s] from its instant on, profiles of other inputs."""
+    """One run of each sample: a kind of motion, its `duration` [s] after the command, profiles of other inputs."""
 
     name: str
     kind: str
@@ -55,24 +49,24 @@ class Experiment:
 
     @property
     def prefix(self) -> str:
-        """Of the names of the command's numbers."""
+        """What the names of the motion's numbers begin with."""
         return f"experiments.{self.name}"
 
 
 def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mapping[str, Any],
                model: str) -> Excitation:
-    """Return the excitation of an experiment; its command begins after LEAD_IN, and profiles count from there.
+    """Return the excitation of an experiment; the times of profiles count from the command.
 
-    `values` are flat parameters in SI of the `model`, `numbers` those of profiles and commands by name; of many samples
-    those that vary are arrays. Raises ValueError for numbers that do not go together.
+    `values` are the parameters of the `model` (flat, SI), `numbers` those of motions and profiles by name. Those that
+    differ between samples are arrays [samples]. Raises ValueError for numbers that contradict each other.
     """
     number = _finder(numbers, experiment.prefix, 0.0)
-    amplitude, *shape = (number(field) for field in EXPERIMENTS[experiment.kind])
+    amplitude, *shape = (number(field) for field in ("amplitude", *KINDS[experiment.kind].shape))
     each = zip(*(np.ravel(x).tolist() for x in np.broadcast_arrays(*shape)), strict=True) if shape else [()]
-    made = [_unit(experiment.kind, experiment.duration, *numbers_of) for numbers_of in each]
-    one, time = made[0], made[0].time - LEAD_IN
-    unit = one.command if len(made) == 1 else np.stack([each.command for each in made])
-    columns: dict[str, Any] = {COMMAND: amplitude * unit + 0.0}  # no -0.0 of a negative amplitude
+    motions = [_of_unit_amplitude(experiment.kind, experiment.duration, *fields) for fields in each]
+    one, time = motions[0], motions[0].time - motions[0].begin
+    command = one.command if len(motions) == 1 else np.stack([each.command for each in motions])
+    columns: dict[str, Any] = {COMMAND: amplitude * command + 0.0}  # no -0.0 for a negative amplitude
     inputs = {v.name: v for v in get(model).inputs}
     spring: Any = 0.0
     for profile in experiment.profiles:
@@ -91,29 +85,21 @@ Number = Callable[[str], Any]
 
 
 def _finder(numbers: Mapping[str, Any], prefix: str, start: Any) -> Number:
-    """Return what gives a number by its field; of many samples an array [samples, 1], if it varies."""
-    def found(field: str) -> Any:
+    """Return a function that returns the number of a field, [samples, 1] where samples differ; `start` is the default.
+    """
+    def number(field: str) -> Any:
         value = numbers.get(f"{prefix}.{field}", start)
         return np.asarray(value, dtype=float)[:, np.newaxis] if np.ndim(value) else float(value)
-    return found
-
-
-# Of amplitude 1, by the fields besides the amplitude.
-_UNITS: Mapping[str, Callable[..., Excitation]] = {
-    "step": lambda duration: step_to(1.0, duration),
-    "hold": lambda duration: staircase((1.0, 1.0), (LEAD_IN, duration)),
-    "sine": lambda duration, frequency: sine_from_rest(1.0, frequency, duration),
-    "chirp": lambda duration, low, high: sweep(1.0, duration, low, high),
-}
+    return number
 
 
 @lru_cache(maxsize=64)
-def _unit(kind: str, duration: float, *shape: float) -> Excitation:
-    return _UNITS[kind](duration, *shape)
+def _of_unit_amplitude(kind: str, duration: float, *shape: float) -> Excitation:
+    return motion(kind, 1.0, duration, **dict(zip(KINDS[kind].shape, shape, strict=True)))
 
 
 def _from(time: Array, instant: Any) -> Any:
-    """Return whether rows are at an instant or later; one a rounding short of it is on it."""
+    """Return whether rows are at an instant or later; a row that is early by a rounding error counts as on it."""
     return time > instant - STEP / 2
 
 
@@ -129,7 +115,7 @@ _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
     "constant": lambda time, number: number("value"),
     "step": lambda time, number: np.where(_from(time, number("at")), number("after"), number("before")),
     "window": _window,
-    # Row by row, so that the library takes the same steps whichever others there are.
+    # Row by row: with vectors, numpy's sine of a sample could depend on the samples beside it.
     "sine": lambda time, number: number("offset") + number("amplitude") * np.apply_along_axis(
         np.sin, -1, 2.0 * pi * number("frequency") * np.maximum(time, 0.0)),
 }

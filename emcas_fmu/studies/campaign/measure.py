@@ -1,4 +1,4 @@
-"""Which figures of the bench each kind of experiment gives; all from the command's instant on, SI."""
+"""The bench's figures of each kind of experiment, measured from the command on, in SI."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ...actuators import get
 from ...bench.excitation import Excitation
 from ...bench.frequency_response import sweep_response, swept
 from ...bench.metrics import FIGURES, Figure, leap_weights, leaping_power, motion, usage
+from ...bench.motions import KINDS
 from ...bench.runs import Run
 from ...bench.subject import Subject, left_out
 from ...simulation import Array
@@ -23,14 +24,14 @@ POWER = "supply_power"
 # Power is looked at more often than the rest: the drive's short transients follow the controller's samples.
 POWER_ROWS = 5
 _PERIOD = "controller.sample_time"
-_ALL = ("step", "sine", "chirp", "hold")
-# Columns with the bench's name of each and the kinds of experiment that give it.
-_COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {
-    **{name: (name, ("step",)) for name in ("rise_time", "settling_time", "overshoot", "steady_error",
+_ALL = "all"
+# Columns, with the bench's name of each figure and the kinds of motion that have it.
+_COLUMNS: Mapping[str, tuple[str, str]] = {
+    **{name: (name, "jumps") for name in ("rise_time", "settling_time", "overshoot", "steady_error",
                                             "sustained_rate")},
-    **{name: (name, ("chirp",)) for name in ("bandwidth_3db", "bandwidth_90deg", "peak_gain")},
+    **{name: (name, "sweeps") for name in ("bandwidth_3db", "bandwidth_90deg", "peak_gain")},
     "peak_rate": ("peak_rate", _ALL),
-    "tracking_error_peak": ("peak_tracking_error", ("sine", "chirp", "hold")),
+    "tracking_error_peak": ("peak_tracking_error", "does not jump"),
     "tracking_error_rms": ("rms_tracking_error", _ALL),
     "power_peak": ("peak_power", _ALL),
     "power_rms": ("rms_power", _ALL),
@@ -41,10 +42,11 @@ _COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 
 @cache
 def figures(kind: str, model: str) -> Mapping[str, Figure]:
-    """Return the figures of a kind of experiment by name, those for which the actuator has the outputs."""
-    outputs = {v.name for v in get(model).outputs}
-    return {name: FIGURES[figure] for name, (figure, kinds) in _COLUMNS.items()
-            if kind in kinds and outputs.issuperset(FIGURES[figure].needs)}
+    """Return the figures of a kind of experiment by column name, as far as the actuator has the outputs they need."""
+    outputs, of_kind = {v.name for v in get(model).outputs}, KINDS[kind]
+    groups = {_ALL, "jumps" if of_kind.jumps else "does not jump", *(["sweeps"] if of_kind.sweeps else [])}
+    return {name: FIGURES[figure] for name, (figure, group) in _COLUMNS.items()
+            if group in groups and outputs.issuperset(FIGURES[figure].needs)}
 
 
 def lacking(model: str) -> dict[str, list[str]]:
@@ -68,13 +70,13 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
         power = run.columns[POWER][..., begun * POWER_ROWS:]
         weights = [leap_weights(power.shape[-1], run.excitation.step / POWER_ROWS, each) for each in leaps]
         measures |= leaping_power(power, weights[0] if len(weights) == 1 else np.stack(weights))
-    if experiment.kind == "step":
+    if KINDS[experiment.kind].jumps:
         command = run.excitation.command
         if np.any((command[..., -1] == command[..., 0]) | (command[..., -1] == columns["fin_angle"][..., begun])):
             raise ValueError("the step has no height: the command stays where it is")
         measures |= motion(rows)
         measures["steady_error"] = np.abs(measures["steady_error"])
-    if experiment.kind == "chirp":
+    if KINDS[experiment.kind].sweeps:
         low, high = (numbers[f"{experiment.prefix}.{side}"] for side in ("low", "high"))
         if columns["fin_angle"].ndim == 1:
             return measures | _bandwidths(swept(sweep_response(rows, float(low), float(high))))

@@ -1,4 +1,4 @@
-"""The schema of a campaign file: what varies, how inputs go, which experiments; each checked with its unit."""
+"""The schema of a campaign file: factors, input profiles and experiments, each number checked with its unit."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from typing import Annotated, Any
 from pydantic import PlainValidator, create_model
 
 from ...actuators import EXTENSIONS, NAMES, get, parts
+from ...bench import motions
 from ...bench.excitation import COMMAND, LOAD, STEP
 from ...errors import EmcasError, hint
 from ...parameters import ParameterSet
 from ...parameters.schema import In, Table, each, kind_of, leaves
 from ...variables import Variable
 from .distributions import MOST_OUTSIDE, Value, distribution
-from .experiments import EXPERIMENTS, OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile
+from .experiments import OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile
 from .plan import Factor
 
 LONGEST = 300.0  # s, of an experiment: half a gigabyte of rows
-# Of what is no input: rows are a millisecond apart, a spring is coupled once in each.
+# Limits of numbers that are not inputs: rows are a millisecond apart, and a spring acts once in each.
 _OTHERS = {unit: In(unit, *limits)
            for unit, limits in {"Hz": (1e-3, 500.0), "s": (-LONGEST, LONGEST), "N.m/rad": (-1e6, 1e6)}.items()}
 
@@ -38,15 +39,15 @@ class _Follower(Table):
 
 
 class Entries(Table):
-    """The tables of a campaign file that say what is done; the context is the `Reader` that collects it."""
+    """The tables of a campaign file that a `Reader`, the context, collects."""
 
-    vary: Annotated[Any, PlainValidator(lambda written, info: info.context.vary(written))] = None
-    inputs: Annotated[Any, PlainValidator(lambda written, info: info.context.common(written))] = None
-    experiments: Annotated[Any, PlainValidator(lambda written, info: info.context.done(written))] = None
+    vary: Annotated[Any, PlainValidator(lambda written, info: info.context.read_factors(written))] = None
+    inputs: Annotated[Any, PlainValidator(lambda written, info: info.context.read_inputs(written))] = None
+    experiments: Annotated[Any, PlainValidator(lambda written, info: info.context.read_experiments(written))] = None
 
 
 class Reader:
-    """Collects factors, numbers, followers and experiments."""
+    """Collects the factors, fixed numbers, followers and experiments of a campaign on the parameter set `base`."""
 
     def __init__(self, base: ParameterSet) -> None:
         self.base, self.model = base.values, base.model
@@ -58,17 +59,17 @@ class Reader:
         self.experiments: list[Experiment] = []
         self._common: dict[str, Profile] = {}
 
-    def vary(self, written: Any) -> None:
-        """Read what varies."""
+    def read_factors(self, written: Any) -> None:
+        """Read the table `vary`. Raises ValueError or ValidationError, as the others do."""
         each(_tables(written, self._parameters), self._parameter)
         each(((f"{name}.follows", leader) for name, leader in self.followers.items()), self._check_follower)
 
-    def common(self, written: Any) -> None:
-        """Read the inputs of all experiments."""
+    def read_inputs(self, written: Any) -> None:
+        """Read the profiles of inputs that all experiments have."""
         self._common = self._profiles("inputs", written)
 
-    def done(self, written: Any) -> None:
-        """Read the experiments."""
+    def read_experiments(self, written: Any) -> None:
+        """Read the table `experiments`."""
         self.experiments = list(each(written, self._experiment).values())
 
     def _parameter(self, name: str, entry: Any) -> None:
@@ -91,7 +92,7 @@ class Reader:
             raise ValueError("there is no ratio to keep")
 
     def _keep(self, name: str, unit: In, written: Any) -> None:
-        """Keep a number, or a factor where a table gives a distribution."""
+        """Store a number, or a factor if a table describes its distribution."""
         if isinstance(written, Mapping):
             self.factors.append(Factor(name, unit.unit, unit.type, distribution(written, unit)))
         else:
@@ -109,19 +110,19 @@ class Reader:
         kinds: Iterable[str] = [k for k in PROFILES if k != "spring" or name == LOAD]
         kind = kind_of(entry, ("constant", "step", "window") if inputs[name].kind == "Boolean" else kinds)
         profile = Profile(name, kind, f"{prefix}.{name}")
-        self._fields(profile.prefix, entry, PROFILES[kind], name)
-        if kind == "window":  # some may be drawn the wrong way round, and are recorded; all may not
+        create_model("profile", __base__=Table, kind=(str, ...), **self._fields(
+            profile.prefix, name, PROFILES[kind])).model_validate(entry)
+        if kind == "window":  # a sample whose end is before its begin fails; here all of them would
             (begin, _), (_, end) = (self._limits(f"{profile.prefix}.{side}") for side in ("begin", "end"))
             if end < begin:
                 raise ValueError(f"end = {end:g} s is before begin = {begin:g} s; give an end that is later")
         return profile
 
-    def _fields(self, prefix: str, entry: Any, units: Mapping[str, str], name: str, **more: Any) -> Any:
-        """Read the numbers of a profile or command of the input `name`, and what there is besides."""
-        fields: dict[str, Any] = {field: (Annotated[Any, PlainValidator(
-            partial(self._keep, f"{prefix}.{field}", self._unit(name, field, unit)))],
-            None if field in OPTIONAL else ...) for field, unit in units.items()}
-        return create_model("entry", __base__=Table, kind=(str, ...), **fields, **more).model_validate(entry)
+    def _fields(self, prefix: str, name: str, units: Mapping[str, str]) -> dict[str, Any]:
+        """Return the fields of a motion or profile of the input `name`, for a model; each stores its number."""
+        return {field: (Annotated[Any, PlainValidator(partial(
+            self._keep, f"{prefix}.{field}", self._unit(name, field, unit)))], None if field in OPTIONAL else ...)
+            for field, unit in units.items()}
 
     def _unit(self, name: str, field: str, unit: str) -> In:
         variable = self._inputs[name]
@@ -134,7 +135,7 @@ class Reader:
         return replace(written, minimum=-inf, maximum=inf) if field == "amplitude" else written
 
     def _limits(self, name: str, outside: float = 0.0) -> tuple[float, float]:
-        """Return between what a number lies, whether it is fixed or drawn."""
+        """Return the least and the largest value of a number, whether it is fixed or drawn."""
         if name in self.numbers:
             return float(self.numbers[name]), float(self.numbers[name])
         return next(f for f in self.factors if f.name == name).distribution.limits(outside)
@@ -142,13 +143,15 @@ class Reader:
     def _experiment(self, name: str, entry: Any) -> Experiment:
         if "." in name or name == REQUIREMENT:
             raise ValueError(f"a name without dots is needed, and another than {REQUIREMENT}")
-        kind, prefix = kind_of(entry, EXPERIMENTS), f"experiments.{name}"
-        table = self._fields(prefix, entry, EXPERIMENTS[kind], COMMAND,
-                             duration=(Annotated[float, PlainValidator(_duration)], 1.0),
-                             inputs=(Annotated[Any, PlainValidator(partial(self._profiles, f"{prefix}.inputs"))], {}))
-        if kind == "step" and self.numbers.get(f"{prefix}.amplitude") == 0.0:
-            raise ValueError("a step needs an amplitude other than 0")
-        if kind == "chirp":
+        kind, prefix = motions.kind_in(entry), f"experiments.{name}"
+        units = {field: motions.UNITS[field] for field in motions.KINDS[kind].shape}
+        numbers = self._fields(prefix, COMMAND, {"amplitude": SAME, **units})
+        numbers["duration"] = (Annotated[float, PlainValidator(_duration)], 1.0)
+        profiles = Annotated[Any, PlainValidator(partial(self._profiles, f"{prefix}.inputs"))]
+        table = motions.schema(kind, numbers, inputs=(profiles, {})).model_validate(entry)
+        if motions.KINDS[kind].jumps and self.numbers.get(f"{prefix}.amplitude") == 0.0:
+            raise ValueError(f"a {kind} needs an amplitude other than 0")
+        if motions.KINDS[kind].sweeps:
             (_, low), (high, _) = (self._limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
             if not low < high:
                 raise ValueError(f"low (up to {low:g} Hz) must be below high (from {high:g} Hz on)")
@@ -156,7 +159,7 @@ class Reader:
 
 
 def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[str, Any]]:
-    """Return names with dots, quoted or not, with their tables. Raises ValueError."""
+    """Return dotted names, quoted or not, with their tables. Raises ValueError."""
     if not isinstance(entries, Mapping):
         raise ValueError("expected a table")
     return leaves(entries, lambda name, table: table and name not in variables and all(
@@ -164,12 +167,12 @@ def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[s
 
 
 def _elsewhere(name: str, model: str) -> str:
-    """Return what to say of a parameter or input that the actuator with an extension, or another actuator, has."""
+    """Return a hint to the extension, or the other actuator, that has a parameter or input of this name."""
     actuator, extensions = parts(model)
     for kind in (*("+".join((actuator, *extensions, more)) for more in EXTENSIONS if more not in extensions), *NAMES):
         try:
             chosen = get(kind)
-        except EmcasError:  # an extension that does not go with it
+        except EmcasError:  # the extension does not fit this actuator
             continue
         if any(v.name == name for v in (*chosen.parameters, *chosen.inputs)):
             return f" of the {get(model).name} model; {kind} has one: name the model in [base], or with --model"
