@@ -1,8 +1,7 @@
-"""The excitations of the bench: rows of inputs that are given to an actuator, each held until the next.
+"""The excitations of the bench: rows of inputs of an actuator, each held until the next.
 
-Angles are in rad, moments in N.m, times in s, frequencies in Hz. Every motion begins after a rest (LEAD_IN; a slew
-after SETTLE at its starting end), and every load comes on within LOAD_RISE of the command, as in
-the reference cases.
+Angles are in rad, moments in N.m, times in s, frequencies in Hz. As in the reference cases, every motion begins after
+LEAD_IN at rest (a slew after SETTLE at its starting end), and loads rise within LOAD_RISE after the command.
 """
 
 from __future__ import annotations
@@ -26,16 +25,16 @@ from ..simulation import MOST_POINTS, Array
 from ..support.arguments import brief, checked
 
 STEP = 1e-3  # s
-SETTLE = 1.0  # s at the starting end of a slew, unloaded: three times what the settling of a large step takes
+SETTLE = 1.0  # s, unloaded at the starting end of a slew: three times the settling time of a large step
 _FASTEST = 0.5 / STEP  # Hz
-HOLD = 3.0  # s: outlasts the integral action, whose time constant is kp/ki (0.24 s with the default gains)
+HOLD = 3.0  # s: many time constants kp/ki of the integral action (0.24 s with the default gains)
 COMMAND, LOAD = "fin_command", "aero_torque"
 
 
 class Move(NamedTuple):
-    """A jump of the command: its instant [s], the level [rad], and when the next one comes or the rows end [s].
+    """A jump of the command: its time [s], the level [rad], an array [runs] for many runs, and its end [s].
 
-    Of many runs the level is an array [runs].
+    It ends at the next jump or the last row.
     """
 
     start: float
@@ -46,11 +45,11 @@ class Move(NamedTuple):
 @checked
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Columns of inputs by name, SI, whose rows are `step` [s] apart from 0, and parameters that differ with them.
+    """Columns of inputs by name, SI, with rows every `step` [s] from 0, and parameters that differ from the subject's.
 
-    Of many runs at once a column is an array [runs, rows], or what broadcasts to it. What is judged begins at `begin`
-    [s]. A `spring` [N.m/rad], one or an array [runs], takes its moment, by the fin angle at the beginning of each row,
-    off the hinge moment.
+    For many runs a column is an array [runs, rows], or broadcasts to one. Judging begins at `begin` [s]. The moment of
+    a `spring` [N.m/rad], a number or an array [runs], times the fin angle at the beginning of each row, is subtracted
+    from the hinge moment.
     """
 
     title: str
@@ -73,7 +72,7 @@ class Excitation:
 
     @cached_property
     def time(self) -> Array:
-        """Times of the rows [s]: the floats a host gets that counts its steps."""
+        """Times of the rows [s], as a host computes them that counts its steps."""
         return np.arange(next(iter(self.columns.values())).shape[-1]) * self.step
 
     @property
@@ -88,7 +87,7 @@ class Excitation:
 
     @cached_property
     def moves(self) -> tuple[Move, ...]:
-        """The jumps of a command that moves in steps."""
+        """The jumps of a command that is constant between them."""
         differ = np.diff(self.command) != 0.0
         jumps = np.flatnonzero(differ.any(axis=tuple(range(differ.ndim - 1)))) + 1
         ends = [*self.time[jumps].tolist(), self.stop]
@@ -96,59 +95,59 @@ class Excitation:
                      for row, (start, end) in zip(jumps, pairwise(ends), strict=True))
 
     def judged(self, time: Array) -> Any:
-        """Return whether each time [s] is judged: at `begin` or later; one a rounding short of it is."""
+        """Return whether each time [s] is judged: at `begin` or later, within rounding."""
         return np.asarray(time) > self.begin - self.step / 2
 
     def holding(self, columns: Mapping[str, Any]) -> Excitation:
-        """Return the same with further inputs, each a column, a constant, or an array [runs, 1] of constants."""
+        """Return the excitation with further inputs: columns, constants, or constants of each run [runs, 1]."""
         further = {name: np.broadcast_to(np.asarray(column, dtype=float),
                                          np.broadcast_shapes(np.shape(column), self.time.shape))
                    for name, column in columns.items()}
         return replace(self, columns={**self.columns, **further})
 
     def of(self, runs: int | Array) -> Excitation:
-        """Return the excitation of one run of many, or of some."""
+        """Return the excitation of one or some of many runs."""
         columns = {name: column[np.minimum(runs, len(column) - 1)] if column.ndim == 2 else column
                    for name, column in self.columns.items()}
         spring = np.asarray(self.spring)
         return replace(self, columns=columns, spring=spring[runs] if spring.ndim else self.spring)
 
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
-        """Return the same with further parameters that differ."""
+        """Return the excitation with further parameters that differ from the subject's."""
         return replace(self, start_values={**self.start_values, **values})
 
 
 @checked
 def times(stop: float, step: float = STEP) -> Array:
-    """Return the times of rows from 0 to `stop` [s], `step` [s] apart. Raises ArgumentError for none or too many."""
+    """Return the times [s] of rows every `step` [s] from 0 to `stop` [s]. Raises ArgumentError for none or too many."""
     if not (step > 0.0 and step / 2 < stop <= MOST_POINTS * step):
         raise ArgumentError(f"rows every {step:g} s up to {stop:g} s: expected 1 to {MOST_POINTS:g} steps above 0")
     return np.arange(round(stop / step) + 1) * step
 
 
 def _following(begin: float, duration: float, step: float = STEP) -> Array:
-    """Return the times of rows from 0 to `duration` [s] after `begin` [s]. Raises ArgumentError."""
+    """Return the times [s] of rows from 0 to `duration` [s] after `begin` [s]. Raises ArgumentError."""
     if begin < 0.0 or duration < 0.0:
         raise ArgumentError(f"a motion that begins at {begin:g} s and lasts {duration:g} s: neither may be negative")
     return times(begin + duration, step)
 
 
-def _above_zero(name: str, given: float | Array, limit: float = inf) -> None:
-    """Raise ArgumentError for a number, or one of several, that is not above 0 and up to a limit."""
-    if not (np.size(given) and np.all(np.greater(given, 0.0) & np.less_equal(given, limit) & np.isfinite(given))):
-        raise ArgumentError(f"{name} = {brief(given)}: must be above 0" + (f" and at most {limit:g}, of which rows "
+def _above_zero(name: str, value: float | Array, limit: float = inf) -> None:
+    """Raise ArgumentError unless a number, or every number of an array, is above 0 and at most the limit."""
+    if not (np.size(value) and np.all(np.greater(value, 0.0) & np.less_equal(value, limit) & np.isfinite(value))):
+        raise ArgumentError(f"{name} = {brief(value)}: must be above 0" + (f" and at most {limit:g}, of which rows "
                             f"{STEP:g} s apart give two a cycle" if limit < inf else ""))
 
 
 def _loaded(title: str, command: Array, time: Array, begin: float, load: float, step: float = STEP) -> Excitation:
-    """Return a motion commanded at `begin`, with the load that comes on with it."""
+    """Return a motion that is commanded at `begin` [s], with a load [N.m] that rises then."""
     rising = {LOAD: load * np.clip((time - begin) / LOAD_RISE, 0.0, 1.0)} if load else {}
     return Excitation(title + (f" with {load:+g} N.m" if load else ""), {COMMAND: command, **rising}, begin, step)
 
 
 @checked
 def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
-    """Return a step from rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] comes on with it."""
+    """Return a step from rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] rises with it."""
     time = _following(LEAD_IN, duration, step)
     return _loaded(f"step to {degrees(level):+.6g} deg", np.where(time > LEAD_IN - step / 2, level, 0.0), time, LEAD_IN,
                    load, step)
@@ -156,7 +155,7 @@ def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP
 
 @checked
 def slew_to(level: float, duration: float, load: float = 0.0, settle: float = SETTLE) -> Excitation:
-    """Return a step from rest at -level, after `settle` [s] there, to +level [rad], as `step_to`."""
+    """Return a step from -level, where the fin rests for `settle` [s], to +level [rad]; otherwise as `step_to`."""
     time = _following(settle, duration)
     command = np.where(time > settle - STEP / 2, level, -level)
     command[0] = 0.0
@@ -185,9 +184,9 @@ def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0
          settle: tuple[float, float] = (4.0, 0.5), variable: str = COMMAND) -> Excitation:
     """Return a sine of the command [rad], or a cosine of another input, at a frequency [Hz].
 
-    Judged are the last `cycles`, after a transient of `settle` cycles and at least s. A cosine of the hinge moment
-    gives a free inertia at rest no drift, as a sine would. An array of frequencies, with its `cycles`, is of as many
-    runs: all last and are judged as the longest.
+    The last `cycles` are judged, after a transient of `settle`[0] cycles and at least `settle`[1] s. Under a cosine of
+    the hinge moment a free inertia at rest does not drift, as it would under a sine. Arrays of frequencies and `cycles`
+    are for as many runs, which all last and are judged as long as the longest.
     """
     _above_zero("frequency", frequency, _FASTEST)
     _above_zero("cycles", cycles)
@@ -219,10 +218,10 @@ def load_ramp(moment: float, duration: float) -> Excitation:
 
 @checked
 def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STEP) -> Excitation:
-    """Return a command of levels [rad], each for its time [s]; judged is the last."""
+    """Return a command of levels [rad], each held for its time [s]; the last is judged."""
     if not len(levels) == len(holds) > 0 or min(holds) < 0.0:
         raise ArgumentError(f"{len(levels)} levels for {brief(holds)} s: expected as many holds of 0 s or more")
-    times(sum(holds), step)  # that there are rows, and not too many
+    times(sum(holds), step)  # checks the number of rows
     command = np.repeat(levels, [round(hold / step) for hold in holds])
     return Excitation(f"{len(levels)} levels of the command", {COMMAND: np.append(command, command[-1])},
                       sum(holds[:-1]), step)
@@ -230,10 +229,10 @@ def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STE
 
 @checked
 def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Excitation:
-    """Return a reference case by name, for a unit whose supply is `supply` [V] at the start.
+    """Return a reference case by name, for an actuator whose supply is `supply` [V] at the start.
 
-    Trajectories are compared with true angle and speed fed back (`exact`); performance is that with the encoder.
-    Raises EmcasError, naming the cases there are.
+    Trajectories are compared with true angle and speed fed back (`exact`), performance is measured with the encoder.
+    Raises EmcasError, naming the cases.
     """
     case = {case.name: case for case in CASES}.get(name)
     if case is None:
@@ -252,7 +251,7 @@ def of_case(title: str, inputs: Mapping[str, Array], step: float, start_values: 
 
 @checked
 def with_encoder(excitation: Excitation) -> Excitation:
-    """Return the same with the subject's encoder, as performance is judged."""
+    """Return the excitation with the subject's own encoder, with which performance is judged."""
     return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
                                              if not name.startswith("encoder.")})
 
@@ -262,11 +261,9 @@ def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, mo
              fins: int = 1) -> Excitation:
     """Return the inputs of a CSV file: a column ``time`` [s] and columns of a model's inputs, SI, as fmpy reads it.
 
-    Of several `fins` an input's column is every one's, ``fin[2].fin_command`` that of one.
-
-    Between its rows inputs are interpolated; where two rows have the same time they jump. The run
-    begins at 0: inputs before the first row are those of it.
-    Raises EmcasError for what is no such file.
+    For several `fins` a column such as ``fin_command`` applies to all, ``fin[2].fin_command`` to one. Inputs are
+    interpolated between rows, jump between two rows of the same time, and before the first row have its values.
+    Raises EmcasError if the file cannot be read so.
     """
     path = Path(path)
     table = _read(path)
@@ -289,7 +286,7 @@ def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, mo
 
 
 def _read(path: Path) -> dict[str, Array]:
-    """Return the columns of a CSV file with one line of names, quoted or not."""
+    """Return the columns of a CSV file that begins with a line of names, quoted or not."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, skipinitialspace=True)
@@ -320,7 +317,7 @@ def _number(cell: str, line: int) -> float:
 
 
 def check_span(what: str, step: float, stop: float) -> None:
-    """Raise EmcasError where rows `step` [s] apart do not end at `stop` [s], or are too many."""
+    """Raise EmcasError if rows every `step` [s] do not end at `stop` [s], or are too many."""
     if not step <= stop <= MOST_POINTS * step:
         raise EmcasError(f"{what}: the end at {stop:g} s must be 1 to {MOST_POINTS:g} steps of {step:g} s from 0; "
                          "see --stop and --interval")
@@ -331,7 +328,7 @@ def check_span(what: str, step: float, stop: float) -> None:
 
 def _sampled(points: Array, time: Array, column: Array) -> Array:
     """Return a column at `points` of time: linear between its rows, from the right at a jump, held outside."""
-    after = np.searchsorted(time, points * (1.0 + 1e-12), side="right")  # a point a rounding short of a row is on it
+    after = np.searchsorted(time, points * (1.0 + 1e-12), side="right")  # a point at a row, within rounding, is on it
     low, high = np.clip(after - 1, 0, len(time) - 1), np.clip(after, 0, len(time) - 1)
     span = time[high] - time[low]
     share = np.where(span > 0.0, (points - time[low]) / np.where(span > 0.0, span, 1.0), 0.0)

@@ -99,9 +99,9 @@ def campaign(
             from ..studies.campaign.report import write_report
 
             summary = summarise(study, store.table())
-            command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else []),
-                                  *(["--fin", str(fin)] if fin else []), *(["--model", model] if model else []),
-                                  *(["--requirements", requirements] if requirements else [])])
+            command = shlex.join(["emcas", "campaign", str(file), *common.option("--fmu", fmu),
+                                  *common.option("--fin", fin), *common.option("--model", model, ""),
+                                  *common.option("--requirements", requirements, "")])
             write_json(as_dict(summary, command), figures)
             write_report(summary, page, command)
     common.out.print(_table(summary))
@@ -123,7 +123,7 @@ def campaign(
 
 
 def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chunk: int | None) -> bool:
-    """Run what is missing; whether it was stopped by Ctrl-C."""
+    """Run the missing samples; return whether Ctrl-C stopped them."""
     from ..studies.campaign import run
 
     missing = store.missing()
@@ -152,7 +152,7 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 
 def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot: Path | None,
          inputs: tuple[Path | None, ...]) -> None:
-    """Run one sample again, here; print it, and write its signals and pictures."""
+    """Run one sample in this process; print it, and write its signals and pictures."""
     from ..bench.writers import rounded, write_json
     from ..figures.plots import check_ending
     from ..studies.campaign.extension_outputs import in_words
@@ -193,7 +193,7 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
 
 
 def _table(summary: Any) -> Table:
-    """Return percentiles of every figure."""
+    """Return the percentiles of every figure."""
     from ..bench.metrics import shown
     from ..studies.campaign.experiments import REQUIREMENT
     from ..studies.campaign.summary import text
@@ -212,7 +212,7 @@ def _table(summary: Any) -> Table:
 
 
 def _chances(summary: Any) -> Table:
-    """Return how many samples meet each requirement, and its figure's median and the percentile on its bad side."""
+    """Return the samples that meet each requirement, with the median and the worst percentile of its figure."""
     from ..bench.verdict import SENSES
     from ..studies.campaign.experiments import REQUIREMENT
     from ..studies.campaign.summary import text
@@ -237,7 +237,7 @@ def _chances(summary: Any) -> Table:
 
 
 def _faults(summary: Any) -> Table:
-    """Return what was injected, and what was detected."""
+    """Return the injected faults with what was detected of them."""
     from ..studies.campaign.report import seconds
 
     table = Table("fault, alone", "samples", "detected", "after", "before", "by", title_justify="left",
@@ -252,5 +252,5 @@ def _faults(summary: Any) -> Table:
 
 
 def _short(factor: str) -> str:
-    """Return a factor without the experiment and the kind of entry it stands in."""
+    """Return a factor's name without its experiment."""
     return factor.split(".", 2)[2].removeprefix("inputs.") if factor.startswith("experiments.") else factor

@@ -1,4 +1,4 @@
-"""What the commands share: the options for a model and its parameters, checks beforehand, failures, progress."""
+"""Shared by the commands: options for a model, its parameters and outputs, checks of outputs, failures, progress."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from ..bench.subject import Subject
     from ..parameters import ParameterSet
 
-# What a terminal acts on, or shows in another order than it is written: in a file's names or texts it would hide or
-# forge what is printed. Half a surrogate pair cannot be printed at all.
-_ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+# Characters that control a terminal or reverse the order of text: in names or texts from files they could hide or forge
+# output. Half a surrogate pair cannot be printed at all.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 class _Plain(Console):
-    """A console that prints control characters of what it is given as ``\\x1b``."""
+    """A console that prints control characters in texts as ``\\x1b``."""
 
     def render(self, *args: Any, **kwargs: Any) -> Iterable[Segment]:
-        """Return what is printed of something, piece by piece, its style apart."""
+        """Yield the segments of an object's text, with control characters escaped."""
         for text, style, control in super().render(*args, **kwargs):
-            yield Segment(text if control else _ACTS.sub(lambda found: ascii(found[0])[1:-1], text), style, control)
+            yield Segment(text if control else _CONTROL.sub(lambda match: ascii(match[0])[1:-1], text), style, control)
 
 
 out = _Plain(highlight=False)
@@ -51,7 +51,7 @@ INTERRUPTED = 130
 
 
 class _Notes(logging.Handler):
-    """Prints what takes long as it begins, on standard error."""
+    """Prints announcements of long work on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         err.print(escape(record.getMessage()), style="dim", soft_wrap=True)
@@ -59,8 +59,7 @@ class _Notes(logging.Handler):
 
 @contextmanager
 def failures() -> Iterator[None]:
-    """Print expected failures as a message and exit with 2, never with a traceback; print warnings and what takes long.
-    """
+    """Print expected errors as a message and exit with 2, without a traceback; print warnings and announcements."""
     if not LOG.handlers:
         LOG.addHandler(_Notes())
         LOG.setLevel(logging.INFO)
@@ -70,29 +69,29 @@ def failures() -> Iterator[None]:
             warnings.showwarning = lambda message, *_: warn([str(message)])
             yield
     except (EmcasError, OSError) as error:
-        said = in_words(error) if isinstance(error, OSError) else str(error)
-        err.print(f"[bold red]error:[/] {escape(said)}", soft_wrap=True)
+        message = in_words(error) if isinstance(error, OSError) else str(error)
+        err.print(f"[bold red]error:[/] {escape(message)}", soft_wrap=True)
         raise typer.Exit(2) from error
 
 
-def _file(given: Path | None) -> Path | None:
-    """Return the file that an argument means, which may be a shipped set's name: commands get files."""
-    if given is None:
+def _file(argument: Path | None) -> Path | None:
+    """Return the file of an argument, which may also be the name of a shipped set."""
+    if argument is None:
         return None
     from ..parameters import parameter_file
 
     with failures():
-        return parameter_file(given)
+        return parameter_file(argument)
 
 
-def _files(given: list[Path] | None) -> list[Path] | None:
-    return given and [file for each in given if (file := _file(each))]
+def _files(arguments: list[Path] | None) -> list[Path] | None:
+    return arguments and [file for argument in arguments if (file := _file(argument))]
 
 
 def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
-    """Return a check of an output's name, for an option: it ends as a file of its kind does, or is a terminal or pipe.
+    """Return a check of an output option: its name has the ending, or is that of a terminal or pipe.
 
-    A folder of that name is refused where all outputs are (`check_outputs`).
+    `check_outputs` refuses folders.
     """
     def check(path: Path | None) -> Path | None:
         with failures():
@@ -104,23 +103,23 @@ def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | Non
 
 
 def page_option(*names: str, what: str = "Write a page with pictures to this file.") -> Any:
-    """Return an option for a page to write."""
+    """Return the option for a page."""
     return typer.Option(*names, help=what, metavar="FILE.html", callback=ends_in(
         ".html", "; print the page from a browser for another format"))
 
 
 def json_option(what: str) -> Any:
-    """Return the option --json for a file to write."""
+    """Return the option --json for a file."""
     return typer.Option("--json", help=what, metavar="FILE", callback=ends_in(".json"))
 
 
 def csv_option(what: str) -> Any:
-    """Return the option --output for a table to write."""
+    """Return the option --output for a table."""
     return typer.Option("--output", "-o", help=what, metavar="FILE", callback=ends_in(".csv"))
 
 
 def toml_option(what: str) -> Any:
-    """Return the option --output for a parameter file to write."""
+    """Return the option --output for a parameter file."""
     return typer.Option("--output", "-o", help=what, metavar="FILE", callback=ends_in(".toml"))
 
 
@@ -161,7 +160,7 @@ RequirementsOption = Annotated[Path | None, typer.Option(
 
 
 def calendar_date(text: str) -> str:
-    """Return a date as it is printed. Raises EmcasError."""
+    """Return a date in ISO format. Raises EmcasError."""
     try:
         return calendar.fromisoformat(text).isoformat()
     except ValueError as error:
@@ -169,13 +168,13 @@ def calendar_date(text: str) -> str:
 
 
 def warn(warnings: Iterable[str]) -> None:
-    """Print warnings on standard error, each once, so that what a program reads from standard output stays clean."""
+    """Print warnings on standard error, each once; programs may read standard output."""
     for warning in dict.fromkeys(warnings):
         err.print(f"[bold yellow]warning:[/] {escape(warning)}", soft_wrap=True)
 
 
 def parameter_set(files: Iterable[Path] | None, model: str = NONLINEAR) -> ParameterSet:
-    """Return what `load_parameters` does, and print its warnings. Raises ParameterError."""
+    """Load parameters as `load_parameters` does, and print their warnings. Raises ParameterError."""
     from ..parameters import load_parameters
 
     chosen = load_parameters(files, model=model)
@@ -200,21 +199,21 @@ def say(line: str) -> None:
 
 
 def right_aligned(table: Table, *columns: int) -> Table:
-    """Return a table with the numbers in some columns, or in all but the first, at their right."""
-    for place in columns or range(1, len(table.columns)):
-        table.columns[place].justify = "right"
+    """Return a table whose columns, by default all but the first, are aligned to the right."""
+    for index in columns or range(1, len(table.columns)):
+        table.columns[index].justify = "right"
     return table
 
 
 def write_results(result: Any, *outputs: tuple[Path | None, Callable[[Any, Path], object]]) -> None:
-    """Write a result by each function to its path; None is one that was not asked for."""
+    """Write a result by each function to its path, unless that is None."""
     for path, write in outputs:
         if path:
             write(result, path)
 
 
 def print_written(*paths: Path | None) -> None:
-    """Print which files a command has written; None for one that was not asked for."""
+    """Print the files that a command has written, without those that are None."""
     for path in filter(None, paths):
         say(f"written {escape(str(path))}")
 
@@ -224,32 +223,37 @@ def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
     return [argument for file in files or () for argument in ("--parameters", as_given(file))]
 
 
-def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Iterable[Path | None] = ()) -> None:
-    """Check before long work that outputs can be written, and that they are neither inputs nor each other.
+def option(name: str, value: object, default: object = None) -> list[str]:
+    """Return an option with its value, for a command that is written into a result; empty for the default."""
+    return [] if value in (None, default) else [name, str(value)]
 
-    `files` need a folder that is there, or is among the `folders`, which are made later where they are missing. An
-    input may be a folder: nothing in it may be written then. Raises EmcasError.
+
+def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Iterable[Path | None] = ()) -> None:
+    """Check before long work that outputs can be written, and that they differ from the inputs and from each other.
+
+    The folders of `files` must exist or be among the `folders`, which are made later. If an input is a folder, no
+    output may be in it. Raises EmcasError.
     """
     made = [folder.resolve() for folder in folders]
     for folder in made:
-        place = next(above for above in (folder, *folder.parents) if above.exists())
-        if not place.is_dir():
-            raise EmcasError(f"{place}: is a file; give a folder to write to")
-        try_folder(place, folder)
+        existing = next(above for above in (folder, *folder.parents) if above.exists())
+        if not existing.is_dir():
+            raise EmcasError(f"{existing}: is a file; give a folder to write to")
+        try_folder(existing, folder)
     read = [path.resolve() for path in inputs if path is not None]
-    taken: set[Path] = set()
+    written: set[Path] = set()
     for path in filter(None, files):
         with writing(path):
             target = path.resolve()
             if path.is_dir():
                 raise EmcasError(f"{path}: is a folder; give a file to write to")
-            if path.exists() and not path.is_file():  # the terminal, a pipe
+            if path.exists() and not path.is_file():  # a terminal or a pipe
                 continue
             if any(target == source or (source.is_dir() and source in target.parents) for source in read):
                 raise EmcasError(f"{path}: is read by this command and would be overwritten; write to another file")
-            if target in taken:
+            if target in written:
                 raise EmcasError(f"{path}: is given for two outputs; write each to a file of its own")
-            taken.add(target)
+            written.add(target)
             if not target.parent.is_dir():
                 if target.parent in made:
                     continue
@@ -258,15 +262,15 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
 
 
 def progress_bar() -> Bars:
-    """Return a progress bar with the time left, on standard error, that vanishes when it is done."""
-    # Where there is no terminal a bar would leave an empty line.
-    # Steps may take minutes: the time left is estimated from those of the last hour.
+    """Return a progress bar with the remaining time, on standard error, that disappears at its end."""
+    # Disabled without a terminal, where it would leave an empty line. Steps may take minutes: the remaining time is
+    # estimated from those of the last hour.
     return Bars(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                 TextColumn("left about"), TimeRemainingColumn(), console=err, transient=True,
                 speed_estimate_period=3600.0, disable=not err.is_terminal)
 
 
 def stepper(bars: Bars, label: str) -> Progress:
-    """Return a callback that moves a progress bar."""
+    """Return a callback that updates a progress bar."""
     task = bars.add_task(label, total=None)
     return lambda name, done, total: bars.update(task, description=f"{label} {name}", completed=done, total=total)

@@ -54,10 +54,10 @@ def explore(
         chosen = changed(load_parameters(files, model=model), changes[0])
         common.warn(chosen.warnings)
         command = shlex.join([
-            "emcas", "explore", *(("--model", model) if model != NONLINEAR else ()),
-            *common.parameter_arguments(files), *(part for each in settings or () for part in ("--set", each)),
-            *(("--requirements", as_given(requirements)) if requirements else ()), "--output", str(output),
-            *(("--date", printed) if printed else ())])
+            "emcas", "explore", *common.option("--model", model, NONLINEAR), *common.parameter_arguments(files),
+            *(part for each in settings or () for part in ("--set", each)),
+            *common.option("--requirements", requirements and as_given(requirements)),
+            *common.option("--output", output), *common.option("--date", printed, "")])
         about = About(command, ParameterSubject(chosen, files).identification, printed or today(), requirements)
         with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
             size = write(output, chosen, constants, about)

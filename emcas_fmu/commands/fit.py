@@ -1,4 +1,4 @@
-"""`emcas fit`: fit the second-order model that comes nearest to the nonlinear actuator."""
+"""`emcas fit`: fit the second-order model to the nonlinear actuator."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def fit(
 
 
 def _nonlinear(files: list[Path] | None, model: str) -> ParameterSet:
-    """Return the nonlinear actuator's parameters. Raises EmcasError, one line where model or file is of another."""
+    """Return the parameters of the nonlinear actuator. Raises EmcasError, in one line if they are those of another."""
     from ..parameters import ParameterError
 
     needs = "emcas fit needs the parameters of the nonlinear actuator"
@@ -58,9 +58,9 @@ def _nonlinear(files: list[Path] | None, model: str) -> ParameterSet:
     try:
         return common.parameter_set(files)
     except ParameterError as error:
-        places = [problem.partition(" = ")[0].rpartition(": ") for problem in error.problems
+        unknown = [problem.partition(" = ")[0].rpartition(": ") for problem in error.problems
                   if ": unknown parameter" in problem]
-        if len(places) < max(2, len(error.problems)):  # a slip of the pen, or another mistake
+        if len(unknown) < max(2, len(error.problems)):  # a misspelt name, or another mistake
             raise
-        names = ", ".join(name for _, _, name in places)
-        raise EmcasError(f"{places[0][0]}: {needs}, which has no {names}; give a file of that actuator") from error
+        names = ", ".join(name for _, _, name in unknown)
+        raise EmcasError(f"{unknown[0][0]}: {needs}, which has no {names}; give a file of that actuator") from error

@@ -1,4 +1,4 @@
-"""The group of commands: each is imported when it is called, so that help and version come at once."""
+"""The group of commands. Each is imported when it is called, so that help and version appear at once."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from importlib.resources import files
 from typing import Any, TextIO, cast
@@ -18,37 +19,39 @@ from ..errors import unwritable
 from ..support.dates import today
 from .common import failures
 
-# Before NumPy comes. The matrices here are small: threads of the linear algebra gain nothing, and where the cores are
-# busy their waiting for each other takes many times the work.
+# Set before NumPy is imported. The matrices are small: threads of the linear algebra gain nothing, and on busy cores
+# they wait for each other many times as long as they work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 UNREAD = 141
-"""Exit code of a command whose output nobody reads to its end, as a shell has it of any program."""
+"""Exit code of a command whose reader has closed the pipe, as shells report it for any program."""
 
-# What `emcas --help` lists, by the panels it stands in and in their order. A command is the module here of its name,
-# whose docstring begins with what is listed; in it the function of that name with its EPILOG, or an `app` of several.
+# The commands by the panels of `emcas --help`, in their order. Each is the module of its name in this folder, with a
+# function of that name and an EPILOG, or with an `app` of several; its docstring begins with the line that is listed.
 PANELS: Mapping[str, tuple[str, ...]] = {
     "Use": ("init", "simulate", "build", "parameters", "ssp"),
     "Design": ("explore", "analyse", "envelope", "compare", "identify", "tune", "fit"),
     "Check": ("validate", "report", "campaign", "baseline", "reference"),
 }
+_NAMES = [name for names in PANELS.values() for name in names]
 
 
 def summary(name: str) -> str:
-    """Return what a command does, in a sentence: the first line of its file, without its name, unread but for that."""
+    """Return what a command does, in a sentence, from the first line of its file; the file is not imported."""
     with files(__package__).joinpath(f"{name}.py").open(encoding="utf-8") as file:
         text = file.readline().strip().strip('"').rpartition("`: ")[2]
     return text[:1].upper() + text[1:]
 
 
 def check_environment() -> None:
-    """Exit with 2 where SOURCE_DATE_EPOCH is no time: NumPy, too, reads it, when a part of it is first imported."""
+    """Exit with 2 if SOURCE_DATE_EPOCH is not a time: parts of NumPy read it when they are imported."""
     with failures():
         today()
 
 
+@cache
 def load(name: str, program: str = "") -> Any:
-    """Import a command and return it; its examples call it `program`, or emcas and its name."""
+    """Import a command and return it; its examples call `program`, by default emcas and its name."""
     module = import_module(f".{name}", __package__)
     if (app := getattr(module, "app", None)) is None:
         app = typer.Typer(add_completion=False, rich_markup_mode="rich")
@@ -60,10 +63,10 @@ def load(name: str, program: str = "") -> Any:
 
 
 def without_types(command: Any) -> Any:
-    """Return a command whose help shows what a value means, not its Python type: no <bool>, <path> or <list[str]>."""
-    for parameter in command.get_params(typer.Context(command)):  # --help is among them
+    """Return a command whose help shows no Python types such as <bool>, <path> or <list[str]>."""
+    for parameter in command.get_params(typer.Context(command)):  # with --help
         if parameter.param_type_name == "argument":
-            parameter.display_type_rich = lambda ctx: None  # its metavar stands before it
+            parameter.display_type_rich = lambda ctx: None  # the help shows its metavar
         elif parameter.metavar is None:
             parameter.metavar = "" if parameter.is_flag else "VALUE"
     for each in getattr(command, "commands", {}).values():
@@ -72,8 +75,9 @@ def without_types(command: Any) -> Any:
 
 
 class _Printed:
-    """Standard output that ends the program where it cannot be written: with a line, or quietly where nobody reads it
-    any more. An OSError would look like one of a file, and the libraries that print do not agree on what to do with it.
+    """Standard output that ends the program if it cannot be written, quietly if its reader has gone.
+
+    An OSError would look like that of a file, and the libraries that print treat it differently.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -83,12 +87,12 @@ class _Printed:
         return getattr(self.stream, name)
 
     def write(self, text: str) -> int:
-        """Write as the stream does. Raises SystemExit."""
+        """Write text. Raises SystemExit."""
         with self._ending():
             return self.stream.write(text)
 
     def flush(self) -> None:
-        """Have it all written. Raises SystemExit."""
+        """Flush the stream. Raises SystemExit."""
         with self._ending():
             self.stream.flush()
 
@@ -97,7 +101,7 @@ class _Printed:
         try:
             yield
         except OSError as error:
-            nowhere = os.open(os.devnull, os.O_WRONLY)  # for what the interpreter has left to write when it ends
+            nowhere = os.open(os.devnull, os.O_WRONLY)  # for what the interpreter flushes when it ends
             os.dup2(nowhere, self.stream.fileno())
             os.close(nowhere)
             if isinstance(error, BrokenPipeError):
@@ -108,9 +112,9 @@ class _Printed:
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Let a command end with a line and exit code 2, not with a traceback, where what it prints cannot be written."""
+    """End a command whose output cannot be written with one line and exit code 2, not with a traceback."""
     stream = sys.stdout
-    if stream is None:  # the shell has closed it
+    if stream is None:  # closed by the shell
         yield
         return
     sys.stdout = cast(TextIO, _Printed(stream))
@@ -125,25 +129,19 @@ def printing() -> Iterator[None]:
         sys.stdout = stream
 
 
-class _Loaded(Mapping[str, Any]):
-    """Commands by name, each imported when it is asked for."""
-
-    def __init__(self) -> None:
-        self._names = [name for names in PANELS.values() for name in names]
-        self._made: dict[str, Any] = {}
+class _Commands(Mapping[str, Any]):
+    """Commands by name, each imported when it is looked up."""
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._names:
+        if name not in _NAMES:
             raise KeyError(name)
-        if name not in self._made:
-            self._made[name] = load(name)
-        return self._made[name]
+        return load(name)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
+        return iter(_NAMES)
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(_NAMES)
 
 
 class LazyGroup(TyperGroup):
@@ -151,15 +149,15 @@ class LazyGroup(TyperGroup):
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = cast(Any, _Loaded())
+        self.commands = cast(Any, _Commands())
 
     def main(self, *args: Any, **named: Any) -> Any:
-        """Run a command, and end with a line where what it prints cannot be written."""
+        """Run a command; if its output cannot be written, end with one line."""
         with printing():
             return super().main(*args, **named)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Keep the arguments as they were given, for as long as the command runs: pages say how they were made."""
+        """Parse the arguments, and keep them while the command runs: pages name the command that made them."""
         check_environment()
         if args and args[0] in self.commands:
             from ..bench.provenance import made_by
@@ -172,7 +170,7 @@ class LazyGroup(TyperGroup):
         return list(self.commands)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """List the commands by their summaries, without importing them."""
+        """Write the help with the summary of every command, without importing any."""
         listed: dict[str, Any] = {name: TyperCommand(name, help=summary(name), rich_help_panel=panel)
                                   for panel, names in PANELS.items() for name in names}
         shown = TyperGroup(name=self.name, commands=listed, params=self.params, help=self.help,

@@ -1,4 +1,4 @@
-"""The option --set: values of parameters, of the line that feeds them, and constants of inputs."""
+"""The option --set: values of parameters, of the shared supply, and of constant inputs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FIN = re.compile(r"fin\[(\d+)\]\.(.+)")
 
 def read_settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
         Mapping[int, dict[str, object]], dict[str, float], dict[str, float]]:
-    """Return what --set gives: parameters by fin (0: of every fin), those of the line, and constants of inputs.
+    """Return the values of --set: parameters by fin (0: all fins), parameters of the supply, and constant inputs.
 
     Raises EmcasError.
     """
@@ -47,7 +47,7 @@ def read_settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
 
 
 def entered(option: str, entry: str, how: In) -> float:
-    """Return what an option gives: a number in the unit of `how`, text with a unit, or a truth. Raises EmcasError."""
+    """Return the value of an option, a number in the unit of `how` unless the text has one. Raises EmcasError."""
     value = _value(entry)
     plain = not isinstance(value, (bool, str)) and how.unit not in ("", "1")
     try:
@@ -57,7 +57,7 @@ def entered(option: str, entry: str, how: In) -> float:
 
 
 def _unknown(name: str, unit: FmuInterface, known: Iterable[str]) -> str:
-    """Return why there is no such name in a unit: it is of several fins', of an extension's, or a slip of the pen."""
+    """Return why an FMU does not have a name: it belongs to several fins or to an extension, or is misspelt."""
     if unit.fins == 1 and name in {v.name for each in LINES.values() for v in each.parameters}:
         return "goes with --fins, of several fins that share a supply"
     lacks = f"the {unit.actuator.name} actuator has no such parameter or input"
@@ -69,7 +69,7 @@ def _unknown(name: str, unit: FmuInterface, known: Iterable[str]) -> str:
 
 
 def changed(base: ParameterSet, changes: Mapping[str, object]) -> ParameterSet:
-    """Return a set with what --set gives. Raises ParameterError."""
+    """Return a parameter set with the values of --set. Raises ParameterError."""
     try:
         return base.with_values(changes)
     except ParameterError as error:
@@ -78,7 +78,7 @@ def changed(base: ParameterSet, changes: Mapping[str, object]) -> ParameterSet:
 
 
 def _value(entry: str) -> bool | float | str:
-    """Return true, false, a number that is in the variable's unit, or text with a unit of its own."""
+    """Return true, false, a number in the variable's unit, or text with a unit."""
     if entry.lower() in ("true", "false"):
         return entry.lower() == "true"
     try:

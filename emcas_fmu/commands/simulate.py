@@ -33,12 +33,12 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
                    "--plot fins.html")
 
 
-# Bounds of what is commanded and what acts: a turn either way, and a thousand times the rated hinge moment of Table 2.
+# Bounds of command and load: a turn either way, and a thousand times the rated hinge moment of Table 2.
 _STEP, _TORQUE = In("deg", -180.0, 180.0), In("N.m", -1e5, 1e5)
 
 
 def _stepped(step: str, load: str, interval: float, stop: float) -> Excitation:
-    """Return a step to an angle under a constant hinge moment, both as they were given. Raises EmcasError."""
+    """Return a step to an angle under a constant hinge moment, from the texts of the options. Raises EmcasError."""
     from ..bench.excitation import LOAD, check_span, step_to
 
     degrees, torque = entered(f"--step {step}", step, _STEP), entered(f"--torque {load}", load, _TORQUE)

@@ -68,9 +68,8 @@ def tune(
             raise typer.Exit(common.INTERRUPTED) from None
         command = shlex.join([
             "emcas", "tune", *([str(study)] if study else []), *common.parameter_arguments(parameters),
-            *(["--requirements", str(requirements)] if requirements else []),
-            *([] if model == NONLINEAR else ["--model", model]), "--seed", str(seed), "--generations",
-            str(generations)])
+            *common.option("--requirements", requirements), *common.option("--model", model, NONLINEAR),
+            *common.option("--seed", seed), *common.option("--generations", generations)])
         if output:
             write_tuned(result, output, command)
         if as_json:

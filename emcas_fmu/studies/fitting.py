@@ -1,4 +1,4 @@
-"""The second-order model fitted to the nonlinear one: what a 6-DOF may use where the difference does not matter."""
+"""Fit the second-order model to the nonlinear one, for flight simulations in which the difference does not matter."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from ..parameters import ParameterSet, file_entry, load_parameters, write_parame
 from ..simulation import Array, simulate
 
 MODEL = "second-order"
-SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, of the steps that are fitted, each divided by its size
+SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, of the fitted steps, whose responses are divided by these
 STOP = 0.4  # s
-# First guess, lower and upper bound, SI.
+# Initial value, lower and upper bound, SI.
 _SEARCHED = {"second_order.natural_frequency": (100.0, 5.0, 2000.0), "second_order.damping": (0.7, 0.05, 3.0),
              "second_order.rate_limit": (4.0, 0.1, 100.0), "drive.transport_delay": (3e-3, 0.0, 0.03)}
 NAMES = tuple(_SEARCHED)
 _BEGIN, _LOWEST, _HIGHEST = np.array(list(_SEARCHED.values())).T
-_AT_BOUND = 1e-3  # of the range searched: finer than the digits written
+_AT_BOUND = 1e-3  # share of the range: finer than the digits that are written
 _NOTE = "Fitted to the nonlinear model."
-# Of the damping: a second pole far beyond the first and a longer delay are almost the same, to 0.03 % of a step. This
-# prefers the fit with less of both.
+# Weight of the damping among the residuals. A second pole far beyond the first and a longer delay differ by 0.03 % of a
+# step only; the weight prefers less damping.
 _LEAST = 0.05
-_DIFFERENCE = 3e-3  # relative: a delay is known to a thousandth of the sample time
+_DIFFERENCE = 3e-3  # relative step of the derivatives: a delay acts in thousandths of the sample time
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The second-order set, and of each step the largest and the rms difference [% of its size]."""
+    """The fitted parameters, and the largest and the rms difference of each step [% of its size]."""
 
     parameters: ParameterSet
     sizes: tuple[float, ...]
@@ -41,7 +41,7 @@ class Fit:
 
     @property
     def at_bound(self) -> dict[str, str]:
-        """The values at a bound of the search, with which one: lower or upper."""
+        """The fitted values at a bound of the search, with its name: lower or upper."""
         shares = {name: (float(self.parameters.values[name]) - lowest) / (highest - lowest)
                   for name, (_, lowest, highest) in _SEARCHED.items()}
         return {name: "lower" if share < 0.5 else "upper" for name, share in shares.items()
@@ -49,13 +49,13 @@ class Fit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Which fitted values lie at a bound of the search, one line each."""
+        """A line for each fitted value at a bound of the search."""
         return tuple(
             f"{name} = {self.parameters.values[name]:.4g} is at the {side} bound of the fit: what fits best may lie "
             "beyond; see whether the differences left are small enough" for name, side in self.at_bound.items())
 
     def figures(self) -> dict[str, Any]:
-        """Return the fitted values and what differences they leave."""
+        """Return the fitted values and the remaining differences, for JSON."""
         return {"parameters": {name: self.parameters.values[name] for name in NAMES}, "at_bound": self.at_bound,
                 "step_deg": self.sizes,
                 "largest_difference_percent": self.largest, "rms_difference_percent": self.rms}
@@ -64,7 +64,7 @@ class Fit:
 def fit(nonlinear: ParameterSet) -> Fit:
     """Fit natural frequency, damping, rate limit and delay by least squares to unloaded steps from rest, both ways.
 
-    Steps beyond command.limit are left out; the encoder is as the set has it. Raises ParameterError.
+    Steps beyond command.limit are omitted; the encoder stays as in the set. Raises ParameterError.
     """
     limit = degrees(float(nonlinear.values["command.limit"])) * (1.0 + 1e-9)
     sizes = tuple(size for size in SIZES if size <= limit) or (limit,)
@@ -88,7 +88,7 @@ def fit(nonlinear: ParameterSet) -> Fit:
 
 
 def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) -> Array:
-    """Return fin angle over command of each step, the mean of both directions: a row a size."""
+    """Return fin angle over command, the mean of both directions [sizes, rows]."""
     def one(size: float) -> Array:
         return simulate(values, STOP, model=model, fin_command=radians(size))["fin_angle"] / radians(size)
 
@@ -96,7 +96,7 @@ def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) 
 
 
 def write_fitted(fit: Fit, path: Path, command: str) -> None:
-    """Write the fitted values as a parameter file of the second-order model, with all else that its set has changed."""
+    """Write a parameter file of the second-order model with all values that differ from its defaults."""
     left = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(fit.sizes, fit.rms, strict=True))
     write_parameters(fit.parameters, path, [
         "Parameters of the second-order model, over its defaults.", f"Made by: {command}",

@@ -1,7 +1,7 @@
-"""Starter files of a new actuator: parameters to fill in from its datasheets, and the shipped studies for them.
+"""Starter files for a new actuator: a parameter file to fill in from its datasheets, and studies.
 
-Nothing here is a second copy: names, units and what a datasheet calls a value come from the actuator's declaration,
-values with their sources from its default set, studies from the files in models.
+Nothing is duplicated: names, units and the terms of datasheets come from the actuator's declaration, values and their
+sources from its default set, studies from the files in models.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
 
 
 def starter_files(base: ParameterSet) -> dict[str, str]:
-    """Return the files for an actuator by name; `base` is its default set. Tuning only where there is a study of it."""
+    """Return the texts of the files by name for an actuator with the default set `base`; a tuning study if one fits."""
     files = {PARAMETERS: parameter_text(base), CAMPAIGN: campaign_text(base),
              REQUIREMENTS: (models_directory() / REQUIREMENTS).read_text(encoding="utf-8")}
     if has_shipped_study(base):
@@ -41,7 +41,7 @@ def starter_files(base: ParameterSet) -> dict[str, str]:
 
 
 def parameter_text(base: ParameterSet) -> str:
-    """Return a parameter file with every offered value as a comment, to be uncommented and changed."""
+    """Return a parameter file in which every offered value is commented out."""
     lines = [f"# Parameters of your {base.actuator.name} actuator, over the shipped ones.", "#"]
     lines += _comment(_HOW, "# ")
     tables: dict[str, list[str]] = {}
@@ -50,19 +50,18 @@ def parameter_text(base: ParameterSet) -> str:
         if not dot:
             table, key = "", name
         tables.setdefault(table, []).extend(["", *_described(entries), f"#{_key(key)} = {_value(entries)}"])
-    for table, text in sorted(tables.items(), key=lambda item: item[0] != ""):  # names without a table come first
+    for table, text in sorted(tables.items(), key=lambda item: item[0] != ""):  # names outside tables come first
         lines += ["", *([f"[{_key(table)}]"] if table else []), *(text if not table else text[1:])]
     return "\n".join([*lines, ""])
 
 
 def _described(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield lines of comment on a value: what it is, where it is read, what is shipped and what that rests on."""
+    """Yield comments on a value: its description, its place in a datasheet, the shipped value and its source."""
     first, variable = entries[0], entries[0].variable
     number = f" (and so on: {len(entries)} values)" if len(entries) > 1 else ""
     yield from _comment(f"{variable.description}{number}", "# ")
     if variable.sheet:
-        place, _, term = variable.sheet.partition(": ")
-        yield from _comment(f"{place}: {term}", "#   read in  ")
+        yield from _comment(variable.sheet, "#   read in  ")
     unit = "" if variable.unit in ("", "1") else f" (unit: {variable.unit}, or another of its kind)"
     shipped = ", ".join(e.text for e in entries)
     yield from _comment(f"{shipped}{unit}, {SOURCES.get(first.source, first.source)}. {first.note}", "#   shipped  ")
@@ -78,13 +77,13 @@ def _key(name: str) -> str:
 
 
 def _value(entries: Sequence[Entry]) -> str:
-    """Return what stands behind the = for a value, or an array: as its default file has it, with its unit."""
+    """Return the TOML of a value or an array with its unit, as in its default file."""
     texts = [e.text if e.variable.unit in ("", "1") else json.dumps(e.text, ensure_ascii=False) for e in entries]
     return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
 
 
 def campaign_text(base: ParameterSet) -> str:
-    """Return the shipped campaign on the user's file, without what the actuator has no parameter or input for."""
+    """Return the shipped campaign for the user's file, without parameters and inputs that the actuator lacks."""
     parameters, inputs = set(base.values), {v.name for v in base.actuator.inputs}
     model = "" if base.model == NONLINEAR else f"\nmodel = {json.dumps(base.model)}"
     kept, without = [], set()
@@ -100,7 +99,7 @@ def campaign_text(base: ParameterSet) -> str:
 
 
 def commands(base: ParameterSet, files: Mapping[str, str]) -> list[list[str]]:
-    """Return the commands to go on with, each with what it is for."""
+    """Return the next commands, each with its purpose."""
     model = [] if base.model == NONLINEAR else ["--model", base.model]
     tuned = "tuned.toml" if TUNING in files else PARAMETERS
     lines = [(["parameters", "-p", PARAMETERS, *model], "checks, and what is still a shipped estimate"),

@@ -260,9 +260,9 @@ def test_parts_are_of_all_gains_in_all_cases(count: int, workers: int) -> None:
     study, gains = load_study(models_directory() / "tuning.toml", load_parameters()), [{"g": k} for k in range(count)]
     parts = list(_parted(gains, study, workers))
     assert [each for part, _ in parts for each in part] == gains
-    for _, groups in parts:
-        assert tuple(case for group in groups for case in group) == study.cases
-        assert all(groups)
+    for _, studies in parts:
+        assert tuple(case for each in studies for case in each.cases) == study.cases
+        assert all(each.cases for each in studies)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""How an entry of a campaign is distributed: from a table in a TOML file to values for numbers between 0 and 1."""
+"""Distributions of factors: tables of a TOML file, as functions of numbers between 0 and 1."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ...parameters.schema import In, Quantity, Table, kind_of
 from ...simulation import Array
 
 Value = float | int | bool
-# Of all samples, how many may lie outside the limits before the entry is refused: tails fail one by one.
+# Largest share of samples that may lie outside the limits of a parameter: these samples fail.
 MOST_OUTSIDE = 1e-3
 _NUMBER = re.compile(r"\s*[+-]?(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?")
 
@@ -37,25 +37,25 @@ _CONTINUOUS: Mapping[str, Callable[..., Any]] = {
     "truncated-normal": lambda mean, sd, low, high: stats.truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd),
     "lognormal": _lognormal,
 }
-# The numbers of each kind; a `mean` left out is the value of the base set.
+# The numbers of each kind; the default of a `mean` is the value of the base set.
 KINDS: Mapping[str, tuple[str, ...]] = {
     **{kind: tuple(signature(make).parameters) for kind, make in _CONTINUOUS.items()}, "choice": ("levels", "weights")}
 
 
 class CampaignError(EmcasError):
-    """A campaign that cannot be used or carried out; the message names file, entry and remedy."""
+    """A campaign that cannot be read or run; the message names the file, the entry and the remedy."""
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """`numbers` by name in the entry's unit; `levels` of a choice, each with the share of samples up to it."""
+    """A distribution in the unit of its entry: `numbers` by name; of a choice `levels`, with their cumulated shares."""
 
     kind: str
     numbers: Mapping[str, float]
     levels: tuple[Value, ...] = ()
     cumulated: tuple[float, ...] = ()
 
-    def __reduce__(self) -> tuple[Any, ...]:  # SciPy's object is large, and made again where it is needed
+    def __reduce__(self) -> tuple[Any, ...]:  # without SciPy's object, which is large
         return type(self), (self.kind, self.numbers, self.levels, self.cumulated)
 
     @cached_property
@@ -64,19 +64,20 @@ class Distribution:
 
     @property
     def bounded(self) -> bool:
-        """Whether it has no tails."""
+        """Whether the distribution has no tails."""
         return self.kind == "choice" or "low" in self.numbers
 
     def at(self, share: Array | float) -> Array:
-        """Return the values in the entry's unit below which the given shares (0 to 1, any shape) of all samples lie."""
+        """Return the quantiles for shares between 0 and 1, in their shape."""
         if self.kind == "choice":
-            which = np.searchsorted(self.cumulated, share, side="right")
-            return np.asarray(self.levels, dtype=float)[np.minimum(which, len(self.levels) - 1)]
+            index = np.searchsorted(self.cumulated, share, side="right")
+            return np.asarray(self.levels, dtype=float)[np.minimum(index, len(self.levels) - 1)]
         values: Array = np.asarray(self._frozen.ppf(share), dtype=float)
         return values
 
     def limits(self, outside: float = 0.0) -> tuple[float, float]:
-        """Return values all samples lie between, but for a share `outside` at either end of one with tails."""
+        """Return the least and the largest value; for a distribution with tails, without a share `outside` at each end.
+        """
         if self.kind == "choice":
             return float(min(self.levels)), float(max(self.levels))
         if "low" in self.numbers:
@@ -84,7 +85,7 @@ class Distribution:
         return float(self.at(outside)), float(self.at(1.0 - outside))
 
     def outside(self, minimum: float, maximum: float) -> float:
-        """Return the share of samples outside two limits, which only one with tails may have; 1 of any other."""
+        """Return the share of samples outside two limits; without tails 1 if any may lie there, otherwise 0."""
         if self.bounded:
             low, high = self.limits()
             return float(low < minimum or high > maximum)
@@ -92,13 +93,13 @@ class Distribution:
 
 
 def _deviation(written: Any, info: ValidationInfo) -> float:
-    """Return a standard deviation, given as a percentage of the mean or as a difference, in the entry's unit."""
+    """Return a standard deviation in the entry's unit; it is written as a percentage of the mean or as a difference."""
     unit: Any = info.context
     text = str(written).strip()
     if text.endswith("%") and unit.unit == "degC":
         raise ValueError("a percentage of a temperature says nothing; give a difference such as 5 K")
     deviation = float(replace(unit, base=abs(info.data.get("mean", 0.0))).number(written))
-    if unit.unit == "degC":  # 5 degC, and 5 K, of difference: what 0 of that unit is cancels
+    if unit.unit == "degC":  # a difference of 5 degC or 5 K: subtract the offset of the unit
         deviation -= float(unit.number(_NUMBER.sub("0", text, count=1)))
     return deviation
 
@@ -123,7 +124,7 @@ _TABLES: Mapping[str, type[Table]] = {
 
 
 class _Evenly(Table):
-    """Levels evenly apart."""
+    """Equidistant levels."""
 
     low: Quantity
     high: Quantity
@@ -131,7 +132,7 @@ class _Evenly(Table):
 
 
 def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
-    """Return the distribution a table describes. Raises ValueError or ValidationError."""
+    """Return the distribution that a table describes. Raises ValueError or ValidationError."""
     if "count" in written and "distribution" not in written:
         even = _Evenly.model_validate(written, context=unit)
         width = even.high - even.low
@@ -149,7 +150,10 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
 
 
 def _checked(made: Distribution, unit: In) -> Distribution:
-    """Return a distribution that is one and stays within the entry's limits, but for tails. Raises ValueError."""
+    """Return a distribution if its numbers are sound and within the entry's limits, except for tails.
+
+    Raises ValueError.
+    """
     n = made.numbers
     if "low" in n and not n["low"] < n["high"]:
         raise ValueError(f"low = {n['low']:g} must be below high = {n['high']:g} {unit.unit}")
@@ -171,8 +175,8 @@ def _checked(made: Distribution, unit: In) -> Distribution:
 
 
 def _choice(levels: tuple[Value, ...], weights: list[float] | None) -> Distribution:
-    given = [1.0] * len(levels) if weights is None else weights
-    if len(given) != len(levels) or not all(0.0 < w < inf for w in given):
+    shares = [1.0] * len(levels) if weights is None else weights
+    if len(shares) != len(levels) or not all(0.0 < w < inf for w in shares):
         raise ValueError(f"weights must be {len(levels)} finite numbers above 0, one for each level")
-    shares = np.cumsum(given)
-    return Distribution("choice", {}, levels, tuple((shares / shares[-1]).tolist()))
+    cumulated = np.cumsum(shares)
+    return Distribution("choice", {}, levels, tuple((cumulated / cumulated[-1]).tolist()))

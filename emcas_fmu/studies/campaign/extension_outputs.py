@@ -1,7 +1,7 @@
-"""What the outputs that extensions add come to in a sample; all from the command's instant on.
+"""Reduce the outputs that extensions add to entries of a row, from the command on.
 
-Numbers are figures, like those of :mod:`emcas_fmu.bench.metrics`. What a mean says nothing of, states, flags and
-words of bits, is observed: the last one, and of a word the bits that ever were set.
+Numbers become figures, like those of :mod:`emcas_fmu.bench.metrics`. States, flags and words of bits have no meaningful
+mean; they are observed: the last value, and for a word all bits that were ever set.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from .experiments import Experiment
 
 
 class Reduction(NamedTuple):
-    """How the column of an output becomes an entry of a row; what is observed is no `figure`."""
+    """How the column of an output becomes an entry of a row; `figure` is None for one that is only observed."""
 
     output: Variable
     figure: Figure | None
     value: Callable[[Array, Array], Any]
-    """From the columns of runs [runs, rows] and their times [s], of each run."""
+    """Function of the columns of runs [runs, rows] and their times [s]; returns a value for each run."""
 
 
 @cache
 def reductions(model: str) -> Mapping[str, Reduction]:
-    """Return how each output that the extensions of a model add is reduced, by the name of the entry."""
+    """Return the reductions of the outputs that a model's extensions add, by the names of their entries."""
     return {f"{v.name}_{suffix}": Reduction(v, *reduction) for v in extension_outputs(model)
             for suffix, reduction in _reductions(v).items()}
 
@@ -64,7 +64,7 @@ def _first(column: Array, time: Array) -> Array:
 
 
 def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Array]:
-    """Return figures and observations of many finished runs by column name."""
+    """Return figures and observations of finished runs by column name."""
     time, *columns = since(run.excitation.begin, *run.columns.values())
     at = dict(zip([*run.columns][1:], columns, strict=True))
     return {f"{experiment.name}.{name}": reduction.value(at[reduction.output.name], time - run.excitation.begin)
@@ -72,7 +72,7 @@ def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Array]:
 
 
 def in_words(output: Variable, value: Any) -> str:
-    """Return what was observed of an output, of a word with the names of the bits that are set."""
+    """Return an observed value as text, for a word with the names of the bits that are set."""
     if output.bits and value:
         return f"{value} ({', '.join(output.flags(value))})"
     return str(value).lower() if isinstance(value, bool) else str(value)

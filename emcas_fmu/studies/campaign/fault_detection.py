@@ -1,4 +1,4 @@
-"""What was injected and what the built-in test found: counts over the samples of a campaign of a model with faults."""
+"""Injected faults and what the built-in test detected, counted over the samples of a campaign."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ NONE, SEVERAL = "no fault", "several faults"
 
 @dataclass(frozen=True)
 class Finding:
-    """Samples of an experiment with one fault, by its name, with none or with several.
+    """The samples of an experiment with one fault, by its name, with none, or with several.
 
-    `found` is in how many of them a monitor tripped after the fault began, without one, in how many any tripped;
-    `before` in how many one had tripped before it. `monitors` counts each one the actuator has, whenever it tripped.
-    `delay` [s] is the median of those found, from the beginning of the fault, and `longest` the largest; nan where
-    there is none.
+    `found` is the number of samples in which a monitor tripped after the fault began; without a fault, in which any
+    tripped. In `before` samples one had tripped earlier. `monitors` counts the trips of each monitor at any time.
+    `delay` [s] from the beginning of the fault is the median of the detected samples, `longest` the largest; nan if
+    there are none.
     """
 
     experiment: str
@@ -42,9 +42,7 @@ class Finding:
 
 
 def tallies(plan: Plan, table: pa.Table) -> dict[str, dict[str, int]]:
-    """Return how many samples that were run have each value, or each bit of a word, of every column that is no figure.
-
-    Most often first.
+    """Return, for every observed column, how many samples have each value or each bit of a word; most frequent first.
     """
     return {name: dict(Counter(_values(output, table[name].to_pylist())).most_common())
             for name, output in observed(plan).items()}
@@ -56,7 +54,8 @@ def _values(output: Variable, column: list[Any]) -> Iterator[str]:
 
 
 def findings(plan: Plan, table: pa.Table) -> tuple[Finding, ...]:
-    """Return for each experiment what became of each fault that was injected alone; nothing without faults."""
+    """Return the findings of each experiment, for each fault that was injected alone; none if the model has no faults.
+    """
     words = {v.name: v for v in plan.actuator.outputs if v.name in (FAULT_WORD, BUILT_IN_TEST.name)}
     if len(words) < 2:
         return ()

@@ -1,4 +1,4 @@
-"""Pictures of a campaign: how figures spread, and what they depend on."""
+"""Pictures of a campaign: distributions of figures, their dependence on the factors, the worst samples."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def drawings(summary: Summary) -> Iterator[Drawing]:
 
 
 def _panels(spreads: Sequence[Spread], height: float, **more: Any) -> tuple[Figure, list[Any]]:
-    """Return a figure with a panel for each figure of an experiment; `height` of a row in inches."""
+    """Return a picture with a panel for each spread; `height` of a row in inches."""
     drawn, grid = figure(-(-len(spreads) // _COLUMNS), _COLUMNS, width=10.0, height=height, **more)
     for axes in grid.flat[len(spreads):]:
         axes.set_visible(False)
@@ -44,7 +44,7 @@ def _panels(spreads: Sequence[Spread], height: float, **more: Any) -> tuple[Figu
 
 
 def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
-    """Draw how the figures of an experiment spread."""
+    """Plot histograms of the figures of an experiment."""
     drawn, panels = _panels(spreads, 1.9)
     for axes, s in zip(panels, spreads, strict=True):
         unit, scale = shown(s.figure.unit)
@@ -60,7 +60,7 @@ def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
 
 
 def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
-    """Draw the rank correlation of every figure of an experiment with every factor, as bars with their intervals."""
+    """Plot the rank correlations of the figures of an experiment with the factors, as bars with their intervals."""
     strongest: dict[str, float] = {}
     for s in spreads:
         for e in s.effects:
@@ -69,11 +69,11 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
     drawn, panels = _panels(spreads, 0.75 + 0.2 * len(factors), sharex=True, sharey=True)
     for axes, s in zip(panels, spreads, strict=True):
         effects = {e.factor: e for e in s.effects}
-        for place, factor in enumerate(factors):
+        for position, factor in enumerate(factors):
             if factor in effects:
                 e = effects[factor]
-                axes.barh(place, e.rank_correlation, color=BLUE if e.sure else GRAY, alpha=0.75, height=0.7)
-                axes.plot([e.low, e.high], [place, place], color=INK, linewidth=0.9)
+                axes.barh(position, e.rank_correlation, color=BLUE if e.sure else GRAY, alpha=0.75, height=0.7)
+                axes.plot([e.low, e.high], [position, position], color=INK, linewidth=0.9)
         axes.axvline(0.0, color=INK, linewidth=0.6)
         axes.set(title=s.name.partition(".")[2], xlim=(-1.0, 1.0))
         axes.set_yticks(range(len(factors)), factors, fontsize=7.0)
@@ -88,7 +88,7 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
 
 
 def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -> Drawing | None:
-    """Draw the samples that are the worst by a figure over each other, run again; None where there is none."""
+    """Plot over each other, run again, the samples that are the worst in a figure; None if there are none."""
     by_sample: dict[int, list[str]] = {}
     for s in spreads:
         for index, _ in s.worst[:1]:

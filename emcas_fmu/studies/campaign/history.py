@@ -1,4 +1,4 @@
-"""Time histories of a campaign's samples: a row keeps figures alone, so that a sample is run again to be seen."""
+"""Time histories of samples. Rows contain figures only; for its history a sample is run again."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .plan import Plan
 
 
 def history(plan: Plan, experiment: Experiment, drawn: Sequence[float], subject: Subject) -> Response:
-    """Return the response to an experiment of the sample whose factors have the values `drawn`, with every output.
+    """Return all outputs of a sample, whose factors have the values `drawn`, in an experiment.
 
-    Of a sample that failed on the way it ends there. Raises EmcasError where nothing of it can be computed.
+    The history of a sample that failed ends there. Raises EmcasError if there is none.
     """
     values, numbers = plan.varied(drawn)
     changes = {name: value for name, value in values.items() if value != subject.values[name]}

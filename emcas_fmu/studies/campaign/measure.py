@@ -21,7 +21,7 @@ from ...simulation import Array
 from .experiments import Experiment
 
 POWER = "supply_power"
-# Power is looked at more often than the rest: the drive's short transients follow the controller's samples.
+# Power has more rows than other outputs: the drive has short transients after each sample of the controller.
 POWER_ROWS = 5
 _PERIOD = "controller.sample_time"
 _ALL = "all"
@@ -50,17 +50,16 @@ def figures(kind: str, model: str) -> Mapping[str, Figure]:
 
 
 def lacking(model: str) -> dict[str, list[str]]:
-    """Return the figures an actuator has not, by the reason."""
+    """Return the figures that an actuator does not have, by the reason."""
     return left_out({name: FIGURES[figure] for name, (figure, _) in _COLUMNS.items()},
                     [v.name for v in get(model).outputs])
 
 
 def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps: Sequence[Array]) -> dict[str, Any]:
-    """Return the figures of a finished run, or of many, by the bench's names; nan where there is none (a level never
-    reached).
+    """Return the figures of one finished run, or of many, by the bench's names; nan for a level that is never reached.
 
-    Of its columns POWER has POWER_ROWS to each row; it leaps at `leaps` [s] from the command's instant, one array for
-    all runs or one for each. Raises ValueError where a step has no height.
+    The column POWER has POWER_ROWS values in each row, and jumps at the times `leaps` [s] after the command, one array
+    for all runs or one for each. Raises ValueError if a step has no height.
     """
     columns = {name: column for name, column in run.columns.items() if name != POWER}
     rows = replace(run, columns=columns)
@@ -88,7 +87,7 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
 
 
 def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
-    """Return the figures of a sweep with infinite bandwidths beyond it, 0 where the fin never comes within 3 dB."""
+    """Return the figures of a sweep: bandwidths beyond it are infinite, and 0 if the gain is below -3 dB throughout."""
     follows = measures["peak_gain"] >= -3.0
     beyond = inf if follows else 0.0
     gain, phase = measures["bandwidth_3db"], measures["bandwidth_90deg"]
@@ -102,10 +101,10 @@ def named(experiment: Experiment, model: str, measures: Mapping[str, Any]) -> di
 
 
 def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> list[Array]:
-    """Return when [s], from the command's instant, the drive gets a new reference: each sample, a delay later.
+    """Return the times [s] after the command at which the drive receives a new reference, a delay after each sample.
 
-    One array if it is the same in all runs, otherwise one for each. Without times where samples come too often to be
-    distinguished.
+    One array if the times are the same in all runs, otherwise one for each. Empty if samples are too frequent for the
+    rows.
     """
     period, delay = changes.get(_PERIOD, subject.values[_PERIOD]), subject.transport_delay(changes)
     periods, delays = np.broadcast_arrays(np.atleast_1d(period), delay)

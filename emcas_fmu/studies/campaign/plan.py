@@ -1,4 +1,4 @@
-"""What a worker needs of a campaign, and the parameters of a sample."""
+"""The part of a campaign that workers need, and the parameters of a sample."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNJUDGED = Specification(())
 
 @dataclass(frozen=True)
 class Factor:
-    """One thing that varies, in `unit`; `type` is Real, Integer or Boolean."""
+    """A quantity that varies between samples, in `unit`; `type` is Real, Integer or Boolean."""
 
     name: str
     unit: str
@@ -29,20 +29,20 @@ class Factor:
     distribution: Distribution
 
     def value(self, drawn: Any) -> Any:
-        """Return a number drawn, or an array of them, as what the factor is."""
+        """Return a drawn number, or an array of them, in the factor's type."""
         made = np.asarray(drawn).astype({"Boolean": bool, "Integer": np.int64, "Real": float}[self.type])
         return made if made.ndim else made.item()
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All a worker needs: flat parameters (SI), numbers of profiles by name, what varies, what is done.
+    """The part of a campaign that workers need.
 
-    `followers` are parameters that keep their ratio to one that varies. `fmu` is the path of an FMU,
-    with its SHA-256, or empty for the kernel; `fin`, from 1, which of a unit of several. `model` is one of
-    :mod:`emcas_fmu.actuators`, whose parameters `base` has, by its full name; `model_sha256` is of the user's file
-    that declares it, or empty. `specification` is what every sample is judged by, without what cannot be measured of
-    the model; its tests have inputs of their own, so that of the numbers drawn parameters alone reach it.
+    `base` are the parameters (flat, SI) of the actuator `model`, by its full name; `numbers` are the fixed numbers of
+    motions and profiles by name. `followers` keep their ratio to a factor. `fmu` is the path of an FMU, or empty for
+    the kernel, and `fin` the number of its fin, from 1. `model_sha256` is that of the user's file that declares the
+    model, or empty. Every sample is judged by the `specification`, which contains only what can be measured of the
+    model; its tests have their own inputs, so that only those factors matter to it that are parameters.
     """
 
     base: Mapping[str, Value]
@@ -60,32 +60,29 @@ class Plan:
 
     @property
     def actuator(self) -> Actuator:
-        """What the samples are run with."""
+        """The declaration of the model."""
         return get(self.model)
 
     @property
     def duration(self) -> float:
-        """About how long a sample is simulated [s]."""
+        """Approximate simulated time of a sample [s]."""
         tests = {(r.test, case) for r in self.specification.requirements if r.test for case in r.cases}
         return sum(e.duration for e in self.experiments) + sum(test.simulated for test, _ in tests)
 
     def packed(self) -> bytes:
-        """Return the plan as it is sent to a worker."""
+        """Return the plan in the form in which it is sent to workers."""
         return pickle.dumps(self)
 
     def chosen(self, drawn: Iterable[Any]) -> dict[str, Any]:
-        """Return the factors with the values `drawn`, and the parameters that follow them.
-
-        Of each factor a number, or an array of those of many samples.
-        """
+        """Return the factors and their followers by name, for the values `drawn`: numbers, or arrays [samples]."""
         chosen = {f.name: f.value(x) for f, x in zip(self.factors, drawn, strict=True)}
         return chosen | {name: self.base[name] * (chosen[leader] / self.base[leader])
                          for name, leader in self.followers.items()}
 
     def varied(self, drawn: Iterable[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return parameters (flat, SI) and numbers of profiles of a sample whose factors have the values `drawn`.
+        """Return parameters (flat, SI) and numbers of motions and profiles for the values `drawn` of the factors.
 
-        Of many samples those that vary are arrays.
+        For many samples those that vary are arrays [samples].
         """
         values, numbers = dict[str, Any](self.base), dict[str, Any](self.numbers)
         for name, value in self.chosen(drawn).items():
@@ -94,6 +91,6 @@ class Plan:
 
 
 def source_sha256(model: str) -> str:
-    """Return the SHA-256 of the user's file that declares an actuator; empty for one that is no file."""
+    """Return the SHA-256 of the user's file that declares an actuator; empty for a shipped one."""
     source = get(model).source
     return "" if source is None else hashlib.sha256(source.read_bytes()).hexdigest()

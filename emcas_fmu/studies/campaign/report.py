@@ -1,4 +1,4 @@
-"""The summary page of a campaign: one HTML file with nothing outside it."""
+"""The summary page of a campaign, one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_LEVELS = 8
 
 
 def described(factor: Factor) -> tuple[str, str]:
-    """Return a factor's distribution in a line, and the unit of its numbers; angles are in degrees."""
+    """Return a factor's distribution in one line, and the unit of its numbers; angles are in degrees."""
     unit, scale = shown(factor.unit) if factor.unit.startswith("rad") else (factor.unit, 1.0)
     kind, numbers, levels = factor.distribution.kind, factor.distribution.numbers, factor.distribution.levels
     if kind != "choice":
@@ -31,7 +31,7 @@ def described(factor: Factor) -> tuple[str, str]:
 
 
 def seconds(value: float) -> str:
-    """Return a time [s] for people."""
+    """Return a time [s] as text."""
     return f"{value:.2f} s" if isfinite(value) else "–"
 
 
@@ -42,7 +42,7 @@ def _source(summary: Summary) -> Source:
 
 
 def write_report(summary: Summary, path: Path, command: str) -> None:
-    """Write the page; the same rows give the same bytes. `command` runs the campaign."""
+    """Write the page, which names the `command` that runs the campaign; the same rows give the same bytes."""
     plan = summary.study.plan
     factors = [*((f.name, *described(f)) for f in plan.factors),
                *((name, f"follows {leader}", "") for name, leader in plan.followers.items())]

@@ -1,4 +1,8 @@
-"""Running a campaign's samples: in this process, or by Dask on this machine or on others."""
+"""Run the samples of a campaign: in this process, or by Dask on this machine or others.
+
+Workers are processes, since springs and the estimates of sweeps are mostly Python's work, for which threads would wait
+for each other.
+"""
 
 from __future__ import annotations
 
@@ -28,17 +32,17 @@ from .sample import Rows, failed, rows
 from .sampling import Sampler
 from .study import Study
 
-# Simulated in a task by default: some tenths of a second of work with the kernel, a few seconds with an FMU. What is
-# taken for a task (milliseconds) is little beside it, what a kill loses is little.
+# Simulated time of a task by default: tenths of a second of work with the kernel, seconds with an FMU. That is long
+# beside the milliseconds of overhead, and short enough to be lost if a worker is killed.
 SIMULATED, BY_FMU = 1000.0, 20.0  # s
-# Deaths of a worker under a task before it is given up. Dask's own 3 costs as many restarts more for a
-# sample that kills every worker, and one spares a task whose worker was killed from outside.
+# Deaths of workers that a task may cause. Dask's default of 3 costs more restarts for a sample that kills every
+# worker; 0 would give up a task whose worker was killed from outside.
 ALLOWED_DEATHS = 1
-_AHEAD = 3  # tasks submitted for each thread: none waits for the client
-# Run by a worker as it starts. A Ctrl-C reaches every process of a terminal: this one ends the others.
+_AHEAD = 3  # tasks submitted for each thread, so that none waits for the client
+# Run by workers as they start. A terminal sends Ctrl-C to every process; only this one handles it, and ends the others.
 _UNINTERRUPTED = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-_CONNECT = 20.0  # s
-_WORKERS = 120.0  # s, until the first worker is there
+_CONNECT = 20.0  # s, to reach a scheduler
+_WORKERS = 120.0  # s, to the first worker
 
 Work = Callable[[bytes, Sequence[int], Array], Rows]
 Keep = Callable[[Rows], object]
@@ -46,7 +50,7 @@ Indices = NDArray[np.int64]
 
 
 def _distributed() -> Any:
-    return import_module("distributed")  # an extra: not needed for the rest of this module
+    return import_module("distributed")  # an extra, which `in_process` does not need
 
 
 def chunked(missing: Indices, size: int) -> deque[Indices]:
@@ -55,7 +59,7 @@ def chunked(missing: Indices, size: int) -> deque[Indices]:
 
 
 def chunk_size(plan: Plan, count: int, threads: int) -> int:
-    """Return the samples in a task: at least eight tasks for a thread, so that all end at about the same time."""
+    """Return the number of samples in a task: eight tasks or more for a thread, so that all end at about one time."""
     most = int((BY_FMU if plan.fmu else SIMULATED) / plan.duration)
     return max(1, min(most, count // (8 * threads)))
 
@@ -66,7 +70,7 @@ def _compile(plan: Plan, samples: int) -> None:
 
 
 def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = None) -> None:
-    """Run samples in this process, without Dask."""
+    """Run samples in this process, without Dask; pass the rows of each chunk to `keep`."""
     sampler, packed = Sampler(study), study.plan.packed()
     _compile(study.plan, len(missing))
     for indices in chunked(missing, chunk or chunk_size(study.plan, len(missing), 1)):
@@ -75,13 +79,13 @@ def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = N
 
 @contextmanager
 def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
-    """A Dask client with worker processes of its own on this machine, for a campaign of a model; gone when it ends."""
+    """A Dask client with worker processes on this machine, for a campaign of a model. Raises CampaignError."""
     import dask
 
     distributed = _distributed()
-    library.available(model)  # compile once, not once a worker
-    # Any free port, of this machine only: two campaigns may run at a time.
-    # Restarted workers are reported by rows, not by log lines between the progress bar's.
+    library.available(model)  # compiles once, not in every worker
+    # Any free port, on this machine only, so that two campaigns may run at a time. Restarted workers show in the rows,
+    # not in log lines that break the progress bar.
     options = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(options))
@@ -97,17 +101,17 @@ def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
 
 @contextmanager
 def remote_client(address: str) -> Iterator[Any]:
-    """A client of a scheduler that is running. Raises CampaignError where it, or its workers, cannot be used."""
+    """A client of a running scheduler. Raises CampaignError if the scheduler or its workers cannot be used."""
     with ExitStack() as stack:
-        # Without Dask's own messages and tracebacks on a lost connection, of which a CampaignError tells.
+        # A lost connection is a CampaignError: Dask's messages and tracebacks are not needed.
         stack.enter_context(_distributed().utils.silence_logging_cmgr(logging.CRITICAL + 1))
         try:
-            # Before a client, which tries without end where something else answers.
+            # First, since a client tries for ever if something else answers.
             kind = asyncio.run(asyncio.wait_for(_kind(address), _CONNECT))
             if kind != "Scheduler":
                 raise ValueError(f"a {kind} answers")
             client = stack.enter_context(_distributed().Client(address, timeout=_CONNECT))
-        # What is no scheduler may answer anything, and the sizes read from that be any.
+        # Another server may send any bytes, which Dask reads as sizes.
         except (OSError, ValueError, MemoryError, TypeError, KeyError) as error:
             raise CampaignError(
                 f"--scheduler {address}: no scheduler answers there ({_reason(error)}); start one with `dask "
@@ -118,7 +122,7 @@ def remote_client(address: str) -> Iterator[Any]:
 
 
 async def _kind(address: str) -> str:
-    """Return what a Dask process calls itself."""
+    """Return the type that a Dask process reports, such as Scheduler."""
     distributed = _distributed()
     options = distributed.Security().get_connection_args("client")
     async with distributed.rpc(address, timeout=_CONNECT, connection_args=options) as process:
@@ -132,7 +136,7 @@ def _reason(error: Exception) -> str:
 
 
 def _ready(client: Any, address: str) -> None:
-    """Wait for workers; raise CampaignError where there is none, or one without this version of the package."""
+    """Wait for workers. Raises CampaignError if none comes, or one does not have this version of the package."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS)
     except TimeoutError as error:
@@ -154,10 +158,10 @@ def _version() -> str:
 
 def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int | None = None,
             work: Work = rows) -> None:
-    """Run samples on a client's workers; `keep` is given rows as they come, in any order.
+    """Run samples on a client's workers; pass rows to `keep` as they come, in any order.
 
-    A task whose workers die is taken apart: its samples run one at a time, alone, and one that again
-    kills its workers is kept as failed. Raises CampaignError where the scheduler is lost.
+    The samples of a task whose workers died are run again one at a time, alone; one that kills its workers again is
+    recorded as failed. Raises CampaignError if the scheduler is lost.
     """
     threads = max(sum(client.ncores().values()), 1)
     sampler, packed = Sampler(study), study.plan.packed()
@@ -175,21 +179,21 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
 
 @contextmanager
 def _connected() -> Iterator[None]:
-    """What a client raises without its scheduler, as CampaignError."""
+    """Raise what a client raises without its scheduler as CampaignError."""
     distributed = _distributed()
-    closed = getattr(distributed.client, "ClosedClientError", TimeoutError)  # older ones cancel only
+    closed = getattr(distributed.client, "ClosedClientError", TimeoutError)  # not in older versions
     try:
         yield
     except (distributed.CancelledError, distributed.comm.CommClosedError, TimeoutError, closed) as error:
-        raise CampaignError(f"the scheduler was lost ({type(error).__name__}); what was done is kept: the same "
+        raise CampaignError(f"the scheduler was lost ({type(error).__name__}); finished samples are kept: the same "
                             "command goes on") from error
 
 
 @contextmanager
 def waking(done: SimpleQueue[Any]) -> Iterator[None]:
-    """Have Ctrl-C wake who waits for `done`, by None.
+    """Let Ctrl-C put None into the queue `done`.
 
-    Raised in the middle of Dask's waiting it may leave a lock that is never released, and the run would not end.
+    A KeyboardInterrupt inside Dask may leave a lock that is never released, and the run would not end.
     """
     if threading.current_thread() is not threading.main_thread() or (
             signal.getsignal(signal.SIGINT) is not signal.default_int_handler):

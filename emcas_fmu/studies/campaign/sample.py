@@ -1,7 +1,7 @@
-"""Samples: from the factors' values to rows of figures, whatever happens on the way.
+"""Compute the rows of samples: figures and observations, or why there are none.
 
-Samples advance together, and rows are columns: by name an array or list with an entry for each sample. What a row says
-does not depend on which samples it is computed with.
+Samples are simulated together. Rows are kept as columns, an array or list with an entry for each sample. A row does not
+depend on the samples with which it is computed.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from .plan import Plan, source_sha256
 OK, FAILED = "ok", "failed"
 Rows = dict[str, Any]
 """Columns by name, in the order of a row's entries."""
-# Of responses that are held at a time: what is computed of them stays in a processor's cache. Fewer samples than some
-# make no use of vectors.
+# Size of the responses in memory at a time, which then stay in a processor's cache; least number of samples at a time,
+# for vectors.
 BYTES, FEWEST = 4e6, 8
 
 
@@ -50,7 +50,7 @@ def columns(plan: Plan) -> dict[str, Figure]:
 
 
 def observed(plan: Plan) -> dict[str, Variable]:
-    """Return the outputs of which a row has more than figures, by column name."""
+    """Return the outputs that are observed, not reduced to figures, by column name."""
     return {f"{experiment.name}.{name}": r.output for experiment in plan.experiments
             for name, r in reductions(plan.model).items() if r.figure is None}
 
@@ -61,13 +61,13 @@ def failed(plan: Plan, indices: Sequence[int], drawn: Array, errors: Sequence[st
 
 
 def listed(rows: Rows) -> list[dict[str, Any]]:
-    """Return rows one by one, by column name."""
+    """Return the rows as one mapping for each sample."""
     columns = [column.tolist() if isinstance(column, np.ndarray) else column for column in rows.values()]
     return [dict(zip(rows, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
-    """Return the rows of all parts."""
+    """Return the rows of all parts in one."""
     def column(name: str) -> Any:
         columns = [part[name] for part in parts]
         return np.concatenate(columns) if isinstance(columns[0], np.ndarray) else [x for part in columns for x in part]
@@ -76,7 +76,7 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 def _rows(plan: Plan, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
           ) -> Rows:
-    """Return rows from figures and observations of samples, and why some have failed, by their places."""
+    """Return rows from the entries of samples and, by their positions, the errors of those that failed."""
     count, bad = len(indices), [*errors]
     rows: Rows = {"index": np.asarray(indices), "seed": np.full(count, plan.seed),
                   **{name: np.broadcast_to(values, count) for name, values in plan.chosen(drawn.T).items()}}
@@ -85,67 +85,68 @@ def _rows(plan: Plan, indices: Sequence[int], drawn: Array, entries: Mapping[str
         rows[name][bad] = np.nan
     for name in observed(plan):
         values = [None] * count if name not in entries else entries[name].tolist()
-        rows[name] = [None if place in errors else value for place, value in enumerate(values)]
-    rows["status"] = [FAILED if place in errors else OK for place in range(count)]
-    rows["error"] = [errors.get(place, "") for place in range(count)]
+        rows[name] = [None if k in errors else value for k, value in enumerate(values)]
+    rows["status"] = [FAILED if k in errors else OK for k in range(count)]
+    rows["error"] = [errors.get(k, "") for k in range(count)]
     return rows
 
 
 def together(plan: Plan, indices: Sequence[int], drawn: Array, subject: Subject) -> Rows:
-    """Return index, seed, what varied, figures (nan where there is none), status and error of samples."""
+    """Return the rows of samples: index, seed, factors, figures (nan if there is none), status and error."""
     try:
         return _rows(plan, indices, drawn, *_entries(plan, drawn, subject))
-    # Nothing one sample does may end a campaign. Which one it was is seen when each is alone.
+    # One sample must not end a campaign. Halving the samples leads to the one that failed.
     except Exception as error:  # noqa: BLE001
         half = len(indices) // 2
         if half:
             return joined([together(plan, indices[:half], drawn[:half], subject),
                            together(plan, indices[half:], drawn[half:], subject)])
-        return failed(plan, indices, drawn, [_said(error)])
+        return failed(plan, indices, drawn, [_message(error)])
 
 
-def _said(error: Exception) -> str:
+def _message(error: Exception) -> str:
     expected = isinstance(error, (ArithmeticError, ValueError, EmcasError))
     return str(error) if expected else f"{type(error).__name__}: {error}"
 
 
 def _entries(plan: Plan, drawn: Array, subject: Subject) -> tuple[dict[str, Any], dict[int, str]]:
-    """Return figures and observations of samples, and why some of them have none, by their places."""
+    """Return the figures and observations of samples and, by their positions, the errors of those that failed."""
     values, numbers = plan.varied(drawn.T)
     changes = {name: value for name, value in values.items() if np.ndim(value) or value != subject.values[name]}
     excitations = [excitation(experiment, values, numbers, plan.model) for experiment in plan.experiments]
     entries: dict[str, Any] = {}
     errors: dict[int, str] = {}
-    for experiment, made in zip(plan.experiments, excitations, strict=True):
+    for experiment, applied in zip(plan.experiments, excitations, strict=True):
         outputs = _outputs(experiment.kind, plan.model)
-        runs = subject.run_all(made, changes, outputs, measure.POWER_ROWS,
+        runs = subject.run_all(applied, changes, outputs, measure.POWER_ROWS,
                                [name for name in outputs if name == measure.POWER])
-        errors = {**{place: _said(error) for place, error in runs.refused.items()},
-                  **{place: "; ".join(messages[-3:]) or runs[place].reason
-                     for place, (_, messages) in runs.stopped.items()}, **errors}
-        places, run = runs.finished()
-        if not len(places):
+        errors = {**{k: _message(error) for k, error in runs.refused.items()},
+                  **{k: "; ".join(messages[-3:]) or runs[k].reason for k, (_, messages) in runs.stopped.items()},
+                  **errors}
+        finished, run = runs.finished()
+        if not len(finished):
             continue
-        of_run, shape = ({name: value[places] if np.ndim(value) else value for name, value in given.items()}
-                         for given in (changes, numbers))
-        figures = measure.measured(experiment, shape, run, measure.leaps(subject, of_run, run))
-        for name, values_of in {**measure.named(experiment, plan.model, figures),
-                                **reduced(experiment, plan.model, run)}.items():
-            entries[name] = np.full(len(drawn), np.nan if values_of.dtype.kind == "f" else 0, values_of.dtype)
-            entries[name][places] = values_of
-    good = [place for place in range(len(drawn)) if place not in errors]
-    units = [{name: values_of[place].item() if np.ndim(values_of) else values_of
-              for name, values_of in changes.items()} for place in good]
-    found = evaluate(subject, plan.specification, units) if good else []
+        changes_of_run, numbers_of_run = ({name: value[finished] if np.ndim(value) else value
+                                           for name, value in table.items()} for table in (changes, numbers))
+        leaps = measure.leaps(subject, changes_of_run, run)
+        figures = measure.measured(experiment, numbers_of_run, run, leaps)
+        for name, column in {**measure.named(experiment, plan.model, figures),
+                             **reduced(experiment, plan.model, run)}.items():
+            entries[name] = np.full(len(drawn), np.nan if column.dtype.kind == "f" else 0, column.dtype)
+            entries[name][finished] = column
+    good = [k for k in range(len(drawn)) if k not in errors]
+    differences = [{name: value[k].item() if np.ndim(value) else value for name, value in changes.items()}
+                   for k in good]
+    verdicts = evaluate(subject, plan.specification, differences) if good else []
     for r in plan.specification.requirements:
         column = entries[f"{REQUIREMENT}.{r.name}"] = np.full(len(drawn), np.nan)
-        column[good] = [worst_of(f for f in of_unit if f.requirement is r).measured for of_unit in found]
+        column[good] = [worst_of(f for f in verdict if f.requirement is r).measured for verdict in verdicts]
     return entries, errors
 
 
 @cache
 def _outputs(kind: str, model: str) -> tuple[str, ...]:
-    """Return the outputs that are recorded for a kind of experiment."""
+    """Return the outputs that are recorded in a kind of experiment."""
     needed = (name for figure in measure.figures(kind, model).values() for name in figure.needs)
     return tuple(dict.fromkeys((*needed, *(v.name for v in extension_outputs(model)))))
 
@@ -157,9 +158,9 @@ def _unpacked(packed: bytes) -> Plan:
 
 
 def subject_of(plan: Plan) -> Subject:
-    """Return what runs the samples of a campaign in this process, opened once.
+    """Return the subject of a campaign, which is opened once in a process.
 
-    Raises CampaignError where a file is not the one the campaign began with.
+    Raises CampaignError if its file differs from that at the beginning of the campaign.
     """
     return _opened(plan.fmu, plan.fmu_sha256, plan.fin, plan.model, plan.model_sha256)
 
@@ -181,9 +182,9 @@ def _check_same(path: str, digest: str, begun: str) -> None:
 
 
 def rows(packed: bytes, indices: Sequence[int], drawn: Array) -> Rows:
-    """Return the rows of samples, which is the work of a task; `drawn` (indices, factors).
+    """Return the rows of samples with the drawn values [indices, factors], which is the work of a task.
 
-    Raises CampaignError where no sample can be run here at all, as without the FMU.
+    Raises CampaignError if no sample can be run, for instance without the FMU.
     """
     plan = _unpacked(packed)
     subject, size = subject_of(plan), _together(plan)
@@ -195,10 +196,10 @@ def rows(packed: bytes, indices: Sequence[int], drawn: Array) -> Rows:
 
 
 def _together(plan: Plan) -> int:
-    """Return how many samples advance together."""
-    def held(experiment: Experiment) -> float:
+    """Return the number of samples that are simulated together."""
+    def size(experiment: Experiment) -> float:
         outputs = _outputs(experiment.kind, plan.model)
-        rows = len(outputs) + 1 + (measure.POWER_ROWS - 1) * (measure.POWER in outputs)
-        return 8.0 * rows * (LEAD_IN + experiment.duration) / STEP
+        columns = len(outputs) + 1 + (measure.POWER_ROWS - 1) * (measure.POWER in outputs)
+        return 8.0 * columns * (LEAD_IN + experiment.duration) / STEP
 
-    return max(FEWEST, int(BYTES / max(map(held, plan.experiments))))
+    return max(FEWEST, int(BYTES / max(map(size, plan.experiments))))

@@ -1,4 +1,4 @@
-"""Which values a sample has: of its index and the campaign's seed alone, whoever asks and in whatever order."""
+"""Draw the factors of samples. The values of a sample depend on its index and the campaign's seed only."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .study import Study
 
 
 class Sampler:
-    """Draws the factors' values of samples by index.
+    """Draws the values of the factors by the indices of samples.
 
-    - ``monte-carlo``: sample i has a generator of its own, seeded with (seed, i).
+    - ``monte-carlo``: sample i has its own generator, seeded with (seed, i).
     - ``sobol``: point i of a scrambled sequence.
-    - ``latin-hypercube``: row i of one hypercube of all samples, made at once: eight bytes a sample and factor.
-    - ``grid``: mixed radix of i, the last factor changing fastest.
+    - ``latin-hypercube``: row i of one hypercube for all samples, with eight bytes for each sample and factor.
+    - ``grid``: the digits of i in mixed radix; the last factor changes fastest.
     """
 
     def __init__(self, study: Study) -> None:
@@ -31,7 +31,7 @@ class Sampler:
         return np.random.default_rng([self._seed, *more])
 
     def draw(self, indices: Sequence[int]) -> Array:
-        """Return the values (indices, factors), each in its factor's unit. Raises IndexError outside the campaign."""
+        """Return the values [indices, factors] in the factors' units. Raises IndexError outside the campaign."""
         if any(not 0 <= i < self._samples for i in indices):
             raise IndexError(f"samples are numbered from 0 to {self._samples - 1}")
         distributions = [f.distribution for f in self._factors]
@@ -43,7 +43,7 @@ class Sampler:
         return np.column_stack([d.at(shares[:, k]) for k, d in enumerate(distributions)])
 
     def _shares(self, indices: Sequence[int]) -> Array:
-        """Return numbers between 0 and 1 (indices, factors)."""
+        """Return numbers between 0 and 1 [indices, factors]."""
         if self._method == "sobol":
             return self._sobol(indices)
         if self._cube is None:
@@ -52,13 +52,13 @@ class Sampler:
         return chosen
 
     def _sobol(self, indices: Sequence[int]) -> Array:
-        """Draw each point once, in order, as the engine goes forward only; return them in the order of `indices`."""
+        """Return points in the order of `indices`; each is drawn once, in ascending order, as the engine requires."""
         engine = qmc.Sobol(len(self._factors), scramble=True, rng=self._generator())
-        ordered, places = np.unique(np.asarray(indices), return_inverse=True)
+        ordered, positions = np.unique(np.asarray(indices), return_inverse=True)
         points = np.empty((len(ordered), len(self._factors)))
         for row, index in zip(points, ordered.tolist(), strict=True):
             if index > engine.num_generated:
                 engine.fast_forward(index - engine.num_generated)
             row[:] = engine.random(1)[0]
-        # A scrambled point may have a 0, where a normal distribution has no value.
-        return np.clip(points, 2.0**-53, 1.0 - 2.0**-53)[places]
+        # A scrambled point may contain 0, where a normal distribution is infinite.
+        return np.clip(points, 2.0**-53, 1.0 - 2.0**-53)[positions]

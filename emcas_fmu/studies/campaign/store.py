@@ -1,6 +1,6 @@
-"""Results on disk: a folder of Parquet parts, each written whole or not at all, and what they belong to.
+"""Results on disk: a folder of Parquet parts, each written whole or not at all, and the record of their campaign.
 
-One run at a time writes to a folder: a lock of the operating system's is gone with the process that holds it.
+One run at a time writes to a folder. The lock is the operating system's, which releases it when the process ends.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from .study import Study
 SCHEMA = "emcas-campaign/1"
 MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
 _TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "Enumeration": pa.string()}
-_WORDS = {"title", "source", "reason"}  # of a requirement; they decide nothing
+_WORDS = {"title", "source", "reason"}  # fields of a requirement that do not change rows
 _MOST_NAMED = 6  # changes named in a refusal
 
 
 def identity(study: Study) -> dict[str, Any]:
-    """Return all that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
+    """Return all on which the rows depend, for JSON: the campaign, parameters, model or FMU, the program's version."""
     plan = study.plan
     model = {} if plan.model == NONLINEAR else {"model": plan.actuator.name}
     if plan.model_sha256:
@@ -49,22 +49,21 @@ def identity(study: Study) -> dict[str, Any]:
 
 
 def _judged(specification: Specification) -> dict[str, Any]:
-    """Return what samples are judged by, as JSON."""
+    """Return the requirements and cases by which samples are judged, for JSON."""
     if not specification.requirements:
         return {}
     requirements = {r.name: {**r.model_dump(exclude={"test", *_WORDS}), "test": r.test and asdict(r.test)}
                     for r in specification.requirements}
     cases = {case.name: [dict(case.values), dict(case.shares)] for case in specification.cases}
-    made = {"requirements": requirements, "cases": cases}
-    document: dict[str, Any] = json.loads(json.dumps(made))
+    document: dict[str, Any] = json.loads(json.dumps({"requirements": requirements, "cases": cases}))
     return document
 
 
 class Store:
-    """The results of a campaign in a folder, made if there is none; one at a time, until it is closed.
+    """The results of a campaign in a folder, which is made if it does not exist and locked until `close`.
 
-    Raises CampaignError where the folder holds another campaign, naming what differs, cannot be read, or is
-    written to by another run.
+    Raises CampaignError if the folder contains another campaign, naming the differences, cannot be read, or another
+    run writes to it.
     """
 
     def __init__(self, folder: Path, study: Study) -> None:
@@ -85,9 +84,9 @@ class Store:
             raise
 
     def _begin(self, manifest: Path) -> None:
-        for place in (self.folder, self._parts_folder):
-            for left in place.glob(f".*{PARTIAL}"):  # was being written when a run was killed
-                left.unlink()
+        for folder in (self.folder, self._parts_folder):
+            for partial in folder.glob(f".*{PARTIAL}"):  # left by a run that was killed
+                partial.unlink()
         if manifest.is_file():
             _check_same(manifest, self._identity)
             return
@@ -108,18 +107,18 @@ class Store:
         self.close()
 
     def missing(self) -> NDArray[np.int64]:
-        """Return the indices of the samples there is no row of, ascending."""
+        """Return the indices of the samples without a row, ascending."""
         missing = np.ones(self._study.samples, dtype=bool)
         for part in self._parts():
             missing[_read(part, ["index"])["index"].to_numpy()] = False
         return np.flatnonzero(missing)
 
     def write(self, rows: Rows) -> Path:
-        """Write rows as a part of their own, one row group: on disk when this returns."""
-        # No part can have this name: the first of these rows would be in it.
+        """Write rows as a new part of one row group; they are on disk when this returns."""
+        # The name is unused: a part of this name would contain the first of these rows.
         name = f"part-{min(rows['index']):09d}.parquet"
         sink = pa.BufferOutputStream()
-        # Figures hardly repeat, and nobody searches them by range: dictionaries and statistics would only cost.
+        # Figures hardly repeat and are not searched by range: dictionaries and statistics would only take space.
         pq.write_table(pa.Table.from_pydict(rows, self._schema), sink, compression="zstd",
                        use_dictionary=["status", "error"], write_statistics=["index"])
         part = self._parts_folder / name
@@ -127,12 +126,12 @@ class Store:
         return part
 
     def table(self) -> pa.Table:
-        """Return all rows there are, by index, each once."""
+        """Return all rows, sorted by index and without duplicates."""
         parts = [_read(part) for part in self._parts()]
         if not parts:
             return self._schema.empty_table()
         rows = pa.concat_tables(parts)
-        # Whoever puts two folders' parts together may have a sample twice: the same row, it depends on nothing else.
+        # Parts that were copied from another folder may contain a sample again; its row is the same.
         _, first = np.unique(rows["index"].to_numpy(), return_index=True)
         return rows.take(pa.array(first))
 
@@ -141,7 +140,7 @@ class Store:
 
 
 def _locked(folder: Path) -> FileLock:
-    """Return a folder's lock, held. Raises CampaignError where another run holds it, naming its process."""
+    """Lock a folder and return the lock. Raises CampaignError, naming the process, if another run has locked it."""
     lock, owner = FileLock(folder / LOCK), folder / OWNER
     try:
         lock.acquire(blocking=False)
@@ -151,13 +150,13 @@ def _locked(folder: Path) -> FileLock:
             holder = owner.read_text(encoding="utf-8")
         raise CampaignError(f"another run ({holder or 'pid unknown'}) writes to {folder}; wait for it, or name another "
                             "folder with --output") from error
-    # Beside the lock: the locked file itself cannot be read on every system.
+    # In a file of its own: some systems do not let others read a locked file.
     write(owner, f"pid {os.getpid()} on {platform.node()}")
     return lock
 
 
 def _unused(folder: Path) -> bool:
-    """Return whether there is nothing in a folder but what a run that was killed before its first sample leaves."""
+    """Return whether a folder is empty, or contains only what a run leaves that was killed before its first sample."""
     return all(path.name in (PARTS, LOCK, OWNER) or path.suffix == PARTIAL for path in folder.iterdir()) and not any(
         (folder / PARTS).glob("*"))
 
@@ -186,7 +185,7 @@ def _read(part: Path, names: Sequence[str] | None = None) -> pa.Table:
 
 
 def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
-    """Raise CampaignError where the folder is of another campaign, naming what differs."""
+    """Raise CampaignError, naming the differences, if the folder contains another campaign."""
     try:
         document = json.loads(manifest.read_text(encoding="utf-8"))
         document.pop("text")

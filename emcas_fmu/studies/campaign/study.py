@@ -1,4 +1,4 @@
-"""A campaign: what varies, what is done in each sample, on which parameters. Read from TOML."""
+"""A campaign, read from TOML: factors, experiments and the parameters or FMU that they apply to."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from .plan import UNJUDGED, Factor, Plan, source_sha256
 from .schema import Entries, Reader
 
 MOST_SAMPLES = 100_000_000
-SHIPPED = "shipped"  # in place of a file of requirements: models/requirements.toml
+SHIPPED = "shipped"  # stands for models/requirements.toml
 
 
 class _Campaign(Table):
@@ -68,10 +68,11 @@ class _File(Table):
 
 @dataclass(frozen=True)
 class Study:
-    """A campaign file understood. `guid` is the FMU's that runs, or that these parameters would be built into.
+    """A campaign.
 
-    `warnings` are of the parameters, with all that varies at its median and at either end, each rule's once. `left_out`
-    are requirements that cannot be measured of the actuator, with the reason.
+    `guid` is that of its FMU, or of the FMU that would be built from its parameters. `warnings` are those of the
+    parameters with all factors at their medians and with each at either end, one for each rule. `left_out` are the
+    requirements that cannot be measured of the actuator, with the reasons.
     """
 
     path: Path
@@ -89,8 +90,8 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
                requirements: Path | str | None = None) -> Study:
     """Return the campaign of a TOML file (see models/campaign.toml). Raises CampaignError.
 
-    `fmu`, and `fin` of a unit of several, counted from 1, replace the file's own, and so does `model`, one of
-    :mod:`emcas_fmu.actuators`. `requirements` is a file, or SHIPPED, that every sample is judged by.
+    `fmu`, its `fin` (from 1) and `model`, one of :mod:`emcas_fmu.actuators`, replace those in the file. Every sample
+    is judged by `requirements`, a file or SHIPPED.
     """
     text, document = schema.document(path, CampaignError)
     file = schema.read(_File, document, path, CampaignError)
@@ -114,7 +115,7 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
                 file.campaign.seed, unit, digest, chosen, base.model, source_sha256(base.model),
                 replace(specification, requirements=able))
     samples = _samples(path, file.campaign, plan.factors)
-    # With everything at its median the parameters must go together: what does not there seldom does anywhere.
+    # If the parameters contradict each other at the medians, few samples could be run.
     values, _ = plan.varied(float(f.distribution.at(0.5)) for f in plan.factors)
     if problems := check_parameters({v.name: values[v.name] for v in plan.actuator.parameters}, plan.model):
         raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")
@@ -124,14 +125,14 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
 
 
 def _warnings(base: ParameterSet, plan: Plan) -> Iterator[str]:
-    """Return the warnings of the parameters, of each rule the first: at the medians, or with one factor at an end."""
+    """Yield the first warning of each rule: at the medians, or with one factor at an end."""
     varied = check_combinations(base.values, base.actuator, warnings=True)
     yield from (warning for warning in base.warnings if warning not in varied)
     median = [float(f.distribution.at(0.5)) for f in plan.factors]
     points = [median, *([*median[:k], end, *median[k + 1:]] for k, factor in enumerate(plan.factors)
                         for end in factor.distribution.limits(MOST_OUTSIDE))]
     sets = [values for values, _ in map(plan.varied, points) if not check_parameters(
-        {v.name: values[v.name] for v in plan.actuator.parameters}, plan.model)]  # others fail, and say why
+        {v.name: values[v.name] for v in plan.actuator.parameters}, plan.model)]  # other samples fail with an error
     first: dict[Rule, str] = {}
     for values in sets:
         first = {**broken_rules(values, plan.actuator, warnings=True), **first}
@@ -140,10 +141,10 @@ def _warnings(base: ParameterSet, plan: Plan) -> Iterator[str]:
 
 def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
           model: str | None) -> tuple[ParameterSet, str, str, str, int]:
-    """Return base set, GUID, and of the FMU if one is to run, path, SHA-256 and fin."""
+    """Return the base set, the GUID, and path, SHA-256 and fin of the FMU, if there is one."""
     chosen = fin if fin is not None else entry.fin or 1
     kind = _model(path, entry, model)
-    # Files are named as seen from the campaign's own, which can then be run from anywhere.
+    # Paths are relative to the campaign's file, so that it can be run from any folder.
     files = [parameter_file(name, path.parent) for name in entry.parameters]
     unit = fmu if fmu is not None else path.parent / entry.fmu if entry.fmu else None
     if unit is None:
@@ -160,18 +161,18 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
     return base, identification.guid, str(unit.resolve()), identification.sha256, chosen
 
 
-def _model(path: Path, entry: _Base, given: str | None) -> str | None:
-    """Return the full name of the model that is given, or that the file names, if any."""
-    model = given or entry.model
+def _model(path: Path, entry: _Base, chosen: str | None) -> str | None:
+    """Return the full name of the chosen model, or of the one in the file, if any."""
+    model = chosen or entry.model
     if model is None:
         return None
-    if given is None and model.partition("+")[0].endswith(".py"):
+    if chosen is None and model.partition("+")[0].endswith(".py"):
         model = str(path.parent / model)
     try:
         get(model)
         return full_name(model)
     except EmcasError as error:
-        where = f"{path}: base.model = " if given is None else "--model "
+        where = f"{path}: base.model = " if chosen is None else "--model "
         raise CampaignError(where + str(error).removeprefix("--model ")) from error
 
 

@@ -1,4 +1,4 @@
-"""What a campaign says: percentiles of every figure, what they depend on and how surely, the worst samples."""
+"""Summarise a campaign: percentiles of every figure, sensitivities with their uncertainty, the worst samples."""
 
 from __future__ import annotations
 
@@ -28,15 +28,17 @@ from .study import Study
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 WORST = 3  # samples listed for each figure
 _CONFIDENCE = 0.95
-# Fewer say nothing of what figures depend on.
-_FEWEST = 10
+_FEWEST = 10  # least number of samples for sensitivities
 _NUMBER = re.compile(r"(?<!\S)[(),;:]*[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|inf|nan)[(),;:]*(?!\S)")
 
 
 @dataclass(frozen=True)
 class Effect:
-    """How a figure goes with a factor: Spearman's rank correlation with its 95 % interval, and the standardised
-    regression coefficient of the linear fit on all factors with its standard error."""
+    """Sensitivity of a figure to a factor.
+
+    Spearman's rank correlation with its 95 % interval, and the standardised coefficient of a linear regression on all
+    factors with its standard error.
+    """
 
     factor: str
     rank_correlation: float
@@ -47,17 +49,17 @@ class Effect:
 
     @property
     def sure(self) -> bool:
-        """Whether the interval leaves out zero."""
+        """Whether the interval excludes zero."""
         return self.low > 0.0 or self.high < 0.0
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the samples that were run, SI; `name` is its column's, `values` are finite.
+    """The distribution of a figure over the samples, SI; `name` is that of its column.
 
-    `percentiles` are of all samples: one that has no such figure counts as worse than the rest, and a percentile
-    that falls there is infinite. `mean` and `sd` are of `values`, `without` is how many samples have none.
-    `explained` is the share of variance the linear fit explains. `worst` are indices and figures, worst first.
+    `values` are the finite ones, with their `mean` and `sd`; `without` is the number of other samples. `percentiles`
+    are of all samples: those without the figure count as worse than the rest, and a percentile among them is infinite.
+    `explained` is the share of the variance that the regression explains. `worst` are indices and figures, worst first.
     """
 
     name: str
@@ -76,7 +78,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Chance:
-    """How many of the `samples` meet a requirement, None for all of them together; one that failed does not."""
+    """The number of `samples` that meet a requirement, or all of them (None); failed samples do not."""
 
     requirement: Requirement | None
     met: int
@@ -84,12 +86,12 @@ class Chance:
 
     @property
     def share(self) -> float:
-        """Share of the samples."""
+        """Share of the samples that meet it."""
         return self.met / self.samples
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Interval of the probability, two-sided, of Clopper and Pearson (1934)."""
+        """Two-sided interval of the probability of Clopper and Pearson (1934)."""
         low, high = stats.binomtest(self.met, self.samples).proportion_ci(_CONFIDENCE, method="exact")
         return float(low), float(high)
 
@@ -103,24 +105,24 @@ class Chance:
 
 
 def _percent(share: float, to: Callable[[float], int]) -> str:
-    """Return a share with two digits of what it is short of all, or of none, at least one behind the point."""
+    """Return a share in %, with two digits of its distance to 0 or 100 % and at least one decimal."""
     digits = max(1, 2 - ceil(log10(100.0 * min(share, 1.0 - share) or 1.0)))
     return f"{to(share * 100.0 * 10.0**digits) / 10.0**digits:.{digits}f} %"
 
 
 @dataclass(frozen=True)
 class Summary:
-    """The results of a campaign of which `done` samples were run, with figures or not."""
+    """The results of a campaign of which `done` samples were run, including those that failed."""
 
     study: Study
     done: int
     spreads: tuple[Spread, ...]
     failures: tuple[tuple[str, int, int], ...]
-    """Message, how many samples, and the first of them."""
+    """Message, number of samples and index of the first."""
     tallies: Mapping[str, Mapping[str, int]]
     findings: tuple[fault_detection.Finding, ...]
     chances: tuple[Chance, ...] = ()
-    """Of each requirement, and last of all together."""
+    """One for each requirement, and at the end one for all together."""
 
     @property
     def by_name(self) -> Mapping[str, Spread]:
@@ -161,7 +163,7 @@ def _chances(plan: Plan, table: pa.Table) -> tuple[Chance, ...]:
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
-    """Return messages without their numbers: those of different samples are one reason."""
+    """Return the reasons of failures: messages without their numbers, which differ between samples."""
     bad = table.filter(pa.compute.not_equal(table["status"], OK))
     samples: dict[str, list[int]] = {}
     for index, error in zip(bad["index"].to_pylist(), bad["error"].to_pylist(), strict=True):
@@ -172,13 +174,13 @@ def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
 
 
 def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
-    # One that cannot be had counts as worse than any: a time never reached is longer than all.
+    # A missing figure is worse than any other: a level that is never reached takes longer than all.
     ordered = np.where(np.isnan(values), figure.bad * inf, values)
-    # The sample at the percentile, without interpolation: between a number and infinity there is none.
+    # The sample at the percentile: one cannot interpolate between a number and infinity.
     percentiles = np.percentile(ordered, PERCENTILES, method="inverted_cdf").tolist()
     inside = values[np.isfinite(values)]
     worst = np.lexsort((index, -figure.bad * ordered))[:WORST]
-    # What varies in another experiment cannot act in this one; by chance alone it would seem to now and then.
+    # Factors of other experiments have no effect in this one, and would seem to now and then by chance.
     acting = {factor: x for factor, x in factors.items()
               if not factor.startswith("experiments.") or factor.startswith(f"experiments.{name.partition('.')[0]}.")}
     explained, effects = sensitivities(ordered, acting)
@@ -190,11 +192,11 @@ def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Map
 
 
 def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, tuple[Effect, ...]]:
-    """Return the share of the variance a linear fit explains, and how the figure (n) goes with each factor (n).
+    """Return the share of the variance that a regression explains, and the effects of the factors [n] on a figure [n].
 
-    Ranks use every sample (infinite ones are beyond the rest); the fit those with a figure. A factor or figure
-    that does not vary has none. The interval of a rank correlation is Fisher's, with the variance of Bonett and
-    Wright (2000), (1 + r^2/2)/(n - 3).
+    Ranks use all samples, infinite figures at the end; the regression uses the finite ones. Without variation of the
+    factor or the figure there is no effect. The interval of a rank correlation is Fisher's, with the variance of Bonett
+    and Wright (2000), (1 + r^2/2)/(n - 3).
     """
     varying = {name: x for name, x in factors.items() if np.ptp(x) > 0.0}
     if len(figure) < max(_FEWEST, len(varying) + 3) or not varying or len(np.unique(figure)) < 2:
@@ -216,7 +218,8 @@ def _interval(rank: float, n: int) -> tuple[float, float]:
 
 
 def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float], list[float], float]:
-    """Return standardised coefficients, their standard errors and the share of variance explained, by least squares."""
+    """Return standardised coefficients, their standard errors and the explained share of the variance (least squares).
+    """
     has = np.isfinite(figure)
     x, y = np.column_stack([column[has] for column in factors.values()]), figure[has]
     n, count = x.shape
@@ -231,7 +234,7 @@ def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float
 
 
 def text(figure: Figure, value: float) -> str:
-    """Return a figure for people, without its unit; one beyond all of the samples in words."""
+    """Return a figure as text without its unit; in words if it is not finite."""
     if isfinite(value):
         return rounded(value * shown(figure.unit)[1], ".4g")
     if value * figure.bad > 0.0:
@@ -240,7 +243,7 @@ def text(figure: Figure, value: float) -> str:
 
 
 def _judged(summary: Summary) -> dict[str, Any]:
-    """Return what samples were judged by and how many meet it; nothing where they were not."""
+    """Return the requirements with the numbers of samples that meet them, for JSON; empty if there are none."""
     if not summary.chances:
         return {}
     *each, together = ({"met": c.met, "samples": c.samples, "share": c.share, "low": c.interval[0],
@@ -255,7 +258,7 @@ def _judged(summary: Summary) -> dict[str, Any]:
 
 
 def as_dict(summary: Summary, command: str) -> dict[str, Any]:
-    """Return the document for JSON; SI units."""
+    """Return the summary for JSON, in SI."""
     study, plan = summary.study, summary.study.plan
     of_model = {} if plan.model == NONLINEAR else {
         "model": plan.actuator.name, "left_out": lacking(plan.model),

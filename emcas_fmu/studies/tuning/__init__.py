@@ -1,1 +1,1 @@
-"""Gains that meet requirements in every case at once, on the full equations of any actuator."""
+"""Tune the gains of any actuator, with its full equations, until they meet requirements in all cases."""

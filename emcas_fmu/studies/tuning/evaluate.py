@@ -1,4 +1,4 @@
-"""Gains judged: every requirement in every case as a share of its limit, kept in a journal."""
+"""Judge gains: every requirement in every case, as a share of its limit, and a journal of these evaluations."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from ...bench.subject import ParameterSubject
 from ...support.writing import append, write
 from .study import Study, StudyError
 
-# Share of its limit at which a figure stands that cannot be had: never reached, unstable, not finite.
-HOPELESS = 10.0
-# The objective is the p-norm of the requirements' worst shares: close to the largest, but what cannot be
-# improved by gains (a rate the motor limits) does not hide the rest.
+HOPELESS = 10.0  # share of the limit of a figure that does not exist: never reached, unstable, not finite
+# The objective is the p-norm of the worst shares of the requirements. It is close to the largest, but a figure that
+# gains cannot improve, such as a rate that the motor limits, does not hide the others.
 _NORM = 8
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """One requirement in one case: what was measured, and as a share of the limit (1: just met, less is better)."""
+    """A requirement in a case: the measured figure, and its share of the limit (1: just met, less is better)."""
 
     requirement: str
     case: str
@@ -32,12 +31,12 @@ class Judgement:
 
     @property
     def margin(self) -> float:
-        """What is left to the limit, as a share of it."""
+        """Distance to the limit, as a share of it."""
         return 1.0 - self.share
 
     @property
     def met(self) -> bool:
-        """Whether the limit is kept."""
+        """Whether the figure is within its limit."""
         return self.share <= 1.0
 
 
@@ -50,12 +49,12 @@ class Evaluation:
 
     @property
     def worst(self) -> Judgement:
-        """What binds."""
+        """The judgement with the largest share."""
         return max(self.judgements, key=lambda j: j.share)
 
     @property
     def objective(self) -> float:
-        """What is minimised."""
+        """The objective that the search minimises."""
         shares = [j.share for j in self.by_requirement().values()]
         return float(sum(s**_NORM for s in shares) ** (1.0 / _NORM))
 
@@ -69,7 +68,7 @@ class Evaluation:
 
 
 def share(requirement: Requirement, measured: float) -> float:
-    """Return a figure as a share of its limit, measured/maximum or minimum/measured: 1 at most where it is kept."""
+    """Return a figure as a share of its limit, measured/maximum or minimum/measured; at most 1 if it is met."""
     if not isfinite(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"
@@ -78,18 +77,18 @@ def share(requirement: Requirement, measured: float) -> float:
 
 
 def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
-    """Judge every requirement in every case, for each of several gains; none depends on what it is judged beside.
+    """Judge every requirement in every case for several sets of gains, independently of each other.
 
-    Hopeless are responses that cannot be computed, and gains that break a rule of the actuator.
+    Responses that cannot be computed, and gains that break a rule of the actuator, are HOPELESS.
     """
-    found = verdict.evaluate(ParameterSubject(study.base), study.specification, gains)
+    results = verdict.evaluate(ParameterSubject(study.base), study.specification, gains)
     return [Evaluation(dict(each), tuple(
         Judgement(f.requirement.name, f.case.name, f.measured, share(f.requirement, f.measured)) for f in figures))
-        for each, figures in zip(gains, found, strict=True)]
+        for each, figures in zip(gains, results, strict=True)]
 
 
 class Journal:
-    """Evaluations as lines of a file, so that a run that was stopped goes on where it was.
+    """Evaluations, kept as lines of a file if there is one, from which a stopped run goes on.
 
     Raises StudyError for the journal of another study.
     """
@@ -101,7 +100,7 @@ class Journal:
             return
         header = {"study": study.digest}
         text = path.read_text(encoding="utf-8") if path.is_file() else ""
-        # A last line without its end was being written when the run was killed: that evaluation is made again.
+        # A last line without an end was cut when the run was killed: its evaluation is repeated.
         lines = text.splitlines(keepends=True)
         whole = [line for line in lines if line.endswith("\n")]
         if not whole:
@@ -118,11 +117,11 @@ class Journal:
             write(path, "".join(whole))
 
     def find(self, gains: Mapping[str, float]) -> Evaluation | None:
-        """Return the evaluation of these very gains, if it was made."""
+        """Return the evaluation of exactly these gains, if there is one."""
         return self._evaluations.get(tuple(gains.values()))
 
     def add(self, evaluations: Iterable[Evaluation]) -> None:
-        """Keep evaluations, at once on disk."""
+        """Add evaluations, also to the file."""
         lines = []
         for evaluation in evaluations:
             if self.find(evaluation.gains) is None:

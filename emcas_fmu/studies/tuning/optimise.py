@@ -1,6 +1,6 @@
 """The search: differential evolution over the bounds, then Nelder-Mead from the best, on the worst requirement.
 
-What is returned is chosen last, among gains as they are written.
+The gains that are returned are chosen last, from gains rounded as they are written to a file.
 """
 
 from __future__ import annotations
@@ -21,22 +21,20 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
-from ...bench.requirements import Case
 from ...parameters import ParameterSet
 from ...runtime import library
 from ...support.progress import Progress, silent
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Study, Tunable
 
-# Gains are given with as many digits as a person would set.
-_DIGITS = 3
+_DIGITS = 3  # significant, of gains: as many as a person would set
 _POPULATION = 12  # individuals for each tunable
 _LOCAL = 60  # evaluations for each tunable
-_STEPS = 1000  # of 1 ms, at least, for a requirement in a case
-_TOGETHER = 16  # sets of gains at once, at most: many enough for vectors, and few to lose where a run is killed
-_SLACK = 0.03  # of a limit, within which a requirement binds as the worst does
-# Gains that are judged as they would be written, with their neighbours: after a whole search, and after Ctrl-C. Beside
-# a limit that is crossed at once the best ten of a search are all of one place.
+_STEPS = 1000  # least number of 1 ms that a requirement is simulated in a case
+_TOGETHER = 16  # most sets of gains evaluated at once: enough for vectors, few to lose if the run is killed
+_SLACK = 0.03  # share of a limit; a requirement this close to the worst one binds, too
+# Number of rounded gains that are judged with their neighbours, after a whole search and after Ctrl-C. Near a limit
+# that is crossed abruptly the best ten of a search are almost the same gains.
 _CHOICE, _HURRIED = 20, 4
 
 Gains = Mapping[str, float]
@@ -45,15 +43,15 @@ _Evaluator = Callable[[list[Gains]], Iterable[list[Evaluation]]]
 
 @dataclass(frozen=True)
 class Result:
-    """What a run found: the gains it returns, as they are written, those begun with, and everything evaluated."""
+    """The result of a run: the gains it returns, as they are written, the initial ones, and all evaluations."""
 
     study: Study
     seed: int
     best: Evaluation
     before: Evaluation
     nearby: float
-    """Largest objective of the returned gains and of those with one of them changed by a unit of its third digit; nan
-    where Ctrl-C came before."""
+    """Largest objective of the returned gains and their neighbours, of which one gain differs by a unit of its third
+    digit; nan if Ctrl-C came before these were judged."""
     evaluated: tuple[Evaluation, ...]
     history: tuple[float, ...]
     """Best objective after each generation of the global search and each evaluation of the local one."""
@@ -67,7 +65,7 @@ class Result:
 
     @property
     def unimproved(self) -> bool:
-        """Whether nothing better was found than the gains begun with, which are then returned."""
+        """Whether the search has found nothing better than the initial gains, which are then returned."""
         return self.best == self.before
 
     @property
@@ -77,19 +75,19 @@ class Result:
 
     @property
     def at_bound(self) -> dict[str, str]:
-        """The gains at a bound of the search, with which one: lower or upper."""
+        """The gains at a bound of the search, with its name: lower or upper."""
         bounds = {t.name: t.bound(self.best.gains[t.name]) for t in self.study.tunables}
         return {name: bound for name, bound in bounds.items() if bound}
 
     @property
     def binding(self) -> list[str]:
-        """Requirements that stand between here and more margin, the worst first."""
+        """The requirements that limit the smallest margin, the worst first."""
         ranked = sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
         return [name for name, j in ranked if j.share >= self.best.worst.share - _SLACK]
 
 
 def rounded(gains: Gains, study: Study) -> dict[str, float]:
-    """Return the gains with three significant digits, or with as many more as keep them between their bounds."""
+    """Return the gains with three significant digits, or with the more that are needed to stay within the bounds."""
     def within(t: Tunable) -> float:
         value = min(max(gains[t.name], t.lower), t.upper)
         digits = (float(f"{value:.{count}g}") for count in range(_DIGITS, 18))
@@ -99,23 +97,23 @@ def rounded(gains: Gains, study: Study) -> dict[str, float]:
 
 
 def neighbours(gains: Gains, study: Study) -> list[Gains]:
-    """Return gains of which one is changed by a unit of its third digit, up or down, between the bounds."""
-    found: list[Gains] = []
+    """Return the gains within the bounds of which one differs by a unit of its third digit."""
+    near: list[Gains] = []
     for t in study.tunables:
         unit = 10.0 ** (floor(log10(abs(gains[t.name]) or 1.0)) - _DIGITS + 1)
         for value in (gains[t.name] - unit, gains[t.name] + unit):
             if t.lower <= value <= t.upper:
-                found.append({**gains, t.name: float(f"{value:.10g}")})
-    return found
+                near.append({**gains, t.name: float(f"{value:.10g}")})
+    return near
 
 
 def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, journal: Journal | None = None,
          progress: Progress = silent) -> Result:
-    """Return the gains with the largest smallest margin over requirements and cases, never worse than those begun with.
+    """Return the gains with the largest smallest margin over requirements and cases, or the initial ones if better.
 
-    Every gain returned was judged as it is written. The same study and seed give the same gains, whatever the number of
-    worker processes and whatever gains the set begins with, unless those are better. Ctrl-C ends the search, with the
-    best gains judged so far; raises KeyboardInterrupt where none were, not those begun with either.
+    The returned gains were judged as they are written. The same study and seed give the same gains for any number of
+    worker processes and any initial gains, unless the initial ones are better. Ctrl-C ends the search with the best
+    gains so far; raises KeyboardInterrupt if not even the initial ones were judged.
     """
     evaluations = journal if journal is not None else Journal(None, study)
     search = _Search(study, evaluations, progress, generations)
@@ -148,21 +146,21 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
 
 
 def _written(evaluations: Iterable[Evaluation], study: Study, count: int) -> list[Gains]:
-    """Return the best gains of a search as they would be written, each once."""
-    found: list[Gains] = []
+    """Return the best gains of a search, rounded and without duplicates."""
+    written: list[Gains] = []
     for evaluation in sorted(evaluations, key=lambda e: e.objective):
-        if len(found) == count:
+        if len(written) == count:
             break
-        if (gains := rounded(evaluation.gains, study)) not in found:
-            found.append(gains)
-    return found
+        if (gains := rounded(evaluation.gains, study)) not in written:
+            written.append(gains)
+    return written
 
 
 def _chosen(search: _Search, before: Evaluation, choice: list[Gains]) -> tuple[Evaluation, float, bool]:
-    """Return gains as they are written, the largest objective of them and their neighbours, and whether Ctrl-C came.
+    """Return rounded gains, the largest objective of them and their neighbours, and whether Ctrl-C was pressed.
 
-    Of the gains begun with and those of the `choice` that are not worse, it is those with the smallest such objective:
-    a limit that is crossed where a third digit changes is no place to stay. Ctrl-C ends the choice.
+    The initial gains and those of the `choice` that are not worse compete by that objective: gains that miss a limit
+    as soon as a third digit changes are not robust. Ctrl-C ends the choice.
     """
     best, nearby, stopped = before, inf, False
     try:
@@ -177,7 +175,7 @@ def _chosen(search: _Search, before: Evaluation, choice: list[Gains]) -> tuple[E
 
 
 def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
-    """Return the best and a step of 5 % of each gain, inwards where a bound is near."""
+    """Return the logarithms of the best gains and of a step of 5 % of each, inwards near a bound."""
     corner = np.log(list(best.gains.values()))
     simplex = np.tile(corner, (len(bounds) + 1, 1))
     for i, (_, upper) in enumerate(bounds):
@@ -186,7 +184,7 @@ def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
 
 
 class _Search:
-    """Evaluates what is not in the journal, and remembers the best."""
+    """Evaluates gains that are not in the journal, and remembers the best."""
 
     def __init__(self, study: Study, journal: Journal, progress: Progress, generations: int) -> None:
         self.study = study
@@ -195,7 +193,7 @@ class _Search:
         self._done, self._total = 0, generations + 1
         self.evaluator: _Evaluator = lambda _: ()
         self.history: list[float] = []
-        self.seen: list[Evaluation] = []  # of this run, in its order, whatever else the journal holds
+        self.seen: list[Evaluation] = []  # by this search, in order; the journal may hold more
         self._best: Evaluation | None = None
 
     @property
@@ -210,7 +208,7 @@ class _Search:
         return [e for e in map(self._journal.find, gains) if e is not None]
 
     def objectives(self, points: list[Any]) -> list[float]:
-        # Ten digits: a journal holds what was evaluated, not a rounding error beside it.
+        # Ten digits, so that the journal is searched by gains without rounding errors.
         gains: list[Gains] = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
         evaluations = self.all(gains)
         self.seen += evaluations
@@ -218,58 +216,53 @@ class _Search:
         return [e.objective for e in evaluations]
 
     def note(self, stage: str, generations: int = 0) -> None:
-        """Keep the best objective in the history after further `generations`, and report it."""
+        """Append the best objective to the history after further `generations`, and report it."""
         self._done += generations
         self.history.append(self.best.objective)
         self._progress(f"{stage}, worst {self.best.worst.share:.3f} of its limit ({self.best.worst.requirement})",
                        min(self._done, self._total), self._total)
 
 
-_study: Study | None = None
-
-
-def _begin(study: Study) -> None:
-    global _study
-    _study = study
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent ends the search
+def _begin() -> None:
+    """Prepare a worker process: the parent alone handles Ctrl-C, and a parent that is killed ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
-    if parent is not None:  # a run that is killed takes its workers along
+    if parent is not None:
         Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
 
 
-def _part(gains: Sequence[Gains], cases: Sequence[Case]) -> list[Evaluation]:
-    assert _study is not None
-    return evaluate(replace(_study, cases=tuple(cases)), gains)
-
-
-def _parted(gains: Sequence[Gains], study: Study, workers: int) -> Iterator[tuple[Sequence[Gains], Any]]:
-    """Return gains in parts, each with the groups of cases that as many workers judge at the same time."""
-    together = _TOGETHER if library.available(study.base.model) else 1  # in Python nothing is gained
+def _parted(gains: Sequence[Gains], study: Study, workers: int) -> Iterator[tuple[Sequence[Gains], list[Study]]]:
+    """Yield parts of the gains, each with studies that share the cases: one, or for single gains one for each worker.
+    """
+    together = _TOGETHER if library.available(study.base.model) else 1  # the Python kernel has no vectors
     size = min(together, -(-len(gains) // workers) or 1)
     groups = 1 if len(gains) > 1 else min(workers, len(study.cases))
     ends = [len(study.cases) * k // groups for k in range(groups + 1)]
     for first in range(0, len(gains), size):
-        yield gains[first:first + size], [study.cases[low:high] for low, high in pairwise(ends)]
+        yield gains[first:first + size], [replace(study, cases=study.cases[low:high]) for low, high in pairwise(ends)]
 
 
 @contextmanager
 def _pool(study: Study, workers: int) -> Iterator[_Evaluator]:
-    """Evaluate lists of gains part by part, in worker processes if there is more than one."""
+    """A function that evaluates lists of gains part by part, by several worker processes or in this one.
+
+    Processes, since most of the work is Python's: threads would wait for the interpreter's lock.
+    """
     if workers <= 1:
         yield lambda gains: (evaluate(study, part) for part, _ in _parted(gains, study, 1))
         return
-    executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(study,))
+    executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin)
 
     def by_workers(gains: list[Gains]) -> Iterator[list[Evaluation]]:
-        parts = [[executor.submit(_part, part, cases) for cases in groups]
-                 for part, groups in _parted(gains, study, workers)]
+        parts = [[executor.submit(evaluate, each, part) for each in studies]
+                 for part, studies in _parted(gains, study, workers)]
         for futures in parts:
             yield [Evaluation(of[0].gains, tuple(j for each in of for j in each.judgements))
                    for of in zip(*(future.result() for future in futures), strict=True)]
 
     try:
         with _interrupts_held():
-            for _ in range(workers):  # each starts a process, if the first does not start all
+            for _ in range(workers):  # a task starts one process, or all of them
                 executor.submit(int)
         yield by_workers
     finally:
@@ -278,12 +271,15 @@ def _pool(study: Study, workers: int) -> Iterator[_Evaluator]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C from processes begun inside, and from this one until the end; the main thread alone can."""
+    """Protect processes that are started inside from Ctrl-C, which this one handles at the end of the block.
+
+    Only the main thread can do so; in others nothing changes.
+    """
     if current_thread() is not main_thread():
         yield
         return
     caught: list[int] = []
-    masks = hasattr(signal, "pthread_sigmask")  # Windows has none: its workers may tell of a Ctrl-C as they begin
+    masks = hasattr(signal, "pthread_sigmask")  # not on Windows, whose workers may report a Ctrl-C as they start
     handler = signal.signal(signal.SIGINT, lambda number, _: caught.append(number))
     if masks:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -1,4 +1,4 @@
-"""What a tuning run leaves: a parameter file with provenance, JSON, a page, and a table for the terminal."""
+"""Outputs of a tuning run: a parameter file with provenance, JSON, a page, and a table for the terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .pictures import drawings
 
 
 def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return a row for each requirement: its worst case, the figure, the limit and the margin."""
+    """Return a row for each requirement, in its worst case: the figure, the limit and the margin."""
     worst = evaluation.by_requirement()
     table = []
     for r in result.study.requirements:
@@ -33,7 +33,7 @@ def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
 
 
 def summary(result: Result) -> Table:
-    """Return the requirements with the tuned gains as a table, worst case each."""
+    """Return a table of the requirements with the tuned gains, each in its worst case."""
     numbers = ("measured", "limit", "margin")
     table = Table(*(Column(heading, justify="right" if heading in numbers else "left", no_wrap=heading in numbers,
                            overflow="fold") for heading in ("requirement", "case", *numbers, "")),
@@ -47,7 +47,7 @@ def summary(result: Result) -> Table:
 
 
 def gain(value: float) -> str:
-    """Return a gain for people, as it is written to a file."""
+    """Return a gain as it is written to a file."""
     return f"{value:.12g}"
 
 
@@ -56,7 +56,7 @@ def _listed(gains: Mapping[str, float]) -> str:
 
 
 def verdict(result: Result) -> str:
-    """Return a line: how the search ended, whether all is met, and what binds."""
+    """Return a line: how the search ended, whether all requirements are met, and which of them bind."""
     worst = result.best.worst
     binding = f"what binds: {', '.join(result.binding)}"
     count = f"{len(result.evaluated)} evaluations"
@@ -72,7 +72,7 @@ def verdict(result: Result) -> str:
 
 
 def objectives(result: Result) -> str:
-    """Return a line: the objective of the gains begun with and of those returned, and how steep it is there."""
+    """Return a line: the objective of the initial and of the returned gains, and its change near these."""
     before, returned = result.before.objective, result.best.objective
     steep = "" if isnan(result.nearby) else (
         f"; at most {writers.number(result.nearby)} where a third digit changes by one")
@@ -80,15 +80,15 @@ def objectives(result: Result) -> str:
 
 
 def at_bounds(result: Result) -> str:
-    """Return a line that names the gains at a bound of the search; empty where none is."""
+    """Return a line that names the gains at a bound of the search; empty if there are none."""
     gains = ", ".join(f"{name} = {gain(result.best.gains[name])} ({bound})" for name, bound in result.at_bound.items())
     return gains and f"at the bound of the search: {gains}; wider bounds may give more"
 
 
 def write_tuned(result: Result, path: Path, command: str) -> None:
-    """Write the set that was tuned with the gains over it, each with the command and the smallest margin.
+    """Write the parameter set with the tuned gains, whose notes name the command and the smallest margin.
 
-    Where the search came to nothing better, the set stays as it is, with its values' sources.
+    If the search found nothing better, the set stays as it is, with the sources of its values.
     """
     worst = result.best.worst
     note = f"{command}; smallest margin {writers.percent(worst.margin)} ({worst.requirement}, case {worst.case})"
@@ -101,7 +101,7 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
 
 
 def write_json(result: Result, path: Path, command: str) -> None:
-    """Write gains, requirements by worst case, every judgement, what binds."""
+    """Write gains, requirements in their worst cases, all judgements and the binding requirements."""
     writers.write_json({
         "schema": "emcas-tuning/1", "command": command, "model": result.study.base.actuator.name,
         "study": result.study.digest, "seed": result.seed,

@@ -1,4 +1,4 @@
-"""Pictures of a tuning run: responses before and after, the search, what one requirement costs another."""
+"""Pictures of a tuning run: responses before and after, the search, the trade-off between two requirements."""
 
 from __future__ import annotations
 
@@ -18,23 +18,22 @@ from .evaluate import HOPELESS, Evaluation
 from .optimise import Result
 
 _LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle": "--"}
-_SHOWN = 1.0  # s of a response, at most: past any settling of use
-# Evaluations this close to the best objective are what a choice is made among.
-_NEAR = 1.6
+_SHOWN = 1.0  # s, longest response that is plotted: longer than any settling of interest
+_NEAR = 1.6  # times the best objective, up to which evaluations count in the search for a conflict
 
 
 def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
-    """Draw every picture the result has something for; of two requirements that conflict the `pair`, if given."""
+    """Yield the pictures of a result; the trade-off is that of `pair`, by default of the two that conflict most."""
     if moves := list(dict.fromkeys(
             r.test for r in result.study.requirements if r.test and r.test.kind in ("step", "slew"))):
         yield responses(result, moves)
     yield search(result)
-    if found := conflict(result.evaluated, pair):
-        yield trade(result, found)
+    if conflicting := conflict(result.evaluated, pair):
+        yield trade(result, conflicting)
 
 
 def responses(result: Result, moves: Sequence[Test]) -> Drawing:
-    """Draw steps and slews in every case, with the gains begun with and those returned."""
+    """Plot steps and slews in every case, with the initial and the returned gains."""
     subject, columns = ParameterSubject(result.study.base), min(len(moves), 2)
     drawn, grid = figure(-(-len(moves) // columns), columns, width=10.0, height=2.6)
     for axes, test in zip(grid.flat, moves, strict=False):
@@ -59,7 +58,7 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
 
 
 def search(result: Result) -> Drawing:
-    """Draw the best objective as the search went on, and where the evaluated gains lie."""
+    """Plot the best objective during the search, and the objective over each gain."""
     names = [t.name for t in result.study.tunables]
     drawn, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)
     first, *others = grid.flat
@@ -76,13 +75,12 @@ def search(result: Result) -> Drawing:
         axes.axvline(result.best.gains[name], color=BLUE, linewidth=0.8)
         axes.set(title=name.removeprefix("controller."), xlabel="value")
     return Drawing("Search", drawn, f"{len(result.evaluated)} sets of gains. Each dot is one; the line is the set "
-                                    "returned. A sharp lower edge tells a gain that matters, a flat one a gain that "
-                                    "does not.")
+                                    "returned. A gain with a sharp lower edge matters, one with a flat edge does not.")
 
 
 @dataclass(frozen=True)
 class Conflict:
-    """Two requirements and the evaluations none of which is better in both: (share, share), the first rising."""
+    """Two requirements and their Pareto front: pairs of shares, the first ascending."""
 
     first: str
     second: str
@@ -91,7 +89,7 @@ class Conflict:
 
 
 def front(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Return the points that no other is at least as good as in both coordinates; small is good."""
+    """Return the Pareto front of points, of which small coordinates are good."""
     best: list[tuple[float, float]] = []
     for x, y in sorted(set(points)):
         if not best or y < best[-1][1]:
@@ -105,13 +103,14 @@ def shares(evaluations: Sequence[Evaluation], first: str, second: str) -> list[t
 
 
 def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = None) -> Conflict | None:
-    """Return a pair of requirements, or the two that pull most against each other near the best; None if none do."""
+    """Return the conflict of a pair of requirements, or of the two that conflict most near the best; None if none do.
+    """
     if not evaluations:
         return None
     best = min(e.objective for e in evaluations)
     near = [e.by_requirement() for e in evaluations if e.objective <= _NEAR * best]
     columns = {name: np.array([judgements[name].share for judgements in near]) for name in near[0]}
-    # What hardly moves or cannot be had says nothing of a conflict.
+    # Figures that hardly vary or do not exist show no conflict.
     lively = [name for name, column in columns.items() if np.ptp(column) > 0.02 and column.max() < HOPELESS]
     rated = [(_correlation(columns[first], columns[second]), first, second)
              for first, second in ([pair] if pair else combinations(lively, 2))]
@@ -122,12 +121,12 @@ def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = N
 
 
 def _correlation(first: Any, second: Any) -> float:
-    """Return the rank correlation of two columns; 0 where one does not move."""
+    """Return the rank correlation of two columns; 0 if one is constant."""
     return float(spearmanr(first, second).statistic) if min(np.ptp(first), np.ptp(second)) > 0.0 else 0.0
 
 
 def trade(result: Result, pair: Conflict) -> Drawing:
-    """Draw what one requirement costs another: shares of both limits, and the sets none beats in both."""
+    """Plot the shares of two requirements' limits against each other, with their Pareto front."""
     drawn, (axes,) = column(f"{pair.second} / limit", x=f"{pair.first} / limit", width=6.0, height=3.6)
     points = np.array(shares(result.evaluated, pair.first, pair.second))
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]

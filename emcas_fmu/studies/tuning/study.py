@@ -1,4 +1,4 @@
-"""A tuning study: what may change, in which cases it is judged, and what is required. Read from TOML."""
+"""A tuning study, read from TOML: the tunable parameters, the cases and the requirements."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ _AT_BOUND = 0.01  # of the range searched, on its logarithmic scale
 
 
 class StudyError(EmcasError):
-    """A study that cannot be used; the message names file, entry and remedy."""
+    """A study that cannot be used; the message names the file, the entry and the remedy."""
 
 
 @dataclass(frozen=True)
 class Tunable:
-    """A parameter to be found between two positive bounds, SI; searched on a logarithmic scale."""
+    """A parameter that is searched on a logarithmic scale between two positive bounds, SI."""
 
     name: str
     lower: float
     upper: float
 
     def bound(self, value: float) -> str:
-        """Return the bound, lower or upper, that a value is at: within 1 % of the range searched; else nothing."""
+        """Return the bound, lower or upper, that a value is within 1 % of the range of; empty if neither."""
         share = log(value / self.lower) / log(self.upper / self.lower)
         return "lower" if share <= _AT_BOUND else "upper" if share >= 1.0 - _AT_BOUND else ""
 
 
 @dataclass(frozen=True)
 class Study:
-    """All of a study, for the parameter set `base`."""
+    """A study of the parameter set `base`."""
 
     base: ParameterSet
     tunables: tuple[Tunable, ...]
@@ -62,24 +62,24 @@ class Study:
 
     @property
     def specification(self) -> Specification:
-        """What gains are judged by."""
+        """The requirements and cases by which gains are judged."""
         return Specification(self.requirements, self.cases)
 
     def judged_by(self, file: Path) -> Study:
-        """Return the study with the requirements of a file, in its cases or, where it has none, in those of the study.
+        """Return the study with the requirements of a file, in the file's cases or, if it has none, in the study's.
 
         Raises EmcasError.
         """
-        given = load_requirements(file, self.base)
-        if given.cases == (NOMINAL,):
-            names = [case.name for case in self.cases]
-            return replace(self, requirements=tuple(
-                r.model_copy(update={"cases": names}) for r in _measurable(given.requirements, self.base)))
-        return replace(self, cases=given.cases, requirements=_measurable(given.requirements, self.base))
+        read = load_requirements(file, self.base)
+        requirements = _measurable(read.requirements, self.base)
+        if read.cases != (NOMINAL,):
+            return replace(self, cases=read.cases, requirements=requirements)
+        names = [case.name for case in self.cases]
+        return replace(self, requirements=tuple(r.model_copy(update={"cases": names}) for r in requirements))
 
     @property
     def digest(self) -> str:
-        """A hash of all that decides what is measured for given gains."""
+        """A hash of all on which the figures of gains depend."""
         tuned = {t.name for t in self.tunables}
         actuator = self.base.actuator
         parts = [{n: v for n, v in self.base.values.items() if n not in tuned}, *map(asdict, self.tunables),
@@ -89,7 +89,7 @@ class Study:
 
 
 def _measurable(requirements: Iterable[Requirement], base: ParameterSet) -> tuple[Requirement, ...]:
-    """Return the requirements that can be measured of a set; the others are optional, or of the acceptance report."""
+    """Return the requirements that can be measured of a set; others are optional, or for the acceptance report."""
     subject = ParameterSubject(base)
     return tuple(r for r in requirements if not r.obstacle(subject))
 
@@ -129,19 +129,19 @@ class _File(_CasesOfFile):
 
 
 def shipped_file(model: str) -> Path:
-    """Return the shipped study for an actuator: models/tuning/NAME.toml where there is one, else models/tuning.toml."""
+    """Return the file of an actuator's shipped study: models/tuning/NAME.toml if it exists, else models/tuning.toml."""
     folder = models_directory()
     path = folder / "tuning" / f"{parts(model)[0]}.toml"
     return path if path.is_file() else folder / "tuning.toml"
 
 
 def shipped_cases(base: ParameterSet) -> list[Case]:
-    """Return the cases of the shipped study, whether or not its requirements can be measured here."""
+    """Return the cases of the shipped study, even if its requirements cannot be measured."""
     return list(load(_CasesOfFile, shipped_file(base.model), StudyError, base).cases.values())
 
 
 def has_shipped_study(base: ParameterSet) -> bool:
-    """Return whether a shipped study is of this kind of actuator, or fits it; a missing package does not matter."""
+    """Return whether a shipped study is for this kind of actuator or fits it, even if a package is missing."""
     kind = parts(base.model)[0]
     if kind == NONLINEAR or shipped_file(base.model).stem == kind:
         return True
@@ -155,7 +155,7 @@ def has_shipped_study(base: ParameterSet) -> bool:
 def shipped_study(base: ParameterSet) -> Study:
     """Return the shipped study for a parameter set.
 
-    Raises StudyError, for an actuator that has not what it tunes too.
+    Raises StudyError, for example if the actuator does not have the parameters that it tunes.
     """
     try:
         return load_study(shipped_file(base.model), base)
