@@ -157,7 +157,7 @@ def test_no_text_ends_a_script_element() -> None:
 def test_the_page_in_docs_is_not_stale(explore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page names the SHA-256 of the C that it was compiled from, so that nothing has to be compiled here."""
     shown = SHOWN.read_text(encoding="utf-8")
-    unit = re.search(r'id="unit">([^<]*)</script>', shown)
+    unit = re.search(r'id="actuator">([^<]*)</script>', shown)
     assert unit is not None
     monkeypatch.setattr(page, "compiled", lambda files: base64.b64decode(unit[1]))
     path = SHOWN.relative_to(ROOT)

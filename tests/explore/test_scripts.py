@@ -66,7 +66,7 @@ def test_a_page_whose_unit_does_not_run_says_so(browser: Browser, tmp_path: Path
                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "compiled", lambda files: b"")
     browser.open(written(tmp_path, "nonlinear"))
-    assert "does not run the page's unit" in browser.run("document.getElementById('problems').textContent")
+    assert "does not run the page's actuator" in browser.run("document.getElementById('problems').textContent")
 
 
 def test_messages_have_their_numbers_as_in_python(scripts: Browser) -> None:
@@ -185,7 +185,7 @@ def every_figure(tmp_path: Path) -> Path:
 def test_every_figure_is_the_bench_s_in_the_worst_case(browser: Browser, subject: ParameterSubject, every_figure: Path,
                                                        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     browser.keep_open()
-    unit = base64.b64decode(browser.run("document.getElementById('unit').textContent"))
+    unit = base64.b64decode(browser.run("document.getElementById('actuator').textContent"))
     monkeypatch.setattr(page, "compiled", lambda files: unit)
     expected = judge(subject, load_requirements(every_figure, subject.parameters))
     assert {j.case for j in expected} == {"weak", "cold"}

@@ -1,5 +1,5 @@
-"""Linear and describing-function analysis of the actuator the FMU runs (extra `analysis`).
+"""Linear and describing-function analysis of the actuator in the FMU (extra `analysis`).
 
-Each module computes one thing from the linear models of `bench.linear` and the compiled kernel. `analyse` runs them
-all, `output` writes the result.
+Each module computes one result from the linear models of `bench.linear` and the compiled kernel. `analyse` calls them
+all; `output` writes the results.
 """

@@ -21,10 +21,10 @@ from ...support.progress import Progress, silent
 from . import capability, final_values, locus, steps, sweep, thesis
 from .modes import Modes, load_rod, modes_at, thesis_modes
 
-# Swept to this many times the linear bandwidth, to show what the gain does beyond it.
+# Highest frequency of the amplitude sweep over the linear bandwidth.
 _BEYOND = 3.0
 _STEPS = 7
-# Of what not every actuator has: what it needs.
+# Sections that not every actuator has, with the capabilities that they need.
 SECTIONS = {
     "thesis_linear": ("the thesis's linear model", (
         capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_AND_LEVER)),
@@ -36,7 +36,7 @@ SECTIONS = {
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """A linear model: its closed loop, responses to command and load (None: the model has none), loops and margins."""
+    """A linear model: closed loop, responses to command and load (None if the model has no load), loops and margins."""
 
     system: System
     command: FrequencyResponse
@@ -47,9 +47,9 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class Analysis:
-    """The result of each module; of a section of SECTIONS that is missing it is None, and ``left_out`` has the reason.
+    """The results; those of missing SECTIONS are None, and ``left_out`` has the reasons.
 
-    ``thesis`` is None also where its model, at fin angle 0, is unstable. ``parameters`` are the sound actuator's.
+    ``thesis`` is also None if its model, at fin angle 0, is unstable. ``parameters`` are without faults and homing.
     """
 
     parameters: ParameterSet
@@ -63,7 +63,7 @@ class Analysis:
     """With the parameter set's inertia, and with the thesis's."""
     envelope: capability.Envelope | None
     cases: Mapping[str, Columns]
-    """Where the reference cases take the motor, within the envelope's limits or for a moment beyond."""
+    """Motor speed and torque in the reference cases, by name."""
     capability: capability.Capability | None
     locus: locus.Locus
     steps: list[steps.StepComparison]
@@ -71,10 +71,10 @@ class Analysis:
 
 def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float = 0.0, rod: Path | None = None,
             locus_name: str | None = None, progress: Progress = silent) -> Analysis:
-    """Analyse a set at rest at `fin_angle` [rad] under `aero_torque` [N.m]; `rod` overrides models/rod.toml.
+    """Analyse a parameter set at rest at `fin_angle` [rad] under `aero_torque` [N.m]; `rod` overrides models/rod.toml.
 
-    Raises EmcasError for an actuator without a sampled position loop, an operating point that cannot be held, an
-    unstable loop, a bad file or locus.
+    `locus_name` is the parameter of the root locus. Raises EmcasError for an actuator without a sampled position loop,
+    an operating point that the actuator cannot hold, an unstable loop, an invalid file or locus.
     """
     parameters = sound(parameters)
     values, model = parameters.values, parameters.model
@@ -105,10 +105,10 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     except (ArithmeticError, ValueError) as error:
         raise EmcasError(f"the response cannot be computed: {error}") from error
     progress("thesis", 6, _STEPS)
-    beside = None if "thesis_linear" in left_out else _thesis(values)
+    thesis_model = None if "thesis_linear" in left_out else _thesis(values)
     modes = None if "modes" in left_out else (modes_at(beam, values, fin_angle, model), thesis_modes(beam))
-    return Analysis(parameters, actuator, linear, left_out, beside, finals, swept, modes, envelope, cases, fin, poles,
-                    compared)
+    return Analysis(parameters, actuator, linear, left_out, thesis_model, finals, swept, modes, envelope, cases, fin,
+                    poles, compared)
 
 
 def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
@@ -145,8 +145,8 @@ def _require_stable(actuator: LinearActuator) -> None:
 def _hidden(poles: Array) -> str:
     growth = ", ".join(f"{100.0 * cleared(abs(pole) - 1.0, ROUNDING):.2g} %" for pole in poles)
     modes = f"{len(poles)} mode{'s' * (len(poles) > 1)}"
-    return (f"{modes} left out of stability, final values and root locus: command and load do not reach it, or fin "
-            f"angle and reference do not show it; growth a sample {growth}")
+    return (f"{modes} left out of stability, final values and root locus: not excited by command and load, or not "
+            f"visible in fin angle and reference; growth a sample {growth}")
 
 
 def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:
@@ -157,7 +157,7 @@ def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:
 
 
 def _closed_loop(system: System, loops: Mapping[str, System]) -> ClosedLoop:
-    """Return a model whose inputs are the command and, where it has it, the hinge moment."""
+    """Return the model of a system whose inputs are the command and, in some models, the hinge moment."""
     command, *load = (frequency.response(system[:, i]) for i in range(system.ninputs))
     return ClosedLoop(system, command, load[0] if load else None, loops,
                       {name: frequency.margins(loop) for name, loop in loops.items()})

@@ -1,10 +1,10 @@
-"""What motor and drive can do: torque against speed, and hinge moment and rate against fin angle.
+"""Capability of motor and drive: torque against speed, and hinge moment and rate against fin angle.
 
 In steady motion (di/dt = 0) voltage and current limits leave
 
     T_m = K_t clip(i, +-I_max)        (R i + K_e w)^2 + (n w L i)^2 = V^2
 
-with n = motor.pole_pairs, and the balance of (2.17) without acceleration gives the fin's rate and the moment it moves.
+with n = motor.pole_pairs. The fin's rate and the moment that it moves follow from (2.17) without acceleration.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from ...simulation import Array
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
          capabilities.COULOMB_FRICTION)
 _POINTS = 101
-_HALVINGS = 60  # of the speeds between which one lies: to rounding
+_HALVINGS = 60  # of the interval of speeds, down to rounding
 
 
 @dataclass(frozen=True)
 class Envelope:
     """Largest motor torque [N.m], ``highest``, at speeds [rad/s]; the smallest is its mirror image.
 
-    ``prompt`` is the largest with the drive's proportional action alone: its integral
-    takes ``integral_time`` [s] (nan without one) to close the rest.
+    ``prompt`` is the largest with the drive's proportional action alone; the rest takes the integral's time constant
+    ``integral_time`` [s] (nan without an integral).
     """
 
     speed: Array
@@ -57,7 +57,7 @@ def limit_torque(p: Any, speed: Any) -> Any:
 
 
 def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
-    """Return the torque-speed envelope, over all speeds the supply reaches without load, both ways."""
+    """Return the torque-speed envelope, between the no-load speeds in both directions."""
     p = get(model).plant(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     speed = np.linspace(-free, free, 4 * _POINTS)
@@ -77,11 +77,12 @@ def case_points(parameters: ParameterSet) -> dict[str, Columns]:
 
 @dataclass(frozen=True)
 class Capability:
-    """Against ``fin_angle`` [rad]; arrays of one length, for motion along + and - as rows [2, angles].
+    """Capability against ``fin_angle`` [rad]; arrays [angles], or [2, angles] for motion along + and -.
 
-    ``stall`` [N.m]: largest opposing hinge moment that is still moved; ``held``: that is held at rest, dry
-    friction helping. ``rate`` [rad/s] without load and ``rate_loaded`` against LOAD, within supply, drive current
-    and the controllers' speed limit; ``free_rate`` and ``free_rate_loaded`` without that limit. ``ratio`` R [1].
+    ``stall`` [N.m] is the largest opposing hinge moment that the fin moves, ``held`` the largest that it holds at rest,
+    with the help of dry friction. ``rate`` [rad/s] is without load, ``rate_loaded`` against LOAD, within supply, drive
+    current and the controllers' speed limit; ``free_rate`` and ``free_rate_loaded`` are without that limit. ``ratio``
+    is R [1].
     """
 
     fin_angle: Array
@@ -104,7 +105,7 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     for row, side in enumerate((1.0, -1.0)):
         driving = limit_torque(p, 0.0) + side * m.load
         stall[row] = np.maximum(m.ratio * (driving - mechanics.breakaway(ARRAYS, p, m, side)), 0.0)
-        # What holds is overcome the other way.
+        # The load must overcome friction in the other direction.
         held[row] = m.ratio * (driving + mechanics.breakaway(ARRAYS, p, m, -side))
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     rates = [np.stack([steady_rate(p, fin, side, level.replace(aero_torque=-side * load), limit)
@@ -116,13 +117,13 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
 def steady_rate(p: Any, fin: Any, side: float, acting: Any, limit: float) -> Any:
     """Return the largest steady fin rate [rad/s] along `side` (1, -1) at fin angles [rad] under loads.LOADS.
 
-    0 where it is stalled; `limit` [rad/s] is the motor speed not to be passed.
+    It is 0 at stall. `limit` [rad/s] is the largest motor speed.
     """
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), acting)
     surplus = side * m.load - mechanics.breakaway(ARRAYS, p, m, side)
     damping = mechanics.damping(ARRAYS, p, m, side)
     slowest, fastest = np.zeros_like(surplus), np.full_like(surplus, limit)
-    for _ in range(_HALVINGS):  # the torque that is left falls with speed
+    for _ in range(_HALVINGS):  # the remaining torque falls with speed
         speed = 0.5 * (slowest + fastest)
         left = limit_torque(p, speed) + surplus - damping * speed > 0.0
         slowest, fastest = np.where(left, speed, slowest), np.where(left, fastest, speed)

@@ -1,17 +1,17 @@
-"""What motor and drive give at each speed for long and for a while: torque-speed envelopes (thesis, Figure 3.2).
+"""Torque-speed envelopes of motor and drive, continuous and short-term (thesis, Figure 3.2).
 
-The largest torque in steady motion is that of a current no larger than the least of these:
+The largest torque in steady motion is that of a current within the smallest of these limits:
 
-- heat, continuous: in the steady state it makes the winding is at heat.winding_limit;
-- heat, short-term: with it the winding gets there in the duration, from the steady state of a preload, a share of
-  the least continuous one, so that the I2t load is empty then;
-- I2t: heat.continuous_current; short-term what the drive allows through the duration without folding back;
+- heat, continuous: the winding's steady temperature is heat.winding_limit;
+- heat, short-term: the winding reaches heat.winding_limit after the duration, from the steady state of a preload, a
+  share of the smallest continuous limit, so that the I2t load is empty at the start;
+- I2t: heat.continuous_current; short-term the current that the drive allows for the duration without folding back;
 - peak: drive.current_limit;
 - voltage: V^2 = (R i + K_e w)^2 + (n w L i)^2 at the supply, with n = motor.pole_pairs.
 
-R, K_t and K_e are those of the temperatures that the current itself has made at the end, steady state or duration.
-With magnets that lose much by heat a smaller current may give the larger torque; then it is that one's. Losses other
-than in the winding are left out.
+R, K_t and K_e are those at the temperatures that the current causes, in steady state or at the end of the duration.
+With magnets that weaken much by heat, a smaller current may give the largest torque. Losses outside the winding are
+neglected.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from ...physics import drive, heat
 from ...simulation import Array
 
 _POINTS = 201
-_CURRENTS = 101  # among which turning points of torque and voltage are looked for
+_CURRENTS = 101  # of the grid that brackets extremes of torque and roots of the voltage
 _SHORTEST, _LONGEST = 1e-6, 1e9  # s
-_MOLTEN = 1e9  # degC, for what no longer is a number
+_MOLTEN = 1e9  # degC, instead of overflow
 CAUSES = {"heat": "heat", "i2t": "I2t", "peak": "peak current"}
-"""What bounds a current, with its words."""
+"""Limits of a current, in words."""
 _WINDING = ("heat.winding_", "heat.case_", "heat.reference_temperature", "heat.resistance_coefficient",
             "motor.resistance")
 _I2T = ("heat.continuous_current", "heat.peak_time", "drive.current_limit")
@@ -55,17 +55,17 @@ INPUTS = {"current_a": _ALL, "heat_current_a": _WINDING, "i2t_current_a": _I2T, 
           TORQUE: (*_ALL, *_MOTOR), "corner_speed_rad_per_s": (*_ALL, "motor.", "drive.supply_voltage"),
           "no_load_speed_rad_per_s": ("motor.back_emf_constant", "drive.supply_voltage", "heat.torque_coefficient"),
           "winding_degc": _ALL, "case_degc": _ALL}
-"""Parameters, and groups of them, that figures rest on, by their names in a JSON file."""
+"""Parameters, and groups of them, on which the figures of the JSON file depend."""
 Temperatures = tuple[float, float]  # of winding and case [degC]
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One envelope: currents [A] that each of CAUSES allows, and the torque [N.m] at each speed of the Envelope.
+    """One envelope: `currents` [A] within each of CAUSES, and the `torque` [N.m] at each speed of the Envelope.
 
-    `winding` and `case` [degC] are the temperatures that the least of these currents makes; the voltage leaves room
-    for it up to `corner_speed` [rad/s] (0: at no speed). `limits` are the torques [N.m] of each cause's current by
-    itself, and of the voltage at the temperatures of the start.
+    The smallest of these currents heats `winding` and `case` to these temperatures [degC]; the voltage suffices for it
+    up to `corner_speed` [rad/s] (0: at no speed). `limits` are the torques [N.m] at each cause's current alone, and
+    within the voltage at the temperatures of the start.
     """
 
     currents: Mapping[str, float]
@@ -82,15 +82,15 @@ class Curve:
 
     @property
     def bound_by(self) -> str:
-        """Which of CAUSES that is; of equals the last, for I2t that allows the peak binds nothing."""
+        """The smallest of CAUSES; the last of equals, since I2t that allows the peak current limits nothing."""
         return min(reversed(CAUSES), key=self.currents.__getitem__)
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """Torque against motor speed [rad/s] from 0 to that without load, for any time and for `duration` [s].
+    """Torque against motor speed [rad/s] from 0 to the no-load speed, continuous and for `duration` [s].
 
-    `preload` [1] is the share of the continuous current, :attr:`Curve.current`, that flowed before, for long.
+    Before the duration, `preload` [1] times the continuous current, :attr:`Curve.current`, has flowed for long.
     """
 
     speed: Array
@@ -99,16 +99,19 @@ class Envelope:
     continuous: Curve
     short_term: Curve
     estimates: Mapping[str, tuple[str, ...]]
-    """By figure of INPUTS, the parameters among these that are engineering estimates."""
+    """The engineering estimates among the parameters of each figure of INPUTS."""
 
     @property
     def curves(self) -> dict[str, Curve]:
-        """Both by name."""
+        """Both envelopes by name."""
         return {"continuous": self.continuous, "short_term": self.short_term}
 
 
 def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) -> Envelope:
-    """Return the envelopes of a model with heat at its ambient and supply. Raises EmcasError where it has none."""
+    """Return the envelopes at ambient temperature and supply of the parameters. Raises EmcasError.
+
+    The model needs the extension heat; `preload` is a share of the continuous current, `duration` is in s.
+    """
     if "heat" not in parts(parameters.model)[1]:
         raise EmcasError(f"--model {parameters.model}: an envelope needs the extension heat, as in nonlinear+heat")
     require(parameters.model, "an envelope", capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT,
@@ -138,13 +141,13 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
 
 
 def continuous_current(p: Any) -> float:
-    """Return the current [A] in whose steady state the winding is at heat.winding_limit."""
+    """Return the current [A] at which the winding's steady temperature is heat.winding_limit."""
     loss = (p.heat.winding_limit - p.friction.temperature) / (p.heat.winding_to_case + p.heat.case_to_ambient)
     return float(np.sqrt(loss / heat.resistance(FLOATS, p, p.heat.winding_limit)))
 
 
 def short_term_current(p: Any, duration: float, start: Temperatures) -> float:
-    """Return the constant current [A] that brings the winding to heat.winding_limit in `duration` [s]."""
+    """Return the constant current [A] that heats the winding to heat.winding_limit in `duration` [s]."""
     def excess(current: float) -> float:
         return warmed(p, current, duration, start)[0] - float(p.heat.winding_limit)
 
@@ -152,12 +155,12 @@ def short_term_current(p: Any, duration: float, start: Temperatures) -> float:
     high = 2.0 * low
     while excess(high) < 0.0:
         low, high = high, 2.0 * high
-    # After a very long time the continuous current has brought it there, to rounding.
+    # After a very long time the continuous current reaches the limit, to rounding.
     return low if excess(low) >= 0.0 else float(brentq(excess, low, high, xtol=1e-9))
 
 
 def i2t_current(p: Any, duration: float) -> float:
-    """Return the constant current [A] the drive allows for `duration` [s] without folding back, from no I2t load."""
+    """Return the constant current [A] without fold-back for `duration` [s], from an empty I2t load."""
     def excess(current: float) -> float:
         return float(heat.loaded(FLOATS, p, 0.0, current * current, duration)) - heat.FOLDING
 
@@ -188,9 +191,9 @@ def settled(p: Any, current: float) -> Temperatures:
 
 
 def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperatures:
-    """Return temperatures after `time` [s] of a constant current [A], exact for any; _MOLTEN where they overflow."""
+    """Return the temperatures after `time` [s] of a constant current [A], exactly; _MOLTEN if they overflow."""
     a, b = _rates(p, current)
-    # Nodes that warm each other have two real rates, and not the same; NumPy may give them as complex numbers.
+    # Two nodes that heat each other have different real rates; NumPy may return them as complex numbers.
     rates, modes = (part.real for part in np.linalg.eig(a))
     with np.errstate(all="ignore"):
         grown = np.where(rates == 0.0, time, np.expm1(rates * time) / rates)
@@ -201,7 +204,7 @@ def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperat
 
 def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures,
            heated: Callable[[float], Temperatures]) -> Curve:
-    """Return the envelope of currents allowed by CAUSES; `heated` gives the temperatures that a current makes."""
+    """Return the envelope of the currents `allowed` by CAUSES; `heated` returns the temperatures due to a current."""
     currents = dict(zip(CAUSES, allowed, strict=True))
     largest, supply = min(allowed), p.drive.supply_voltage
 
@@ -210,7 +213,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
         return heat.at_temperatures(FLOATS, p, *heated(current))
 
     def torque_of(current: float) -> float:
-        # Of a current that heat does not allow, at the temperatures of what it allows.
+        # Beyond the limit of heat, at the temperatures of that limit.
         return float(drive.torque(motor(min(current, allowed[0])), current))
 
     def excess(current: float, at: float) -> float:
@@ -218,7 +221,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
         drop = q.motor.resistance * current + drive.back_emf(q, at)
         return float(drop - drive.voltage_limit(FLOATS, q, supply, at, current))
 
-    # The torque is largest where the voltage leaves no more room, at the largest current, or at a peak of its own.
+    # The torque is largest where the voltage is at its limit, at the largest current, or at a local maximum.
     tried = [float(i) for i in np.linspace(0.0, largest, _CURRENTS)]
     torques = [torque_of(i) for i in tried]
     ends = [largest]
@@ -242,7 +245,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
 
 
 def draw(e: Envelope) -> Figure:
-    """Draw both envelopes over the motor speed, and the limits they are made of."""
+    """Draw both envelopes against the motor speed, with their limits."""
     drawn, (axes,) = column(f"motor torque [N.m]{ESTIMATE * (TORQUE in e.estimates)}", x="motor speed [rpm]", width=7.5,
                             height=4.4)
     rpm = e.speed * 30.0 / pi
@@ -261,13 +264,13 @@ def draw(e: Envelope) -> Figure:
 
 
 def write_picture(e: Envelope, path: Path, parameters: ParameterSet) -> None:
-    """Write the picture of :func:`draw` as ``.svg``, ``.png`` or ``.pdf``, or a page of it as ``.html``."""
+    """Write the plot of :func:`draw` as ``.svg``, ``.png`` or ``.pdf``, or in a page as ``.html``."""
     with style():
         drawn = draw(e)
         if path.suffix != ".html":
             write(drawn, path)
             return
         shown = picture(drawn, "Torque-speed envelope", " ".join([
-            f"Torque for {e.duration:g} s and for any time (shaded), and the limits they are made of.",
+            f"Torque for {e.duration:g} s and for any time (shaded), and the limits.",
             *resting_on({name: names for name, names in e.estimates.items() if name == TORQUE})]))
     write_page(path, "bench/picture.html.j2", [parameters], picture=shown)

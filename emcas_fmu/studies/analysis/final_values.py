@@ -1,7 +1,7 @@
-"""Steady errors by the final-value theorem, for loops in cascade P against PI position control.
+"""Steady errors by the final-value theorem; of loops in cascade with P and with PI position control.
 
-For a step of size a, lim e(k) = lim_{z->1} (z - 1) E(z) = a (1 - G(1)) for a command and -a G(1) for a load, with G
-the closed loop; it holds where the closed loop is stable.
+After a step of size a of the command, lim e(k) = lim_{z->1} (z - 1) E(z) = a (1 - G(1)), and of the load -a G(1), with
+the closed loop G, if it is stable.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ COMMAND = 1.0  # deg; the load is that of the thesis's Table 2
 
 @dataclass(frozen=True)
 class FinalValues:
-    """Of one position controller: ``name``, integral gain [1/s2] of one in cascade, fin errors [deg], command
-    less angle, after a step of COMMAND and of LOAD; nan where the loop is unstable. ``slowest`` [s] is the
-    largest time constant of the closed loop's modes that are shown: final values are reached after several of them.
+    """Steady errors [deg], command less fin angle, after steps of COMMAND and LOAD; nan if the loop is unstable.
+
+    ``name`` is the position controller's, ``ki`` its integral gain [1/s2] (None for a loop not in cascade). ``slowest``
+    [s] is the largest time constant of the closed loop: final values are reached after several of them.
     """
 
     name: str
@@ -36,7 +37,7 @@ class FinalValues:
 
 def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
                  model: str = NONLINEAR) -> list[FinalValues]:
-    """Return those of P, and of PI with the set's integral gain unless that is zero; of other loops as they are set."""
+    """Return the final values with P and, if the integral gain is not zero, PI control; of other loops as set."""
     gains: dict[str, float | None] = {"as set": None}
     if capabilities.CASCADE in get(model).provides:
         gain = float(values["controller.position.ki"])
@@ -44,7 +45,7 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
     table = []
     for name, ki in gains.items():
         changed = dict(values) if ki is None else {**values, "controller.position.ki": ki}
-        if ki == 0.0:  # without an integral a weighted command is not reached
+        if ki == 0.0:  # without an integral, a weighted command would leave an error
             changed["controller.position.setpoint_weight"] = 1.0
         linear = LinearActuator(changed, fin_angle, aero_torque, model)
         command, load = linear.closed.dcgain()[0] if linear.stable else (nan, nan)

@@ -20,10 +20,10 @@ _DECADES = 1.0
 
 @dataclass(frozen=True)
 class Locus:
-    """Poles [rad/s] at ``values`` of a parameter (in its unit), one array each; ``nominal`` is the set's value.
+    """Poles [rad/s], an array for each of the ``values`` of a parameter; ``nominal`` is the set's value.
 
-    ``stable_range`` are the values, within those tried, between which the loop is stable around the nominal
-    one; ``rational`` the poles of the continuous approximation with a Padé delay at the nominal value.
+    ``stable_range`` is the interval around the nominal value, within those tried, in which the loop is stable.
+    ``rational`` are the poles of the continuous approximation with a Padé delay at the nominal value.
     """
 
     name: str
@@ -36,10 +36,10 @@ class Locus:
 
 
 def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 0.0, aero_torque: float = 0.0) -> Locus:
-    """Follow the poles while a parameter, the first gain unless named, goes from a tenth to ten times its value.
+    """Return the poles for a parameter, by default the first gain, from a tenth to ten times its value.
 
-    As far as the parameter and the operating point allow.
-    Raises EmcasError for a name that is no number of the set, is zero, or moves no pole.
+    Values outside the parameter's limits, or for which the operating point does not exist, are omitted.
+    Raises EmcasError for a name that is not a number of the set, is zero, or moves no pole.
     """
     model = parameters.model
     numbers = {v.name: v for v in get(model).file_entries if v.kind == "Real"}
@@ -57,7 +57,7 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
     def at(value: float) -> LinearActuator | None:
         try:
             return LinearActuator(parameters.with_values({name: value}).values, fin_angle, aero_torque, model)
-        except EmcasError:  # beyond what the parameter, or the operating point, allows
+        except EmcasError:  # outside the parameter's limits, or without operating point
             return None
 
     def stable(value: float) -> bool:
@@ -85,7 +85,7 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
 
 
 def _edge(stable: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return the last stable value between a stable and an unstable one, to a thousandth of their distance."""
+    """Return the stable value nearest to instability, between `inside` and `outside`, to a thousandth of these."""
     for _ in range(10):
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if stable(middle) else (inside, middle)

@@ -3,8 +3,8 @@
     A = pi d^2/4    J_p = pi d^4/32    k_x = E A/L    k_t = G J_p/L                (2.48)-(2.51)
     m_eq = J_eq/l^2    f_x = sqrt(k_x/m_eq)/(2 pi)    f_t = sqrt(k_t/J_eq)/(2 pi)    (2.52)-(2.55)
 
-The thesis finds them 42 and 139 times its bandwidth of 10 Hz. That divides rad/s by Hz: the true factors are
-6.7 and 22, still enough for a rigid model.
+In the thesis they are 42 and 139 times the bandwidth of 10 Hz. That divides rad/s by Hz: the true factors are 6.7 and
+22, still enough for a rigid model.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from ...support.files import models_directory
 
 @dataclass(frozen=True)
 class _Entry(In):
-    """A quantity above 0, by itself or in a table with its unit, source and note."""
+    """A quantity above 0, alone or in a table with its unit, source and note."""
 
     def limited(self, written: Any) -> Any:
-        """Return the value of what is written. Raises ValueError."""
+        """Return the value in the unit. Raises ValueError."""
         if isinstance(written, Mapping):
             if "value" not in written or not {"value", "unit", "source", "note"}.issuperset(written):
                 raise ValueError("an entry has value, unit, source, note")
@@ -59,10 +59,9 @@ class _File(Table):
 
 @dataclass(frozen=True)
 class Modes:
-    """Natural frequencies [Hz] of the rod in tension and in torsion, for an inertia [kg.m2] and mass [kg] on it.
+    """Natural frequencies [Hz] of the rod in tension and torsion, with an inertia [kg.m2] and a mass [kg] at its end.
 
-    ``ratios`` are those frequencies over the required bandwidth [Hz] (axial, torsional), ``slipped`` the same
-    with rad/s over Hz.
+    `bandwidth` [Hz] is the required one.
     """
 
     inertia: float
@@ -78,14 +77,14 @@ class Modes:
 
     @property
     def slipped(self) -> tuple[float, float]:
-        """The same ratios with angular frequencies [rad/s] over the bandwidth [Hz], as the thesis has them."""
+        """The thesis's ratios: angular frequencies [rad/s] over the bandwidth [Hz]."""
         return 2.0 * pi * self.ratios[0], 2.0 * pi * self.ratios[1]
 
 
 def load_rod(path: Path | None = None) -> Mapping[str, float]:
-    """Return the rod and the thesis's Table 1 from models/rod.toml, overridden by a file's entries; SI, by dotted name.
+    """Return the rod and the thesis's Table 1, SI by dotted name, from models/rod.toml and entries of `path` over it.
 
-    Raises EmcasError naming file, entry and remedy.
+    Raises EmcasError with file, entry and remedy.
     """
     entries: dict[str, float] = {}
     for file in (models_directory() / "rod.toml", *([path] if path else [])):
@@ -95,7 +94,7 @@ def load_rod(path: Path | None = None) -> Mapping[str, float]:
 
 
 def modes(rod: Mapping[str, float], inertia: float, mass: float) -> Modes:
-    """Return the rod's natural frequencies with an inertia [kg.m2] in torsion and a mass [kg] in tension at its end."""
+    """Return the rod's natural frequencies with an inertia [kg.m2] and a mass [kg] at its end."""
     length, diameter = rod["rod.length"], rod["rod.diameter"]
     tension = rod["rod.tensile_modulus"] * pi * diameter**2 / 4.0 / length
     torsion = rod["rod.shear_modulus"] * pi * diameter**4 / 32.0 / length
@@ -104,12 +103,12 @@ def modes(rod: Mapping[str, float], inertia: float, mass: float) -> Modes:
 
 
 def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float, model: str = NONLINEAR) -> Modes:
-    """Return those with the parameter set's inertia at the motor, at a fin angle [rad]."""
+    """Return the natural frequencies with the parameter set's inertia at the motor, at a fin angle [rad]."""
     p = get(model).plant(values)
     inertia = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle)).inertia
     return modes(rod, inertia, inertia / p.screw.lead**2)
 
 
 def thesis_modes(rod: Mapping[str, float]) -> Modes:
-    """Return those with the inertia and mass of Table 1."""
+    """Return the natural frequencies with the inertia and mass of Table 1."""
     return modes(rod, rod["thesis.inertia"], rod["thesis.mass"])

@@ -1,4 +1,4 @@
-"""An analysis as figures with their units, as JSON and as one page with nothing outside it."""
+"""The figures of an analysis with their units, for JSON, and its page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .sweep import LIMITS
 
 
 def figures(analysis: Analysis) -> dict[str, Any]:
-    """Return all figures as nested dictionaries; units in the names, None for what does not exist or is unlimited."""
+    """Return all figures as nested dictionaries, units in the names; None if it does not exist or is unlimited."""
     actuator, thesis, locus = analysis.actuator, analysis.thesis, analysis.locus
     point = actuator.point
     plain: dict[str, Any] = writers.plain({
@@ -99,7 +99,7 @@ def _envelope(analysis: Analysis) -> dict[str, Any] | None:
 
 
 def _capability(analysis: Analysis) -> dict[str, Any] | None:
-    """Return the figures that hold along both directions of motion: the smaller of the two."""
+    """Return the capability in both directions: the smaller of the two."""
     if (c := analysis.capability) is None:
         return None
     moments = {"stall_torque_nm": c.stall, "held_torque_nm": c.held}
@@ -112,15 +112,15 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
 
 def write_report(analysis: Analysis, path: Path) -> None:
     """Write the page; the same analysis gives the same bytes."""
-    found, reference = figures(analysis), analysis.actuator.reference_name
-    margins = found["linear"]["loops"]
+    f, reference = figures(analysis), analysis.actuator.reference_name
+    margins = f["linear"]["loops"]
     named = {"reference": f"{reference} u", "position": "position", "velocity": "velocity (position loop open)",
              "current": "current (outer loops open)"}
     loops = [(label, margins[name]) for name, label in named.items() if name in margins]
-    if found["thesis_linear"]:
-        loops.append((f"{reference} u, thesis’s model", found["thesis_linear"]["loops"]["reference"]))
-    finals = [(label, found["final_values"][name]) for name, label in (("p", "P"), ("pi", "PI"), ("as_set", "as set"))
-              if name in found["final_values"]]
-    writers.write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=found, loops=loops,
+    if f["thesis_linear"]:
+        loops.append((f"{reference} u, thesis’s model", f["thesis_linear"]["loops"]["reference"]))
+    finals = [(label, f["final_values"][name]) for name, label in (("p", "P"), ("pi", "PI"), ("as_set", "as set"))
+              if name in f["final_values"]]
+    writers.write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=f, loops=loops,
                        finals=finals, actuator=analysis.actuator.actuator, reference=reference,
                        small=unseen(analysis.actuator.actuator), pictures=plots.pictures(drawings(analysis)))

@@ -1,9 +1,8 @@
-"""The pictures of an analysis."""
+"""The plots of an analysis."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from itertools import zip_longest
 from math import degrees, pi
 from typing import Any
 
@@ -22,7 +21,7 @@ from .steps import STOP
 from .sweep import LIMITS, shared
 
 Look = dict[str, Any]
-"""How a line is drawn, by matplotlib's names."""
+"""Line properties by matplotlib's names."""
 _DASHED: Look = {"linestyle": (0, (5, 1.5))}
 _THESIS: Look = {"color": plots.VERMILLION, "linewidth": 1.1, **_DASHED}
 _SHOWN = (0.1, 300.0)  # Hz
@@ -32,16 +31,21 @@ _LIMIT_NAMES = {"rate": "speed reference", "current": "drive current", "voltage"
 
 
 def unseen(actuator: Actuator) -> dict[str, str]:
-    """Return in words what an actuator has that acts in the small and that no linear model sees, by its key."""
+    """Return in words, by key, the small effects of an actuator that no linear model has."""
     names = [v.name for v in actuator.parameters]
-    there = {"friction": any("coulomb" in name or name.startswith(("stribeck.", "lugre.")) for name in names),
-             "compensation": "compensation.gain" in names, "counts": capabilities.ENCODER in actuator.provides}
-    words = {"friction": "friction", "compensation": "its compensation", "counts": "the encoder's counts"}
-    return {key: words[key] for key in words if there[key]}
+    effects = {
+        "friction": ("friction", any("coulomb" in name or name.startswith(("stribeck.", "lugre.")) for name in names)),
+        "compensation": ("its compensation", "compensation.gain" in names),
+        "counts": ("the encoder's counts", capabilities.ENCODER in actuator.provides)}
+    return {key: words for key, (words, exists) in effects.items() if exists}
+
+
+def _listed(words: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
 def drawings(analysis: Analysis) -> Iterator[Drawing]:
-    """Draw every picture of what was not left out."""
+    """Draw all plots except those of sections that are left out."""
     for draw, section in DRAWINGS.items():
         if section not in analysis.left_out:
             yield draw(analysis)
@@ -52,25 +56,25 @@ def bode(analysis: Analysis) -> Drawing:
     figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(
         2, 2, height=2.4, sharex=True, x="frequency [Hz]", y=("gain [dB]", "phase [deg]"))
 
-    def draw(response: FrequencyResponse, look: Look, axes: tuple[Axes, Axes] = (gain, phase), scale: float = 1.0
+    def draw(response: FrequencyResponse, axes: tuple[Axes, Axes] = (gain, phase), scale: float = 1.0, **look: Any
              ) -> None:
         shown = (response.frequency >= _SHOWN[0]) & (response.frequency <= _SHOWN[1])
         axes[0].semilogx(response.frequency[shown], 20.0 * np.log10(scale) + response.gain_db[shown], **look)
         axes[1].semilogx(response.frequency[shown], np.degrees(response.phase[shown]), **look)
 
     here: Look = {"color": plots.BLUE, "label": "linearised here"}
-    draw(analysis.linear.command, here)
+    draw(analysis.linear.command, **here)
     if analysis.linear.load:
-        draw(analysis.linear.load, here, (load_gain, load_phase), degrees(1.0))
+        draw(analysis.linear.load, (load_gain, load_phase), degrees(1.0), **here)
     if analysis.thesis:
-        draw(analysis.thesis.command, {**_THESIS, "label": "thesis's linear model"})
+        draw(analysis.thesis.command, **_THESIS, label="thesis's linear model")
     chosen = [(s, rows) for s, rows in zip(analysis.sweeps, shared(analysis.sweeps), strict=True)
               if degrees(s.amplitude) > 0.9]
     for (sweep, rows), color in zip(chosen[:5:2], (plots.GREEN, plots.ORANGE, plots.PURPLE), strict=False):
         r = sweep.response
-        draw(FrequencyResponse(r.frequency[rows], r.gain[rows], r.phase[rows], r.coherence[rows]), {
-            "color": color, "linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none",
-            "label": f"simulated, {degrees(sweep.amplitude):.3g} deg"})
+        draw(FrequencyResponse(r.frequency[rows], r.gain[rows], r.phase[rows], r.coherence[rows]), color=color,
+             linestyle="none", marker="o", markersize=2.6, markerfacecolor="none",
+             label=f"simulated, {degrees(sweep.amplitude):.3g} deg")
     plots.limits(gain, -3.0)
     plots.limits(phase, -90.0)
     gain.set(title="fin angle over command", ylim=(-40, 6))
@@ -85,19 +89,20 @@ def bode(analysis: Analysis) -> Drawing:
 
 
 def nichols(analysis: Analysis) -> Drawing:
-    """Draw the open loops in the Nichols plane, with circles of closed-loop gain."""
+    """Draw the open loops in the Nichols plane, with lines of constant closed-loop gain."""
     figure, (axes,) = plots.column("open-loop gain [dB]", x="open-loop phase [deg]", height=4.2, width=7.0)
     phase, gain = np.meshgrid(np.linspace(-360, 0, 361), np.linspace(-30, 40, 281))
-    open_loop = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
+    loop = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
     with np.errstate(divide="ignore"):
-        peak = 20.0 * np.log10(np.abs(open_loop / (1.0 + open_loop)))
-    axes.contour(phase, gain, peak, levels=[-3.0, 0.0, 3.0, 6.0], colors=plots.GRAY, linewidths=0.6,
+        closed = 20.0 * np.log10(np.abs(loop / (1.0 + loop)))
+    axes.contour(phase, gain, closed, levels=[-3.0, 0.0, 3.0, 6.0], colors=plots.GRAY, linewidths=0.6,
                  linestyles="dotted")
-    # At -180 deg, L = -M/(M - 1).
-    tops = [(-180.0, 20.0 * np.log10(m / (m - 1.0)), f"{level} dB") for level in (3, 6) for m in [10.0 ** (level / 20)]]
-    for x, y, text in (*tops, (-88.0, 36.0, "0 dB"), (-40.0, 8.0, "-3 dB")):
-        horizontal, vertical = ("center", "bottom") if x == -180.0 else ("left", "baseline")
-        axes.text(x, y, text, fontsize=6.5, color=plots.GRAY, ha=horizontal, va=vertical)
+    labels: Look = {"fontsize": 6.5, "color": plots.GRAY}
+    axes.text(-88.0, 36.0, "0 dB", **labels)
+    axes.text(-40.0, 8.0, "-3 dB", **labels)
+    for level in (3, 6):  # at -180 deg, L = -M/(M - 1)
+        m = 10.0 ** (level / 20)
+        axes.text(-180.0, 20.0 * np.log10(m / (m - 1.0)), f"{level} dB", ha="center", va="bottom", **labels)
     at = analysis.actuator.reference_name
     # The current loop is in continuous time.
     for name, label, color in (("velocity", "velocity loop", plots.GREEN), ("position", "position loop", plots.PURPLE),
@@ -121,7 +126,7 @@ def nichols(analysis: Analysis) -> Drawing:
 def _nichols_line(axes: Axes, loop: System, margins: frequency.Margins, look: Look) -> None:
     grid = frequency.frequencies(frequency.highest(loop), 0.02)
     response = frequency.of_ratio(grid, frequency.evaluate(loop, grid))
-    # A loop with integrators starts below -90 deg: the branch that ends nearest to the crossover.
+    # The phase of a loop with integrators starts below -90 deg: this is the branch nearest to the crossover.
     turns = np.round((np.interp(margins.gain_crossover, grid, response.phase) + 0.5 * pi) / (2.0 * pi))
     phase = np.degrees(response.phase - 2.0 * pi * turns)
     axes.plot(phase, response.gain_db, **look)
@@ -143,12 +148,11 @@ def root_locus(analysis: Analysis) -> Drawing:
     bar = figure.colorbar(dots, ax=axes, ticks=[-1, np.log10(0.5), 0, np.log10(2), 1], pad=0.02)
     bar.ax.set_yticklabels(["0.1", "0.5", "1", "2", "10"])
     bar.set_label(f"{roots.name} / its value")
-    looks: list[Look] = [
-        {"label": "as set", "marker": "s", "markerfacecolor": "none", "color": plots.INK},
-        {"label": "as set, continuous with Padé delay", "marker": "x", "color": plots.VERMILLION}]
-    here = roots.poles[int(np.argmin(np.abs(roots.values - roots.nominal)))]
-    for poles, look in zip((here, roots.rational), looks, strict=True):
-        axes.plot(poles.real * hertz, poles.imag * hertz, linestyle="none", markersize=6, **look)
+    nominal = roots.poles[int(np.argmin(np.abs(roots.values - roots.nominal)))]
+    axes.plot(nominal.real * hertz, nominal.imag * hertz, "s", markersize=6, label="as set", markerfacecolor="none",
+              color=plots.INK)
+    axes.plot(roots.rational.real * hertz, roots.rational.imag * hertz, "x", markersize=6,
+              label="as set, continuous with Padé delay", color=plots.VERMILLION)
     axes.axvline(0.0, color=plots.INK, linewidth=0.8)
     for damping in (0.2, 0.4, 0.6, 0.8):
         slope = np.sqrt(1.0 - damping**2) / damping
@@ -164,10 +168,10 @@ def root_locus(analysis: Analysis) -> Drawing:
               if value != end]
     unit = "" if roots.unit == "1" else f" {roots.unit}"
     verdict = f"unstable {' and '.join(bounds)}{unit}" if bounds else "stable throughout"
-    return Drawing(f"Root locus against {roots.name}", figure, f"From a tenth to ten times {roots.nominal:g}{unit}, as "
-                   f"far as the parameter may go: {verdict}. Exact poles of the sampled loop with its delay, drawn at "
-                   "s = ln(z)/T. Only the crosses rest on an approximation: a continuous loop with a third-order Padé "
-                   "delay of transport delay and half a sample, its speed measured without lag.")
+    return Drawing(f"Root locus against {roots.name}", figure, f"From a tenth to ten times {roots.nominal:g}{unit}, "
+                   f"within the limits of the parameter: {verdict}. Exact poles of the sampled loop with its delay, "
+                   "plotted at s = ln(z)/T. Only the crosses are an approximation: a continuous loop with a "
+                   "third-order Padé delay of transport delay and half a sample, and speed measured without lag.")
 
 
 def steps(analysis: Analysis) -> Drawing:
@@ -194,28 +198,19 @@ def steps(analysis: Analysis) -> Drawing:
                    f"linear: {differences}. {small} by the limits.")
 
 
-def _listed(words: list[str]) -> str:
-    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
-
-
 def amplitudes(analysis: Analysis) -> Drawing:
-    """Draw bandwidth and the onset of limits in the plane of amplitude and frequency."""
+    """Draw bandwidth and the onset of limits against amplitude."""
     figure, (axes,) = plots.column("frequency [Hz]", x="amplitude of the command [deg]", height=3.6, width=7.5)
     sweeps, linear = analysis.sweeps, analysis.linear.command
     size = np.array([degrees(s.amplitude) for s in sweeps])
-    curves: list[tuple[str, Look, list[float]]] = [
-        ("-3 dB", {"color": plots.BLUE, "linewidth": 1.8}, [s.response.bandwidth for s in sweeps]),
-        ("-90 deg", {"color": plots.VERMILLION, "linewidth": 1.8}, [s.response.phase_bandwidth for s in sweeps])]
+    axes.plot([], [], color=plots.GRAY, label="linear", **_DASHED)
+    for label, color, name in (("-3 dB", plots.BLUE, "bandwidth"), ("-90 deg", plots.VERMILLION, "phase_bandwidth")):
+        axes.loglog(size, [getattr(s.response, name) for s in sweeps], label=label, color=color, linewidth=1.8)
+        axes.axhline(getattr(linear, name), color=color, linewidth=0.9, label="linear", **_DASHED)
     limits = () if "limits" in analysis.left_out else LIMITS
     for name, color, marker in zip(limits, (plots.GREEN, plots.PURPLE, plots.ORANGE, plots.SKY), "os^x", strict=False):
-        curves.append((f"{_LIMIT_NAMES[name]} limited above",
-                       {"color": color, "marker": marker, "markersize": 4.0, "linewidth": 0.9},
-                       [s.onset(name) for s in sweeps]))
-    axes.plot([], [], color=plots.GRAY, label="linear", **_DASHED)
-    for (label, look, values), level in zip_longest(curves, (linear.bandwidth, linear.phase_bandwidth)):
-        axes.loglog(size, values, label=label, **look)
-        if level is not None:
-            axes.axhline(level, color=look["color"], linewidth=0.9, label="linear", **_DASHED)
+        axes.loglog(size, [s.onset(name) for s in sweeps], label=f"{_LIMIT_NAMES[name]} limited above", color=color,
+                    marker=marker, markersize=4.0, linewidth=0.9)
     axes.set_xticks(size, [f"{s:.3g}" for s in size], minor=False)
     axes.xaxis.set_minor_formatter("")
     low, high = axes.get_ylim()
@@ -225,8 +220,7 @@ def amplitudes(analysis: Analysis) -> Drawing:
     plots.legend_above(figure, 3)
     marks = ("Thin lines with marks: from which frequency on a limit acts at some instant of the period. " if limits
              else "")
-    lost = {"friction": "friction", "counts": "counts"}
-    causes = [word for key, word in lost.items() if key in unseen(analysis.actuator.actuator)]
+    causes = [key for key in unseen(analysis.actuator.actuator) if key != "compensation"]
     small = f"Small amplitudes lose bandwidth to {_listed(causes)}, large ones" if causes else (
         "Large amplitudes lose bandwidth")
     return Drawing("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated "
@@ -235,7 +229,7 @@ def amplitudes(analysis: Analysis) -> Drawing:
 
 
 def limit_shares(analysis: Analysis) -> Drawing:
-    """Draw the share of the time each limit acts, against amplitude and frequency."""
+    """Draw the share of the time for which each limit acts, against amplitude and frequency."""
     figure, (row,) = plots.figure(1, len(LIMITS), height=2.7, sharex=True, sharey=True, x="amplitude [deg]",
                                   y=["frequency [Hz]"])
     sweeps = analysis.sweeps
@@ -250,22 +244,20 @@ def limit_shares(analysis: Analysis) -> Drawing:
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_formatter("{x:g}")
     figure.colorbar(mesh, ax=list(row), pad=0.01).set_label("time at the limit [%]")
-    return Drawing("Where the limits bite", figure, "Share of the time a limit is active while a steady sine is "
-                   "followed; the line is the -3 dB bandwidth. The speed reference's limit is the rate limit of the "
-                   "fin.")
+    return Drawing("Where the limits act", figure, "Share of the time for which a limit is active during a steady "
+                   "sine; the line is the -3 dB bandwidth. The speed reference's limit is the rate limit of the fin.")
 
 
 def torque_speed(analysis: Analysis) -> Drawing:
-    """Draw the envelope, with the reference cases' operating points."""
+    """Draw the envelope, with the operating points of the reference cases."""
     figure, (axes,) = plots.column("motor torque [N.m]", x="motor speed [rad/s]", height=4.0, width=7.5)
     e, cases = analysis.envelope, analysis.cases
     assert e is not None
-    looks: list[Look] = [{"label": "motor and drive, steady", "color": plots.INK, "linewidth": 1.2},
-                         {"label": "without the drive's integral", "color": plots.GRAY, "linewidth": 1.0, **_DASHED}]
     axes.fill_between(e.speed, -e.highest[::-1], e.highest, color=plots.GRAY, alpha=0.13, linewidth=0)
-    for torque, look in zip((e.highest, e.prompt), looks, strict=True):
-        for side in (1.0, -1.0):
-            axes.plot(side * e.speed, side * torque, **look)
+    for side in (1.0, -1.0):
+        axes.plot(side * e.speed, side * e.highest, label="motor and drive, steady", color=plots.INK, linewidth=1.2)
+        axes.plot(side * e.speed, side * e.prompt, label="without the drive's integral", color=plots.GRAY,
+                  linewidth=1.0, **_DASHED)
     named = {"step_plus20": plots.BLUE, "load_opposing": plots.VERMILLION, "load_aiding": plots.GREEN,
              "sag": plots.ORANGE, "other cases": plots.SKY}
     for name, columns in cases.items():
@@ -280,11 +272,11 @@ def torque_speed(analysis: Analysis) -> Drawing:
     axes.set(xlim=(-end, end), ylim=(-top, top))
     plots.legend_above(figure, 4, markerscale=3)
     slow = f", in some {e.integral_time:.0f} s" if np.isfinite(e.integral_time) else ""
-    return Drawing("Torque and speed", figure, f"Grey: what the drive's current ({e.stall_torque:.3g} N.m at stall) "
-                   f"and the supply (no torque at {e.no_load_speed:.0f} rad/s) allow in steady motion. Dashed: at "
-                   f"first, before the drive's integral has closed the rest{slow}. Points: the reference cases with "
-                   "these parameters; dotted verticals: the controllers' speed limit. Points outside are transients, "
-                   "in which the current outlasts the voltage that made it.")
+    return Drawing("Torque and speed", figure, f"Grey: steady torque within the drive's current "
+                   f"({e.stall_torque:.3g} N.m at stall) and the supply (no torque at {e.no_load_speed:.0f} rad/s). "
+                   f"Dashed: at first, before the drive's integral has closed the rest{slow}. Points: the reference "
+                   "cases with these parameters; dotted verticals: the controllers' speed limit. Points outside are "
+                   "transients, in which the current outlasts the voltage that made it.")
 
 
 def fin_capability(analysis: Analysis) -> Drawing:
@@ -308,12 +300,12 @@ def fin_capability(analysis: Analysis) -> Drawing:
         axes.set_ylabel(label)
     plots.legend_above(figure, 5)
     return Drawing("Capability against fin angle", figure, "The lever's ratio grows with the lever angle, so the fin "
-                   "is stronger and slower towards the ends. Largest opposing hinge moment that is still moved; "
+                   "is stronger and slower towards the ends. Largest opposing hinge moment that the fin still moves; "
                    "largest steady rate that supply and drive current allow without load and against 100 N.m, and the "
                    "rate at the controllers' speed limit.")
 
 
-# Each with the section of `analyse.SECTIONS` it belongs to.
+# With the section of `analyse.SECTIONS` to which each belongs.
 DRAWINGS: Mapping[Callable[[Analysis], Drawing], str] = {
     bode: "", nichols: "", root_locus: "", steps: "", amplitudes: "", limit_shares: "limits",
     torque_speed: "capability", fin_capability: "capability"}

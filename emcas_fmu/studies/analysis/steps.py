@@ -1,4 +1,4 @@
-"""Steps of the linear models beside those that are simulated."""
+"""Steps of the linear models and of the simulated actuator."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from ...simulation import simulate
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg
 STOP = 0.6  # s, past the settling of the slowest step
-_CARRY = 2.0  # s, for a load to be carried before the step
+_SETTLE = 2.0  # s under load before the step
 
 
 @dataclass(frozen=True)
 class StepComparison:
-    """A step of ``size`` [deg, signed] at time 0: fin angle from its start [deg] of each model at ``time`` [s].
+    """A step of ``size`` [deg, signed] at time 0: each model's change of fin angle [deg] at ``time`` [s].
 
-    ``nonlinear`` is the simulated one, ``active`` where it is at a limit; ``thesis`` is None where the thesis's
-    model does not apply. ``difference`` [% of the step] is the largest of nonlinear minus linear.
+    ``nonlinear`` is simulated; ``active`` is true where a limit acts. ``thesis`` is None where the thesis's model does
+    not apply.
     """
 
     size: float
@@ -45,16 +45,16 @@ class StepComparison:
 
 
 def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thesis: bool = True) -> StepComparison:
-    """Compare a step of `size` [deg, signed] from the operating point, under its load; `thesis`: with its model."""
+    """Compare a step of `size` [deg, signed] from the operating point, under its load; `thesis` includes its model."""
     at, period = linear.point.fin_angle, linear.period
     time = np.arange(round(STOP / period) + 1) * period
     command = np.full(len(time), radians(size))
     angle = np.asarray(ct.forced_response(linear.command_to_angle, time, command).outputs)
     torque = linear.point.aero_torque
-    lead = round(_CARRY / period) if torque else 0
+    lead = round(_SETTLE / period) if torque else 0
     held = np.full(lead + len(time), at)
     stepped = np.concatenate([held[:lead], at + command])
-    # The load still settles slowly when the step comes: what would happen without the step is taken away.
+    # The fin still settles slowly under the load at the time of the step: the response without step is subtracted.
     run, still = (simulate({**values, "fin.start_angle": at}, (len(held) - 1) * period, period, model=linear.model,
                            fin_command=level, aero_torque=torque) for level in (stepped, held))
     nonlinear = np.degrees(run["fin_angle"] - still["fin_angle"])[lead:]
@@ -65,7 +65,7 @@ def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thes
 
 
 def comparisons(values: Mapping[str, Any], linear: LinearActuator, thesis: bool) -> list[StepComparison]:
-    """Compare steps of SIZES up from the operating point, or down where the range of commands ends, or not at all."""
+    """Compare steps of SIZES from the operating point, upwards if the range of commands allows it, else downwards."""
     at, limit = degrees(linear.point.fin_angle), degrees(values["command.limit"]) * (1.0 + 1e-9)
     signed = [size if at + size <= limit else -size for size in SIZES]
     return [compare(values, linear, size, thesis) for size in signed if abs(at + size) <= limit]

@@ -1,10 +1,10 @@
 """Frequency response of the actuator against amplitude: the describing function, by stepped sines.
 
-At each amplitude and frequency the compiled kernel runs a sine to its steady state; the fundamental of the fin angle
-over that of the command is the describing function (Gelb & Vander Velde, "Multiple-Input Describing
-Functions", section 2.2). Which limits act in the meantime is read from the outputs and, for the
-speed reference, from the sampled controllers run once more over the recorded motion, of actuators with all of NEEDS.
-Where the bandwidth is crossed and each limit begins to act, sines at frequencies in between follow.
+At each amplitude and frequency the compiled kernel simulates a sine to its steady state; the fundamental of the fin
+angle over that of the command is the describing function (Gelb & Vander Velde, "Multiple-Input Describing Functions",
+section 2.2). The outputs show which limits act; the limit of the speed reference follows from the controllers, computed
+once more along the recorded motion. Limits are evaluated for actuators with all of NEEDS. Further sines refine the
+frequencies at which the response crosses the bandwidth and each limit begins to act.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from ...support.progress import Progress, silent
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
 LIMITS = ("rate", "current", "voltage", "dac")
-"""Speed reference, drive current, supply voltage and analogue reference at their limits."""
+"""Limits of speed reference, drive current, supply voltage and analogue reference."""
 NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT,
          capabilities.RIGID_DRIVE_LINE)
-_SETTLE, _WINDOW = 1.0, 2.0  # s; of the window as many samples count as make whole periods of the sine
+_SETTLE, _WINDOW = 1.0, 2.0  # s; the samples of whole periods in the window count
 _POINTS = 36
-_NUMBERS = 2_000_000  # of each variable of the sines that run side by side: 16 MB
-_RESOLVED, _PARTS = 3e-3, 8  # of the frequency, how near measured ones enclose a crossing; parts a gap is cut into
+_NUMBERS = 2_000_000  # of each variable in a batch of sines: 16 MB
+_RESOLVED, _PARTS = 3e-3, 8  # relative distance of frequencies that enclose a crossing; parts into which a gap is cut
 _READ = ("fin_angle", "motor_angle", "motor_speed", "motor_current", "motor_voltage", "drive_reference",
          "current_limit")
-# Voltage and its limit are equal when it is clipped, but for rounding.
+# A clipped voltage equals its limit up to rounding.
 _AT_LIMIT = 1.0 - 1e-9
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """``response`` at an ``amplitude`` [rad]; ``active`` [limit, frequency]: share of the time [1] a limit acts.
+    """``response`` at an ``amplitude`` [rad], and ``active`` [limit, frequency], the share of time [1] a limit acts.
 
-    It has no rows for an actuator that lacks one of NEEDS.
+    ``active`` has no rows for an actuator that lacks one of NEEDS.
     """
 
     amplitude: float
@@ -59,13 +59,13 @@ class Sweep:
     active: Array
 
     def onset(self, limit: str) -> float:
-        """Return lowest frequency [Hz] at which a limit of LIMITS acts; nan if it does not."""
+        """Return the lowest frequency [Hz] at which a limit of LIMITS acts; nan if it does not."""
         acting = np.flatnonzero(self.active[LIMITS.index(limit)] > 0.0)
         return float(self.response.frequency[acting[0]]) if len(acting) else float("nan")
 
 
 def frequencies(period: float, highest: float) -> Array:
-    """Return frequencies [Hz] with whole periods in the window, logarithmic, up to 0.4/`period`, a sample's [s]."""
+    """Return logarithmic frequencies [Hz] with whole periods in the window, up to 0.4 over the sample `period` [s]."""
     window = round(_WINDOW / period) * period
     grid = np.geomspace(1.0 / window, min(highest, 0.4 / period), _POINTS)
     return np.unique(np.round(grid * window)) / window
@@ -73,10 +73,10 @@ def frequencies(period: float, highest: float) -> Array:
 
 def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]], aero_torque: float = 0.0,
           model: str = NONLINEAR) -> list[Sweep]:
-    """Return the responses to steady sines, each of an amplitude [rad] about a fin angle [rad] at frequencies [Hz].
+    """Return the responses to steady sines, `chosen` by amplitude [rad], mean fin angle [rad] and frequencies [Hz].
 
-    At the frequencies nearest to those that :func:`_whole` leaves. All are run side by side; :func:`replay` takes as
-    long for one as for a hundred.
+    Frequencies are rounded by :func:`_whole`. All sines are simulated together; :func:`replay` takes as long for one
+    as for a hundred.
     """
     period = float(values["controller.sample_time"])
     sizes = [len(frequency) for *_, frequency in chosen]
@@ -85,8 +85,8 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
     settle, window = round(_SETTLE / period), round(_WINDOW / period)
     time = np.arange(settle + window + 1) * period
     command = about + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
-    actuator, given = get(model), {"fin_command": command.T, "aero_torque": aero_torque}
-    inputs = [np.atleast_1d(given.get(v.name, v.initial(values))) for v in actuator.inputs]
+    actuator, columns = get(model), {"fin_command": command.T, "aero_torque": aero_torque}
+    inputs = [np.atleast_1d(columns.get(v.name, v.initial(values))) for v in actuator.inputs]
     read = [v.name for v in actuator.outputs if v.name in _READ]
     sets = np.repeat([parameter_row({**values, "fin.start_angle": at}, model) for _, at, _ in chosen], sizes, axis=0)
     runs = respond_all(sets, inputs, period, read, model=model).finished()
@@ -95,7 +95,7 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
     angle, counts = outputs["fin_angle"][steady], np.arange(window)[:, np.newaxis] < samples
     turn = np.where(counts, np.exp(-2j * np.pi * np.outer(time[steady], frequency)), 0.0)
     ratio = np.sum(angle * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
-    ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # backlash swallows the sine: what is left is rounding
+    ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # the sine is lost in the backlash: the rest is rounding
     active = np.empty((0, len(frequency)))
     if actuator.provides.issuperset(NEEDS):
         _, raw = replay(values, about, command, outputs, model)
@@ -113,7 +113,7 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
 
 
 def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
-    """Return the nearest frequencies [Hz] with whole periods in whole samples, and how many samples, of the window."""
+    """Return the nearest frequencies [Hz] with whole periods in a whole number of samples of the window, and that."""
     window = round(_WINDOW / period)
     cycles = np.floor(frequency * window * period + 1e-9)
     samples = np.minimum(np.round(cycles / (frequency * period)).astype(int), window)
@@ -121,39 +121,39 @@ def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
 
 
 def _refined(coarse: Sequence[Sweep], measure: Callable[[Sequence[tuple[int, Array]]], list[Sweep]]) -> list[Sweep]:
-    """Return sweeps with frequencies [Hz] added where a level is first reached, within _RESOLVED.
+    """Return sweeps with added frequencies [Hz] where they first reach -3 dB, -90 deg or a limit, within _RESOLVED.
 
-    Levels are -3 dB, -90 deg and each limit that acts. `measure` has more frequencies of the sweeps by their places.
+    `measure` returns sweeps at further frequencies, from pairs of a sweep's index and frequencies.
     """
-    made, wanted = list(coarse), dict(enumerate(map(_between, coarse)))
-    while more := [(k, frequency) for k, frequency in wanted.items() if len(frequency)]:
-        wanted = {}
-        for (k, _), finer in zip(more, measure(more), strict=True):
-            joined = _joined(made[k], finer)
-            # Samples may be so long that no other sine has whole periods in between.
-            if len(joined.response.frequency) > len(made[k].response.frequency):
-                made[k], wanted[k] = joined, _between(joined)
-    return made
+    sweeps, missing = list(coarse), dict(enumerate(map(_between, coarse)))
+    while wanted := [(k, frequency) for k, frequency in missing.items() if len(frequency)]:
+        missing = {}
+        for (k, _), finer in zip(wanted, measure(wanted), strict=True):
+            joined = _joined(sweeps[k], finer)
+            # With a long sample time no sine between two frequencies may have whole periods.
+            if len(joined.response.frequency) > len(sweeps[k].response.frequency):
+                sweeps[k], missing[k] = joined, _between(joined)
+    return sweeps
 
 
-def shared(made: Sequence[Sweep]) -> list[Array]:
-    """Return of each sweep which rows are at frequencies that all of them have: those not added between."""
-    common = reduce(np.intersect1d, (s.response.frequency for s in made))
-    return [np.isin(s.response.frequency, common) for s in made]
+def shared(sweeps: Sequence[Sweep]) -> list[Array]:
+    """Return for each sweep the mask of frequencies that all sweeps have."""
+    common = reduce(np.intersect1d, (s.response.frequency for s in sweeps))
+    return [np.isin(s.response.frequency, common) for s in sweeps]
 
 
 def _between(s: Sweep) -> Array:
-    """Return the frequencies [Hz] to add in the gaps in which levels are reached; none where all are narrow."""
-    f, found = s.response.frequency, [np.empty(0)]
+    """Return the frequencies [Hz] to add in wide gaps in which the sweep first reaches a level."""
+    f, added = s.response.frequency, [np.empty(0)]
     for reached in (s.response.gain_db <= -3.0, s.response.phase <= -np.pi / 2.0, *(s.active > 0.0)):
         k = int(np.argmax(reached))
         if reached[k] and k and f[k] - f[k - 1] > _RESOLVED * f[k]:
-            found.append(np.linspace(f[k - 1], f[k], _PARTS + 1)[1:-1])
-    return np.unique(np.concatenate(found))
+            added.append(np.linspace(f[k - 1], f[k], _PARTS + 1)[1:-1])
+    return np.unique(np.concatenate(added))
 
 
 def _joined(one: Sweep, other: Sweep) -> Sweep:
-    """Return both in the order of their frequencies, each of them once."""
+    """Return both sweeps as one, each frequency once, in order."""
     frequency, rows = np.unique(np.concatenate([s.response.frequency for s in (one, other)]), return_index=True)
     ratio = np.concatenate([s.response.gain * np.exp(1j * np.nan_to_num(s.response.phase)) for s in (one, other)])
     return Sweep(one.amplitude, of_ratio(frequency, ratio[rows]),
@@ -164,9 +164,9 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
            ) -> tuple[Array, Array]:
     """Return the controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
 
-    All have the shape (samples, runs): fin command [rad], and of the motion motor angle [rad], speed [rad/s] and
-    current [A] at the samples, from rest at the runs' fin angles `start` [rad]. The command passes the bus to the
-    controllers, as in the core.
+    Arrays are [samples, runs]: fin `command` [rad]; motor angle [rad], speed [rad/s] and current [A] of the `motion`,
+    from rest at the fin angles `start` [rad] of the runs. The command passes the bus to the controllers, as in the
+    core.
     """
     angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
     actuator = get(model)
@@ -174,15 +174,15 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
     turned = sensors.motor_counts(ARRAYS, p, angle[0])
     loops = controllers.at_rest(
         ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), start)
-    line = int(bus.late(FLOATS, p))
-    arrived = np.concatenate([np.zeros((line, *command.shape[1:])), command])
+    late = int(bus.late(FLOATS, p))
+    sent = np.concatenate([np.zeros((late, *command.shape[1:])), command])
     begun = bus.start(ARRAYS, p, start)
     wait, before = (begun[name] for name in bus.STATES)
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
-        asked, wait, before = bus.taken(ARRAYS, p, arrived[k], wait, before)
+        arrived, wait, before = bus.taken(ARRAYS, p, sent[k], wait, before)
         measured = sensors.measure(ARRAYS, p, plant, angle[k], angle[k], speed[k], turned)
-        out = controllers.sample(ARRAYS, p, loops, measured, current[k], asked)
+        out = controllers.sample(ARRAYS, p, loops, measured, current[k], arrived)
         loops, turned = out.loops, measured.motor_counts
         reference[k], raw[k] = out.reference, out.speed_raw
     return reference, raw
@@ -191,9 +191,9 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
 def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torque: float = 0.0,
            amplitudes: Sequence[float] = AMPLITUDES, model: str = NONLINEAR,
            progress: Progress = silent) -> list[Sweep]:
-    """Return a sweep up to `highest` [Hz] for every amplitude [deg] that commands may have, else for their limit.
+    """Return sweeps up to `highest` [Hz] at the amplitudes [deg] within the range of commands, or at its limit.
 
-    About `at` [rad], or as near to it as the range of commands leaves room for the amplitude.
+    The mean fin angle is `at` [rad], or as near to it as the range of commands allows with the amplitude.
     """
     limit = float(values["command.limit"])
     chosen = [radians(size) for size in amplitudes if radians(size) <= limit * (1.0 + 1e-9)] or [limit]
@@ -202,15 +202,15 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
     period = float(values["controller.sample_time"])
     together = max(1, int(_NUMBERS * period / ((_SETTLE + _WINDOW) * _POINTS)))
 
-    def measure(places: Sequence[tuple[int, Array]]) -> list[Sweep]:
-        made: list[Sweep] = []
-        for first in range(0, len(places), together):
-            some = [(chosen[k], about[k], where) for k, where in places[first:first + together]]
-            sizes, where = np.degrees([each[0] for each in some]), np.concatenate([each[2] for each in some])
-            progress(f"sines of {sizes[0]:g} to {sizes[-1]:g} deg, {np.min(where):.3g} to {np.max(where):.3g} Hz",
-                     first, len(places))
-            made += sines(values, some, aero_torque, model)
-        return made
+    def measure(wanted: Sequence[tuple[int, Array]]) -> list[Sweep]:
+        measured: list[Sweep] = []
+        for first in range(0, len(wanted), together):
+            batch = [(chosen[k], about[k], frequency) for k, frequency in wanted[first:first + together]]
+            sizes, all_of = np.degrees([each[0] for each in batch]), np.concatenate([each[2] for each in batch])
+            progress(f"sines of {sizes[0]:g} to {sizes[-1]:g} deg, {np.min(all_of):.3g} to {np.max(all_of):.3g} Hz",
+                     first, len(wanted))
+            measured += sines(values, batch, aero_torque, model)
+        return measured
 
     grid = frequencies(period, highest)
     return _refined(measure([(k, grid) for k in range(len(chosen))]), measure)

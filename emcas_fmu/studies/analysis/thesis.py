@@ -22,7 +22,7 @@ def closed(values: Mapping[str, Any]) -> System:
 
 
 def reference_loop(values: Mapping[str, Any]) -> System:
-    """Return the loop broken at the drive's reference u, which the last row of the closed model's update writes."""
+    """Return the loop broken at the drive's reference u, which the last row of the closed model's update computes."""
     model = LinearModel(values)
     law = model.update[-1]
     return -_system(model, model.update - np.outer(model.written, law), model.written, law, "dac", "reference")

@@ -1,1 +1,1 @@
-"""An actuator in a page of its own: its generated C, run by the browser."""
+"""A page in which the browser runs an actuator's generated C."""

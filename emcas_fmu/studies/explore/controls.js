@@ -1,16 +1,16 @@
 "use strict";
-/* The fields of the page: a slider beside a number for what matters first, a searchable list for all there is. */
+/* The fields of the page: sliders with numbers for the main values, and a searchable list of all values. */
 
-/** An element of a tag, with attributes and children. */
+/** An element with attributes and children. */
 function element(tag, attributes = {}, ...children) {
-    const made = document.createElement(tag);
-    for (const [name, value] of Object.entries(attributes)) if (value !== null) made.setAttribute(name, value);
-    made.append(...children);
-    return made;
+    const created = document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) if (value !== null) created.setAttribute(name, value);
+    created.append(...children);
+    return created;
 }
 
-/** The range of a slider [SI]: its own, or to three times a value above zero, which °C do not count from; null without
-    a scale. */
+/** The range of a slider [SI]: a declared one; up to three times a value above zero, except in °C; all values of a
+    limited range; otherwise null. */
 function sliderRange({range, unit, value, minimum, maximum}) {
     if (range) return range;
     if (value > 0 && unit !== "degC" && !(maximum - minimum <= 4 * value)) {
@@ -19,13 +19,13 @@ function sliderRange({range, unit, value, minimum, maximum}) {
     return maximum - minimum <= 400 ? [minimum, maximum] : null;
 }
 
-/** A control's title: its own, or its name in words. */
+/** A control's title, otherwise its name in words. */
 function titleOf({name, title}) {
     return title ?? name.replace(/^controller\./, "").replace(/[._]/g, " ").replace(/^./, first => first.toUpperCase());
 }
 
 class Control {
-    /** `change(name, value)` is called with what the user sets, in SI. */
+    /** Calls `change(name, value)` with values that the user sets, in SI. */
     constructor(control, change, {slider = false, title = titleOf(control)} = {}) {
         this.control = control;
         this.change = value => change(control.name, value);
@@ -50,7 +50,7 @@ class Control {
         else this.row.append(element("p", {class: "about"}, ...this.about()));
     }
 
-    /** What it is, its limits and its source. */
+    /** Description, limits and source. */
     about() {
         const {description, minimum, maximum, source} = this.control, parts = [description];
         const limits = [minimum, maximum].map(limit => shownNumber(limit / this.factor));
@@ -71,7 +71,7 @@ class Control {
         this.row.append(this.slide);
     }
 
-    /** Move the slider to a value; hidden until an accepted one says over what to move. */
+    /** Moves the slider to a value; hides it if it has no range. */
     slideTo(value, text) {
         this.range ??= this.over(this.start);
         this.slide.hidden = !this.range;
@@ -88,7 +88,7 @@ class Control {
         return sliderRange({...this.control, value});
     }
 
-    /** Move the slider's ends out to a value that has been accepted. */
+    /** Widens the slider's range to an accepted value. */
     widen(setting) {
         if (!this.slider) return;
         const value = setting.get(this.control.name), range = this.range ?? this.over(value);
@@ -97,17 +97,17 @@ class Control {
         this.show(setting);
     }
 
-    /** Take what is written; what is no number stays a text, to be refused as it was written. */
+    /** Reads the field; a text that is not a number is passed on, to be refused. */
     entered() {
         if (this.field.type === "checkbox") return this.change(this.field.checked);
-        const written = this.field.value.trim(), value = Number(written.replace(",", ".").replace("−", "-"));
-        return this.change(written === "" ? undefined : Number.isNaN(value) ? written : value * this.factor);
+        const text = this.field.value.trim(), value = Number(text.replace(",", ".").replace("−", "-"));
+        return this.change(text === "" ? undefined : Number.isNaN(value) ? text : value * this.factor);
     }
 
-    /** Show a setting's value. */
+    /** Shows a setting's value. */
     show(setting) {
         const value = setting.get(this.control.name), start = setting.default(this.control.name);
-        if (start !== this.start) this.range = null;  // another shape's
+        if (start !== this.start) this.range = null;  // another shape's start
         this.start = start;
         this.row.classList.toggle("changed", value !== start);
         this.again.hidden = value === start;
@@ -127,23 +127,23 @@ class Control {
     }
 }
 
-/** What matters first: the excitation's fields, supply, temperature, gains, in groups. */
+/** The main controls in groups: the excitation's fields, supply, temperature, gains. */
 function firstControls(change) {
-    const made = [];
+    const controls = [];
     for (const [group, names] of Object.entries({command: EXCITATION.map(({name}) => name), ...DATA.first})) {
-        const place = document.getElementById(`group-${group}`);
+        const box = document.getElementById(`group-${group}`);
         for (const name of names) {
             const control = new Control(CONTROLS.get(name), change, {slider: true});
-            made.push(control);
-            place.append(control.row);
+            controls.push(control);
+            box.append(control.row);
         }
-        place.hidden = !names.length;
+        box.hidden = !names.length;
     }
-    return made;
+    return controls;
 }
 
-/** All parameters and inputs held, in groups by what their names begin with; what is searched for is shown. */
-function allControls(change, search, place) {
+/** Controls of all parameters and constant inputs, grouped by the first word of their names; `search` filters them. */
+function allControls(change, search, box) {
     const groups = new Map();
     for (const control of [...DATA.parameters, ...HELD]) {
         const group = HELD.includes(control) ? "inputs held" : control.name.split(".")[0];
@@ -151,20 +151,20 @@ function allControls(change, search, place) {
         groups.get(group).push(new Control(control, change));
     }
     const details = [...groups].map(([group, controls]) => {
-        const made = element("details", {}, element("summary", {}, group, element("span", {class: "quiet"},
+        const folded = element("details", {}, element("summary", {}, group, element("span", {class: "quiet"},
             ` ${controls.length}`)), ...controls.map(({row}) => row));
-        place.append(made);
-        return [made, controls];
+        box.append(folded);
+        return [folded, controls];
     });
     search.addEventListener("input", () => {
         const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
-        for (const [made, controls] of details) {
+        for (const [folded, controls] of details) {
             for (const {row} of controls) {
                 const text = row.textContent.toLowerCase();
                 row.hidden = !words.every(word => text.includes(word));
             }
-            made.hidden = controls.every(({row}) => row.hidden);
-            made.open = words.length > 0 && !made.hidden;
+            folded.hidden = controls.every(({row}) => row.hidden);
+            folded.open = words.length > 0 && !folded.hidden;
         }
     });
     return [...groups.values()].flat();

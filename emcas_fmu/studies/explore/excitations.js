@@ -1,5 +1,5 @@
 "use strict";
-/* What is given to the actuator: rows of inputs 1 ms apart, as bench/excitation.py makes them. SI throughout. */
+/* Excitations: rows of inputs 1 ms apart, a port of bench/excitation.py. SI throughout. */
 
 const STEP = DATA.constants.STEP;
 
@@ -7,7 +7,7 @@ function times(stop) {
     return Float64Array.from({length: Math.round(stop / STEP) + 1}, (_, k) => k * STEP);
 }
 
-/** A motion commanded at `begin` [s], with the load [N.m] that comes on with it. */
+/** A jump of the command at `begin` [s], with a load [N.m] that rises with it. */
 function motionTo(level, from, begin, {duration, load}) {
     const time = times(begin + duration), clip = x => Math.min(Math.max(x, 0), 1);
     const command = time.map(t => t > begin - STEP / 2 ? level : from);
@@ -17,7 +17,7 @@ function motionTo(level, from, begin, {duration, load}) {
     return {time, columns, begin};
 }
 
-/** A wave of the command from rest: `phase` [rad] of the time since it began [s]. */
+/** A sine of the command from rest; `phase` [rad] is a function of the time [s] since its begin. */
 function wave(amplitude, duration, phase) {
     const begin = DATA.constants.LEAD_IN, time = times(begin + duration);
     const command = time.map(t => amplitude * Math.sin(phase(Math.max(t - begin, 0))));
@@ -32,7 +32,7 @@ function sweep({amplitude, low, high, duration}) {
     return wave(amplitude, duration, since => 2 * Math.PI * low * Math.expm1(growth * since) / growth);
 }
 
-/** A load that is held beside an excitation without one of its own. */
+/** An excitation with a constant load. */
 function underLoad(excitation, load) {
     if (load) excitation.columns.aero_torque = excitation.time.map(() => load);
     return excitation;
@@ -52,8 +52,8 @@ const SHAPES = {
     csv: {title: "Your CSV", fields: ["load"], amplitude: 0, duration: 1,
         build: s => {
             if (!s.file) throw new Error("choose a CSV file: a column time [s] and columns of inputs, SI");
-            const made = {time: s.file.time, begin: 0, columns: {...s.file.columns}};
-            return "aero_torque" in made.columns ? made : underLoad(made, s.load);
+            const excitation = {time: s.file.time, begin: 0, columns: {...s.file.columns}};
+            return "aero_torque" in excitation.columns ? excitation : underLoad(excitation, s.load);
         }},
 };
 
@@ -64,7 +64,7 @@ function moves(time, command) {
     return jumps.map((row, i) => ({start: time[row], level: command[row], end: time[jumps[i + 1] ?? time.length - 1]}));
 }
 
-/** Rows of inputs of a CSV file's text, as bench/excitation.py reads it: linear between its rows. Throws an Error. */
+/** Rows of inputs from the text of a CSV file, linear between its rows, as in bench/excitation.py. Throws an Error. */
 function fromCsv(text, title) {
     const lines = text.replace(/^\uFEFF/, "").split(/\r?\n/).filter(line => line.trim());
     const cells = line => line.split(",").map(cell => cell.trim().replace(/^"(.*)"$/, "$1"));
@@ -73,10 +73,10 @@ function fromCsv(text, title) {
     const short = listed => listed.join(", ").replace(/[^\x20-\uFFFF]/g, "?").slice(0, 200);
     const known = DATA.inputs.map(v => v.name), unknown = names.filter(n => n !== "time" && !known.includes(n));
     const twice = names.find((name, i) => names.indexOf(name) !== i);
-    const given = names.map((_, i) => rows.map(row => row[i])), at = names.indexOf("time"), time = given[at];
+    const read = names.map((_, i) => rows.map(row => row[i])), at = names.indexOf("time"), time = read[at];
     const problem = at < 0 ? `has no column time; its columns are ${short(names)}` :
         twice ? `column ${twice} is given twice` :
-        unknown.length ? `${short(unknown)} is no input; inputs are ${known.join(", ")}` :
+        unknown.length ? `${short(unknown)} is not an input; inputs are ${known.join(", ")}` :
         names.length < 2 ? `has no column of an input; inputs are ${known.join(", ")}` :
         rows.length < 2 ? "needs two rows of numbers or more" :
         rows.some(row => row.length !== names.length || row.some(x => !Number.isFinite(x))) ?
@@ -85,21 +85,21 @@ function fromCsv(text, title) {
         unfit(time[time.length - 1]);
     if (problem) throw new Error(`${title}: ${problem}`);
     const points = times(time[time.length - 1]);
-    const columns = names.map((name, i) => [name, sampled(points, time, given[i])]).filter(([name]) => name !== "time");
+    const columns = names.map((name, i) => [name, sampled(points, time, read[i])]).filter(([name]) => name !== "time");
     return {title, time: points, columns: Object.fromEntries(columns)};
 }
 
-/** What is wrong with an end of a file's rows [s], if anything. */
+/** The problem with the time [s] of a file's last row; empty if there is none. */
 function unfit(stop) {
     const steps = stop / STEP;
     if (!(steps >= 1 && steps <= DATA.constants.MOST_ROWS)) {
         return `the end at ${general(stop, 6)} s must be ${STEP} to ${DATA.constants.MOST_ROWS * STEP} s from 0`;
     }
     const whole = Math.abs(steps - Math.round(steps)) <= 1e-6;
-    return whole ? "" : `the end at ${general(stop, 6)} s is no whole number of steps of ${STEP} s`;
+    return whole ? "" : `the end at ${general(stop, 6)} s is not a whole number of steps of ${STEP} s`;
 }
 
-/** A column at points of time: linear between its rows, from the right at a jump, held outside. */
+/** A column at points of time: linear between its rows, the later value at a jump, constant outside. */
 function sampled(points, time, column) {
     let after = 0;
     return points.map(point => {

@@ -1,7 +1,7 @@
-/* The actuator for a page: batch.c, and which rules a set of parameters breaks. */
+/* The actuator of a page: batch.c, and the rules of its parameters. */
 #include "batch.c"
 
-/* Whether a rule is broken; the numbers of its message are numbers[1] and on. */
+/* Returns whether the parameters break a rule; its message's numbers begin at numbers[1]. */
 API int rule_broken(size_t number, const double *parameters, double *numbers)
 {
     double constants[RULES_CONSTANTS];

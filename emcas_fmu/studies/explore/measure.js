@@ -1,8 +1,8 @@
 "use strict";
-/* The tests of requirements as bench/measure.py makes them, and their verdict as in bench/verdict.py; SI. A unit answers
- * by `respond(excitation, outputs)`: a promise of its run, or of null where that does not reach its end. */
+/* The tests of requirements, a port of bench/measure.py, and their verdict, of bench/verdict.py. SI throughout. The
+ * function `respond(excitation, outputs)` returns a promise of a run, or of null if the run does not reach its end. */
 
-/** The rows of a run of a test: columns of counted values, of the inputs held as shares of what is set. */
+/** The excitation of a test from its values and their counts; constant inputs are shares of those that are set. */
 function embedded({begin, stop, columns}, setting) {
     const whole = Object.entries(columns).map(([name, counted]) => {
         const unit = HELD.some(v => v.name === name) ? Number(setting.get(name)) : 1;
@@ -11,7 +11,7 @@ function embedded({begin, stop, columns}, setting) {
     return {time: times(stop), begin, columns: Object.fromEntries(whole)};
 }
 
-/** The figures of a test: of each direction, where it has two. */
+/** The figures of a test, in each of its directions. */
 async function measure(test, setting, respond) {
     if (test.kind === "sine") return [await bandwidths(test.figures, sines(test.amplitude, 0, respond).at)];
     const runs = [];
@@ -33,8 +33,7 @@ function moved(run) {
     return {...figures, steady_error: Math.abs(figures.steady_error)};
 }
 
-/** The fundamental of the fin angle over a sine of an amplitude at a frequency [Hz], [real, imaginary]; NaN where the
-    response is no sine. */
+/** The fundamental of the fin angle over a sine of the command, [real, imaginary]; NaN if the response is not a sine. */
 async function describingFunction(amplitude, load, frequency, respond) {
     const {CYCLES, FITTED, TRANSIENT: [cycles, seconds], PURE} = DATA.constants, turn = 2 * Math.PI * frequency;
     const begin = Math.max(cycles / frequency, seconds);
@@ -45,7 +44,7 @@ async function describingFunction(amplitude, load, frequency, respond) {
     const first = time.findIndex(t => t >= begin), last = lastIndex(time, t => t <= end) + 1;
     const fitted = time.subarray(first, last), centred = column => {
         const middle = mean(column);
-        return column.map(x => x - middle);  // least squares beside an offset
+        return column.map(x => x - middle);  // for least squares with an offset
     };
     const angle = centred(run.outputs.fin_angle.subarray(first, last));
     const [c, s] = [Math.cos, Math.sin].map(wave => centred(fitted.map(t => wave(turn * t))));
@@ -56,7 +55,7 @@ async function describingFunction(amplitude, load, frequency, respond) {
     return pure ? [b / amplitude, a / amplitude] : [NaN, NaN];
 }
 
-/** The responses to sines of an amplitude under a load: `known` by the frequency, and `at` any, each simulated once. */
+/** The responses to sines of an amplitude under a load: function `at` of the frequency, with the `known` ones. */
 function sines(amplitude, load, respond) {
     const known = new Map();
     const at = async frequency => {
@@ -68,15 +67,15 @@ function sines(amplitude, load, respond) {
 
 const LEVELS = {bandwidth_3db: response => Math.hypot(...response) - 10 ** (-3 / 20), bandwidth_90deg: ([real]) => real};
 
-/** The frequencies [Hz] where gain or lag pass their levels, by bisection; none where a response on the way is no sine. */
+/** The frequencies [Hz] at which gain or lag cross their levels, by bisection; none if a response is not a sine. */
 async function bandwidths(figures, at) {
     const found = [];
     for (const name of figures) found.push([name, await crossed(LEVELS[name], at)]);
     return Object.fromEntries(found.filter(([, value]) => !Number.isNaN(value)));
 }
 
-/** Where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere. NaN where the
- * level is NaN on the way. */
+/** The frequency [Hz] at which a level, positive at low frequency, first falls to zero; otherwise the highest of the grid.
+ * NaN if the level is NaN at a lower frequency. */
 async function crossed(level, at) {
     const {BANDWIDTHS: [lowest, highest], BISECTIONS, GRID} = DATA.constants;
     let low = lowest, high = lowest;
@@ -96,7 +95,7 @@ async function crossed(level, at) {
     return Math.sqrt(low * high);
 }
 
-/** The response to sines, where it is one: frequency [Hz], gain [dB], phase [rad, unwrapped], both bandwidths [Hz]. */
+/** The frequency response as far as it is a sine: frequency [Hz], gain [dB], unwrapped phase [rad], bandwidths [Hz]. */
 async function frequencyResponse(amplitude, load, respond) {
     const {known, at} = sines(amplitude, load, respond), found = await bandwidths(Object.keys(LEVELS), at);
     for (const [k, frequency] of DATA.constants.GRID.entries()) {
@@ -109,8 +108,8 @@ async function frequencyResponse(amplitude, load, respond) {
     return {frequency: pure.map(([f]) => f), gain: pure.map(([, h]) => 20 * Math.log10(Math.hypot(...h))), phase, ...found};
 }
 
-/** What is measured for a requirement, [unit], in which case, and whether it is met; `measured` has for each test, and
-    by the case, figures of both directions. */
+/** The measured value of a requirement [its unit], its worst case, and whether it is met. `measured` has for each test
+    and case the figures of both directions. */
 function judged({test, figure, cases, sense, limit, factor}, measured) {
     const most = sense === "<=", worse = most ? Math.max : Math.min;
     const values = cases.map(name => worse(...measured[test][name].map(side => side[figure] ?? NaN)));

@@ -1,22 +1,22 @@
 "use strict";
-/* The figures of a response, as bench/metrics.py defines them; SI throughout. A port and not compiled: numpy and scipy
- * are no C. It has only what the page shows, and a test holds it against the original. */
+/* The figures of a response, a port of those of bench/metrics.py that the page shows: a browser has no numpy and scipy.
+ * A test compares both. SI throughout. */
 
-/** The last place where `test` holds; -1 where it does nowhere. */
+/** The last index at which `test` holds; -1 if there is none. */
 function lastIndex(values, test) {
     let k = values.length - 1;
     while (k >= 0 && !test(values[k])) --k;
     return k;
 }
 
-/** The first time [s] `values` reach `level` from below, by linear interpolation; NaN if never. */
+/** The first time [s] at which `values` reach `level` from below, by linear interpolation; NaN if never. */
 function crossing(time, values, level) {
     const k = values.findIndex(value => value >= level);
     if (k <= 0) return k < 0 ? NaN : time[0];
     return time[k - 1] + (level - values[k - 1]) / (values[k] - values[k - 1]) * (time[k] - time[k - 1]);
 }
 
-/** The time [s] from the first row on after which `distance` stays within `band` for good; Infinity if it is not. */
+/** The time [s] from the first row after which `distance` stays within `band`; Infinity if it ends outside. */
 function settling(time, distance, band) {
     const k = lastIndex(distance, value => !(value <= band));
     if (k < 0) return 0;
@@ -25,13 +25,13 @@ function settling(time, distance, band) {
     return time[k] - time[0] + inside * (time[k + 1] - time[k]);
 }
 
-/** The same, Infinity where it is later than where the last third begins. */
+/** The same; Infinity if it is within the last third. */
 function settled(time, distance, band) {
     const after = settling(time, distance, band), span = time[time.length - 1] - time[0];
     return after > (1 - DATA.constants.HELD) * span ? Infinity : after;
 }
 
-/** The rows from `start` [s] on, up to `end` [s]; a nanosecond beside is on time. */
+/** The rows from `start` to `end` [s], to within a nanosecond. */
 function between(start, end, time, ...columns) {
     const first = time.findIndex(t => t >= start - 1e-9), last = lastIndex(time, t => t <= end + 1e-9) + 1;
     return [time, ...columns].map(column => column.subarray(first, last));
@@ -43,7 +43,7 @@ const magnitude = values => values.reduce((most, x) => Math.max(most, Math.abs(x
 const degrees = angle => angle * 180 / Math.PI;
 const rms = values => Math.sqrt(mean(values.map(x => x * x)));
 
-/** The figures of a response [rad] to a command [rad] that is constant over these times. */
+/** The figures of a response [rad] to a constant command [rad]. */
 function holdFigures(time, response, command) {
     const error = response.map(angle => angle - command), held = lastThird(time, error).map(Math.abs);
     const angles = lastThird(time, response);
@@ -55,7 +55,7 @@ function holdFigures(time, response, command) {
     };
 }
 
-/** The last third of a column over a hold. */
+/** The last third of a column. */
 function lastThird(time, column) {
     const end = time[time.length - 1], start = end - DATA.constants.HELD * (end - time[0]);
     return column.subarray(time.findIndex(t => t >= start - 1e-9));
@@ -83,7 +83,7 @@ function motion({excitation: {time: rows, columns}, outputs}) {
         ...currentRipple(move.start, move.end, rows, outputs)};
 }
 
-/** The figures of a fin that a hinge moment moves while the command is 0. */
+/** The figures of a fin that a hinge moment moves at command 0. */
 function rest({excitation: {time: rows, begin, columns}, outputs}) {
     const [time, angle] = between(begin, Infinity, rows, outputs.fin_angle), side = Math.sign(mean(columns.aero_torque));
     return {...holdFigures(time, angle, 0), ...currentRipple(begin, Infinity, rows, outputs),
@@ -98,7 +98,7 @@ function currentRipple(start, end, rows, {motor_current: whole}) {
 
 const REDUCTIONS = {peak: magnitude, rms, share: column => mean(column.map(x => Number(x > 0.5)))};
 
-/** The figures any run has from `begin` [s] on, as far as there are the outputs. */
+/** The figures of any run from `begin` [s] on, as far as its outputs allow. */
 function usage({excitation: {time: rows}, outputs: whole}, begin = 0) {
     const [time, ...columns] = between(begin, Infinity, rows, ...Object.values(whole)), figures = {};
     const outputs = Object.fromEntries(Object.keys(whole).map((name, k) => [name, columns[k]]));

@@ -1,14 +1,14 @@
 "use strict";
-/* The page: what the user sets goes to the actuator, its response to plots and tables. B is live, A is kept. */
+/* The page: the actuator responds to the user's setting, plots and tables show its response. B is live, A is kept. */
 
 const $ = id => document.getElementById(id);
-const REST = 300; // ms without a change, after which what takes longer is computed
-const BUSY = 16; // ms, after which what takes longer lets the page answer
+const REST = 300; // ms without a change before long computations
+const BUSY = 16; // ms after which a long computation lets the browser respond
 const MOST_BYTES = 50e6; // of a CSV file, which a browser reads whole
 
 class Page {
-    constructor(unit) {
-        this.unit = unit;
+    constructor(actuator) {
+        this.actuator = actuator;
         this.live = {setting: new Setting()};
         this.kept = null;
         const change = (name, value) => this.change(name, value);
@@ -52,7 +52,7 @@ class Page {
         this.refresh();
     }
 
-    /** Begin with the sliders' own ranges. */
+    /** Resets the sliders' ranges. */
     narrow() {
         for (const control of this.controls) control.range = null;
         this.refresh();
@@ -76,7 +76,7 @@ class Page {
         $("file").value = "";
     }
 
-    /** Take the settings of the address, if it has any. */
+    /** Reads the settings in the page's address. */
     restore() {
         if (location.hash === this.written) return;
         const link = new URLSearchParams(location.hash.slice(1)), notes = [];
@@ -93,7 +93,7 @@ class Page {
         this.narrow();
     }
 
-    /** Show what is set, and compute it before the next frame. */
+    /** Shows the setting, and computes its response before the next frame. */
     refresh() {
         const {setting} = this.live, shape = SHAPES[setting.shape];
         $("shape").value = setting.shape;
@@ -124,16 +124,16 @@ class Page {
         this.resting = setTimeout(() => this.rest(), REST);
     }
 
-    /** Compute the response of a case {setting} in place, if it is not there; gives what is wrong. */
+    /** Computes and stores the response of a case {setting}, unless it exists; returns the problems. */
     answer(each) {
         if (each.run || each.problems) return each.problems ?? [];
         const {setting} = each, {parameters, unreadable} = setting;
-        const problems = unreadable.length ? unreadable : [...setting.problems, ...this.unit.problems(parameters)];
+        const problems = unreadable.length ? unreadable : [...setting.problems, ...this.actuator.problems(parameters)];
         try {
             if (!problems.length) {
                 each.run = this.respond(setting, setting.excite());
                 each.figures = figures(each.run);
-                each.warnings = [...clipped(setting, each.run.excitation), ...this.unit.broken(parameters, true)];
+                each.warnings = [...clipped(setting, each.run.excitation), ...this.actuator.broken(parameters, true)];
             }
         } catch (error) {
             problems.push(error.message);
@@ -144,10 +144,10 @@ class Page {
 
     respond(setting, excitation, changes = {}, outputs = undefined) {
         const inputs = setting.inputs(excitation), parameters = {...setting.parameters, ...changes};
-        return {excitation, outputs: this.unit.run(parameters, inputs, excitation.time.length, STEP, outputs)};
+        return {excitation, outputs: this.actuator.run(parameters, inputs, excitation.time.length, STEP, outputs)};
     }
 
-    /** A `respond` of measure.js, of a setting with parameters that differ, beside which the page answers its user. */
+    /** The function `respond` of measure.js for a setting with changed parameters; the page stays responsive. */
     beside(setting, changes) {
         const {live, kept} = this;
         return async (excitation, outputs) => {
@@ -155,7 +155,7 @@ class Page {
                 await new Promise(resolve => setTimeout(resolve));
                 this.due = performance.now() + BUSY;
             }
-            if (this.live !== live || this.kept !== kept) return new Promise(() => undefined);  // not wanted any more
+            if (this.live !== live || this.kept !== kept) return new Promise(() => undefined);  // no longer needed
             try {
                 return this.respond(setting, excitation, changes, outputs);
             } catch {
@@ -179,7 +179,7 @@ class Page {
         DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
     }
 
-    /** Let the address be the link of what is set; browsers allow this only so often. */
+    /** Writes the settings to the page's address; browsers limit how often. */
     writeLink() {
         const {live, kept} = this;
         const link = new URLSearchParams({of: DATA.digest, ...(kept ? {A: kept.setting} : {}), B: live.setting});
@@ -187,10 +187,10 @@ class Page {
         this.written = location.hash;
     }
 
-    /** What takes longer, unless something changes meanwhile: the Bode plot, requirements, words, the link. */
+    /** Long computations, unless the setting changes: the Bode plot, requirements, texts, the link. */
     async rest() {
         this.writeLink();
-        this.tell();
+        this.describe();
         this.due = 0;
         for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
         drawBode(this.gain, this.phase, this.cases);
@@ -201,31 +201,31 @@ class Page {
         document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
     }
 
-    /** The frequency responses that are shown of a setting, each with its label. */
+    /** The frequency responses of a setting with their labels. */
     async responses(setting) {
-        const respond = this.beside(setting, DATA.at_start), found = [];
+        const respond = this.beside(setting, DATA.at_start), responses = [];
         for (const [amplitude, load] of sinesOf(setting)) {
             const label = `${shownNumber(degrees(amplitude))}°${load ? `, ${shownNumber(load)} N·m` : ""}`;
-            found.push([label, await frequencyResponse(amplitude, load, respond)]);
+            responses.push([label, await frequencyResponse(amplitude, load, respond)]);
         }
-        return found;
+        return responses;
     }
 
-    /** The figures of every test of the requirements, by its cases. */
+    /** The figures of all tests of the requirements, by case. */
     async measured(setting) {
-        const found = [];
+        const measured = [];
         for (const test of DATA.tests) {
             const figures = {};
             for (const name of test.cases) {
                 figures[name] = await measure(test, setting, this.beside(setting, DATA.cases[name]));
             }
-            found.push(figures);
+            measured.push(figures);
         }
-        return found;
+        return measured;
     }
 
-    /** The response in words, for who does not see it. */
-    tell() {
+    /** Writes the response in words, for screen readers. */
+    describe() {
         const listed = Object.entries(this.live.figures).filter(([name]) => DATA.headlines.includes(name));
         $("summary").textContent = listed.map(([name, value]) => `${words(name)} ${inUnit(name, value)}`).join(", ");
         DATA.panels.forEach((panel, k) => this.plots[k].describe(panel.names.map(name => {
@@ -238,7 +238,7 @@ class Page {
     }
 
     inputs() {
-        return givenInputs(this.live.setting, this.live.run.excitation);
+        return inputColumns(this.live.setting, this.live.run.excitation);
     }
 
     response() {
@@ -267,6 +267,6 @@ function save(name, text) {
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
-const loaded = Unit.load($("unit").textContent.trim()).then(unit => new Page(unit), error => {
-    $("problems").textContent = `This browser does not run the page's unit: ${error.message}`;
+const loaded = Actuator.load($("actuator").textContent.trim()).then(actuator => new Page(actuator), error => {
+    $("problems").textContent = `This browser does not run the page's actuator: ${error.message}`;
 });

@@ -1,11 +1,11 @@
-"""The page of one actuator: its C as WebAssembly, and all that the scripts beside it need to know."""
+"""The page of one actuator: its C as WebAssembly, and the data of the page's scripts."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from math import isclose
@@ -15,7 +15,7 @@ from typing import Any
 from ... import __version__, rules
 from ...actuators import extension_outputs, full_name, get, parts
 from ...actuators import fin_port as port
-from ...bench import excitation, measure, metrics
+from ...bench import excitation, frequency_response, measure, metrics
 from ...bench.excitation import COMMAND, LOAD, Excitation
 from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.subject import Identification, ParameterSubject, Subject
@@ -34,22 +34,19 @@ from ...variables import Variable
 
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
-SCRIPTS = ("unit.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "plots.js", "results.js",
+SCRIPTS = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "plots.js", "results.js",
            "controls.js", "page.js")
 MOST_ROWS = 60_000  # of a CSV file; a minute
-_MOST_FIRST = 12  # parameters of an actuator without gains that stand first
+_MOST_FIRST = 12  # parameters with sliders of an actuator without gains
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
-_NOT_HERE = "not judged here: emcas validate"  # margins of a linear model, which is not in the page
+_NOT_HERE = "not judged here: emcas validate"  # margins need a linear model, which the page does not have
 # Figures of metrics.motion and metrics.usage, in the order of the table.
 _FIGURES = tuple(name for name in metrics.FIGURES if name in (*metrics.MOTION, *metrics.USAGE))
 
 
 @dataclass(frozen=True)
 class About:
-    """What a page says of itself: the command that made it, the set it starts from, and a date if one is given.
-
-    `requirements` is the file by which it judges; the shipped ones unless given.
-    """
+    """Origin of a page: the command that wrote it, the parameter set at its start, a date, the requirements' file."""
 
     command: str
     identification: Identification
@@ -58,12 +55,12 @@ class About:
 
 
 def sources(model: str) -> dict[str, str]:
-    """Return the C of an actuator's page: file name to text."""
+    """Return the C sources of an actuator's page by file name."""
     return {_MAIN: handwritten(_MAIN, _HERE), **batch_sources(model)}
 
 
 def compiled(files: Mapping[str, str]) -> bytes:
-    """Return the WebAssembly of an actuator's C, as `sources` has it. Raises CompilerError."""
+    """Return the WebAssembly of C sources. Raises CompilerError."""
     compiler = zig()
     if compiler is None:
         raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
@@ -71,15 +68,14 @@ def compiled(files: Mapping[str, str]) -> bytes:
 
 
 def document(parameters: ParameterSet, inputs: Mapping[str, float], specification: Specification) -> dict[str, Any]:
-    """Return what the scripts need of an actuator with a set of parameters, of inputs held at other constants, and of
-    requirements.
-    """
+    """Return the data of the page's scripts: actuator, parameters, constants of `inputs`, requirements."""
     model, actuator = full_name(parameters.model), parameters.actuator
     shipped, subject = load_parameters(model=model).values, ParameterSubject(parameters)
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
     described: dict[str, Any] = {
-        "tool": f"emcas {__version__}", "model": _as_given(model), "command_limit": parameters.values["command.limit"],
+        "tool": f"emcas {__version__}", "model": _without_folder(model),
+        "command_limit": parameters.values["command.limit"],
         "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name],
                         "range": _tested(v, parameters.values)} for v in actuator.parameters],
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
@@ -104,7 +100,7 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
     return result
 
 
-def _as_given(model: str) -> str:
+def _without_folder(model: str) -> str:
     """Return a model's name without the folder of a user's file."""
     return "+".join((Path(parts(model)[0]).name, *parts(model)[1]))
 
@@ -115,17 +111,16 @@ def _quantity(v: Variable) -> dict[str, Any]:
 
 
 def _shown(unit: str) -> tuple[str, float]:
-    """Return the unit people read, and how much in SI one of it is."""
+    """Return the display unit of an SI unit, and its size in SI."""
     return _inverse(metrics.shown(unit))
 
 
 def _inverse(shown: tuple[str, float]) -> tuple[str, float]:
-    """Return a unit, and how much in SI one of it is, of the factor to it."""
     return shown[0], 1.0 / shown[1]
 
 
 def _parameter(entry: Entry) -> dict[str, Any]:
-    """Return a parameter in the unit that its file gives it in."""
+    """Return a parameter, shown in the unit of its file."""
     v, unit = entry.variable, entry.text.partition(" ")[2]
     shown: tuple[str, float] = (v.unit, 1.0)
     if v.kind == "Real" and unit and not entry.text.startswith("as ") and v.unit != "degC":
@@ -136,15 +131,13 @@ def _parameter(entry: Entry) -> dict[str, Any]:
 
 
 def _tested(v: Variable, values: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return the temperatures [degC] that a table of friction covers, for the slider of the ambient temperature."""
+    """Return the range [degC] of the ambient temperature's slider: that of the friction table."""
     table = [value for name, value in values.items() if name.startswith("friction.table.temperature[")]
     return (min(table), max(table)) if table and v.name == "friction.temperature" else None
 
 
 def _first(parameters: ParameterSet) -> dict[str, list[str]]:
-    """Return the names of what stands first, in groups: supply and what else is an input of this actuator alone,
-    temperature, and gains, or else all of its own.
-    """
+    """Return the names with sliders: supply and the actuator's further inputs, temperatures, gains or parameters."""
     actuator = parameters.actuator
     tunable = [v for v in actuator.parameters if v.variability == "tunable"]
     gains = [v.name for v in tunable if v.name.startswith("controller.")]
@@ -152,13 +145,13 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
         ports = {v.name for v in port.PARAMETERS}
         gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_FIRST]
     further = [v.name for v in actuator.further_inputs]
-    further += [v.name for v in tunable if v.name == "homing.required"]  # without which nothing moves before homing
+    further += [v.name for v in tunable if v.name == "homing.required"]  # otherwise the fin does not move before homing
     return {"supply": [*([actuator.supply.input.name] if actuator.supply else []), *further],
             "temperature": [v.name for v in tunable if v.unit == "degC"], "gains": gains}
 
 
 def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
-    """Return the panels over time: the response's own, then one for each output of an extension."""
+    """Return the panels over time: those of a response, then one for each output of an extension."""
     further = [[v] for v in extension_outputs(model)]
     return [{"title": _title(panel), "names": [v.name for v in panel],
              "shown": _inverse(metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
@@ -172,7 +165,7 @@ def _title(panel: Sequence[Variable]) -> str:
 
 
 def _lines(v: Variable, specification: Specification) -> list[tuple[float, str]]:
-    """Return the requirements that are lines in a panel: value as shown, and words."""
+    """Return the required rates as lines in the panel of the fin rate: value [deg/s] and text."""
     rates = [(r.limit * r.shown[1], r.test) for r in specification.requirements
              if r.test and r.test.supply == 1.0 and r.figure in ("sustained_rate", "peak_rate")]
     return list(dict.fromkeys((round(limit, 9), f"required {limit:.6g} °/s{', loaded' if test.torque else ''}")
@@ -180,28 +173,27 @@ def _lines(v: Variable, specification: Specification) -> list[tuple[float, str]]
 
 
 def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
-    """Return the requirements, the tests that they name by their places, and cases with the parameters that differ."""
+    """Return the requirements, their tests, to which they refer by index, and the parameters of their cases."""
     tests: dict[measure.Test, list[Requirement]] = {}
     listed = []
     for r in specification.requirements:
         unit, size = r.shown
         left_out = _NOT_HERE if r.test and r.test.kind == "linear" else r.obstacle(subject)
-        place = None
+        index = None
         if r.test and not left_out:
             tests.setdefault(r.test, []).append(r)
-            place = list(tests).index(r.test)
+            index = list(tests).index(r.test)
         listed.append({
             "name": r.name, "title": r.title or r.name, "figure": r.figure, "sense": SENSES[r.sense],
             "limit": round(r.limit * size, 9), "unit": unit, "factor": size, "how": r.how,
-            "reason": r.reason or r.source, "cases": r.cases, "test": place, "left_out": left_out})
+            "reason": r.reason or r.source, "cases": r.cases, "test": index, "left_out": left_out})
     return {"requirements": listed, "tests": [_test(test, by, subject) for test, by in tests.items()],
             "at_start": at_start(subject),
             "cases": {case.name: {**at_start(subject), **case.values} for case in specification.cases}}
 
 
 def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> dict[str, Any]:
-    """Return a test with what is given to the unit and recorded; inputs but command and load are shares of what is set.
-    """
+    """Return a test with its inputs and recorded outputs; inputs except command and load are shares of those set."""
     runs: Sequence[Excitation] = ()
     if test.kind == "repeat":
         runs = measure.histories(test, subject, {**dict.fromkeys(subject.inputs, 1.0), COMMAND: 0.0, LOAD: 0.0})
@@ -215,7 +207,7 @@ def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> di
 
 
 def _counted(run: Excitation) -> dict[str, Any]:
-    """Return an excitation, its columns as values with their counts."""
+    """Return an excitation whose columns are values with their counts."""
     return {"stop": run.stop, "begin": run.begin,
             "columns": {name: [(float(value), len(list(rows))) for value, rows in groupby(column)]
                         for name, column in run.columns.items()}}
@@ -223,23 +215,19 @@ def _counted(run: Excitation) -> dict[str, Any]:
 
 def _constants() -> dict[str, Any]:
     named = {excitation: ("STEP", "SETTLE"), cases: ("LEAD_IN", "LOAD_RISE", "SWEEP"),
-             metrics: ("ACCURACY", "HELD", "PURE"),
+             metrics: ("ACCURACY", "HELD"), frequency_response: ("PURE",),
              measure: ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT")}
     return {"MOST_ROWS": MOST_ROWS, **{name: getattr(module, name) for module, names in named.items()
                                        for name in names}}
 
 
 def _embedded(value: Any) -> str:
-    """Return JSON that may stand in a script element."""
+    """Return JSON for a script element."""
     return json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def _joined(names: Iterable[str]) -> str:
-    return "\n".join(handwritten(name, _HERE) for name in names)
-
-
 def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> str:
-    """Return the page. The same parameters, inputs and words about it give the same text. Raises CompilerError."""
+    """Return the page; the same arguments give the same text. Raises CompilerError."""
     specification = load_requirements(about.requirements, parameters)
     described, files = document(parameters, inputs, specification), sources(parameters.model)
     code = compiled(files)
@@ -250,8 +238,8 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
         source_digest=source_digest, entries=parameters.entries, model=described["model"],
         title=parameters.actuator.title, origin=parameters.actuator.origin, first=described["first"],
         estimates=parameters.estimates,
-        data=_embedded({**described, "digest": digest[:12]}), unit=base64.b64encode(code).decode(),
-        style=_joined(["page.css"]), script=_joined(SCRIPTS))
+        data=_embedded({**described, "digest": digest[:12]}), code=base64.b64encode(code).decode(),
+        style=handwritten("page.css", _HERE), script="\n".join(handwritten(name, _HERE) for name in SCRIPTS))
 
 
 def write(path: Path, parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> int:

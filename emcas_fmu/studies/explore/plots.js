@@ -1,5 +1,5 @@
 "use strict";
-/* Curves over time and over frequency, drawn by uPlot in the page's own colours. */
+/* Curves over time and over frequency, by uPlot in the page's colours. */
 
 const color = name => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const faint = color("--grid"), ink = color("--text"), gray = color("--gray");
@@ -11,8 +11,8 @@ function axis(label, size) {
         grid: {stroke: faint, width: 1}, ticks: {stroke: faint, width: 1, size: 4}};
 }
 
-/** Paint on a plot: `paints` is given the context, the places of values along x and y, and the frame, at which what is
-    `within` ends. */
+/** Paints on a plot: `paints` receives the canvas context, functions from values to positions along x and y, and the
+    frame; `within` clips at the frame. */
 function paint(u, paints, within = false) {
     const {ctx, bbox} = u;
     ctx.save();
@@ -26,7 +26,7 @@ function paint(u, paints, within = false) {
     ctx.restore();
 }
 
-/** A line at a value of a scale, across the plot, with what it is: at its end, above or below it. */
+/** A line at a value of a scale, across the plot, with a text at its end, above or below. */
 function rule(u, scale, value, text, below = false) {
     paint(u, (ctx, x, y, {left, top, width, height}) => {
         const across = scale !== "x", at = across ? y(value) : x(value), pixel = devicePixelRatio;
@@ -43,7 +43,7 @@ function rule(u, scale, value, text, below = false) {
     });
 }
 
-/** A shade over the times at which a flag is up. */
+/** Shades the times at which a flag is set. */
 function shade(u, time, flag) {
     paint(u, (ctx, x, y, {top, height}) => {
         ctx.fillStyle = color("--shade")();
@@ -56,7 +56,7 @@ function shade(u, time, flag) {
     });
 }
 
-/** The band around a command within which the accuracy asks the fin to be. */
+/** The band of the required accuracy around a command. */
 function band(u, time, command, width) {
     paint(u, (ctx, x, y) => {
         for (let k = 0; k < time.length; ++k) ctx.lineTo(x(time[k]), y(command[k] + width));
@@ -66,7 +66,7 @@ function band(u, time, command, width) {
     }, true);
 }
 
-/** Shade where a gain must not be: below `floor` up to the frequency `end`. */
+/** Shades gains that miss the required bandwidth: below `floor` up to the frequency `end`. */
 function forbidden(u, end, floor) {
     paint(u, (ctx, x, y, {left, top, height}) => {
         ctx.fillStyle = color("--forbidden")();
@@ -86,7 +86,7 @@ function mark(u, at, level, stroke) {
     });
 }
 
-/** A plot in a figure of the page, which follows its width. */
+/** A plot as wide as its figure in the page. */
 class Plot {
     constructor(title, {x, y, log = false, height = 190, shared = true}) {
         this.figure = document.createElement("figure");
@@ -96,7 +96,7 @@ class Plot {
         this.title = title;
         this.look = {x, y, log, height, shared};
         this.names = "";
-        this.ticks = [];  // of an axis of names: place, name
+        this.ticks = [];  // of an axis of names: position, name
         this.under = this.over = () => undefined;
         new ResizeObserver(() => this.resize()).observe(this.box);
     }
@@ -106,7 +106,7 @@ class Plot {
         if (this.chart && width) this.chart.setSize({width, height: this.look.height});
     }
 
-    /** Draw curves {label, x, y, stroke, dash, width, step}, of which those of another x have their own rows. */
+    /** Draws curves {label, x, y, stroke, dash, width, step}, which may have different x. */
     draw(curves) {
         const xs = [...new Set(curves.map(curve => curve.x))], by = x => curves.filter(curve => curve.x === x);
         const ordered = xs.flatMap(by), names = ordered.map(({label}) => label).join("\n");

@@ -1,32 +1,32 @@
 "use strict";
-/* The response as curves and tables: of one case, or of A and B. */
+/* The responses of one case, or of A and B, as curves and tables. */
 
 const typeset = unit => DATA.typeset[unit] ?? unit;
 const words = name => name.replace(/_/g, " ").replace(/\b3db\b/, "at −3 dB").replace(/\b90deg\b/, "at −90°");
 
-/** A figure with its unit, as people read it. */
+/** A figure with its unit, for display. */
 function inUnit(name, value) {
     const [unit, factor] = DATA.figures[name].shown, text = shownNumber(value / factor), symbol = typeset(unit);
     return /\d$/.test(text) && symbol ? `${text}${symbol.startsWith("°") ? "" : " "}${symbol}` : text;
 }
 
-/** How a panel's values are said: an enumeration's item, the flags that are set; undefined for numbers. */
+/** The function from a panel's values to words: an enumeration's item, the flags that are set; undefined for numbers. */
 function named({items, bits}) {
     if (items.length) return value => items[value - 1] ?? "–";
     const flags = value => bits.filter((_, bit) => value >> bit & 1).map(words).join(", ") || "none";
     return bits.length ? flags : undefined;
 }
 
-/** What a panel draws of a response: its outputs as shown; of a word of `flags` a trace each, one above the other. */
+/** The traces of a response in a panel, in display units: one per output, or one per flag of `flags`, stacked. */
 function traces({names, bits, shown: [, factor]}, outputs, flags) {
     if (!bits.length) return names.map(name => ({label: words(name), y: outputs[name].map(x => x / factor)}));
     const word = outputs[names[0]], value = (_, v) => v === null ? "" : v % 1 ? "set" : "clear";
     if (!flags.length) return [{label: words(names[0]), y: word.map(() => 0), value: () => ""}];
-    return flags.map((bit, place) => (
-        {label: words(bits[bit]), y: word.map(x => place + 0.6 * (x >> bit & 1)), value}));
+    return flags.map((bit, row) => (
+        {label: words(bits[bit]), y: word.map(x => row + 0.6 * (x >> bit & 1)), value}));
 }
 
-/** The curves of a panel over time: every output, of A dashed; with the first one the command. */
+/** Draws a panel over time: all outputs, those of A dashed; in the first panel also the command. */
 function drawPanel(plot, panel, number, cases) {
     const [, factor] = panel.shown, live = cases[cases.length - 1][1].run, {time, columns} = live.excitation;
     const flags = panel.bits.map((_, bit) => bit).filter(bit => cases.some(([, {run}]) =>
@@ -34,7 +34,7 @@ function drawPanel(plot, panel, number, cases) {
     const value = panel.items.length ? (_, v) => v === null ? "" : named(panel)(v) : undefined;
     plot.ticks = panel.items.length ? panel.items.map((item, k) => [k + 1, item]) :
         panel.bits.length && !flags.length ? [[0, "none"]] :
-        flags.map((bit, place) => [place, words(panel.bits[bit])]);
+        flags.map((bit, row) => [row, words(panel.bits[bit])]);
     const curves = cases.flatMap(([letter, {run}]) => traces(panel, run.outputs, flags).map(({label, y, ...how}, k) => ({
         value, ...how, label: label + (cases.length > 1 ? ` ${letter}` : ""), x: run.excitation.time, y,
         step: panel.discrete, stroke: COLORS[(k + Number(letter === "A" && panel.names.length === 1)) % COLORS.length],
@@ -56,7 +56,7 @@ function drawPanel(plot, panel, number, cases) {
     plot.draw(curves);
 }
 
-/** A table's body: rows of cells, the first of each a heading. */
+/** Fills a table's body with rows of cells, the first of each a heading. */
 function fill(body, rows) {
     body.replaceChildren(...rows.map(([heading, ...cells]) => element("tr", {}, element("th", {scope: "row"}, heading),
         ...cells.map(cell => cell instanceof Node ? cell : element("td", {class: "n"}, cell)))));
@@ -95,8 +95,7 @@ function drawRequirements(table, cases) {
     }));
 }
 
-/** The sines of which the frequency response is shown, amplitude [rad] and load [N.m]: those of requirements, and what
-    is set where it is one. */
+/** Amplitude [rad] and load [N.m] of the frequency responses: those of requirements, and of a sine or chirp that is set. */
 function sinesOf(setting) {
     const required = DATA.tests.filter(({kind}) => kind === "sine").map(({amplitude}) => [amplitude, 0]);
     const wave = ["sine", "chirp"].includes(setting.shape);

@@ -1,5 +1,5 @@
 "use strict";
-/* A setting: the values that differ from the page's own, with links and files that hold one. SI throughout. */
+/* A setting: the values that differ from the page's; links and files with a setting. SI throughout. */
 
 const EXCITATION = [
     {name: "excitation.amplitude", title: "Amplitude of the command", unit: "rad", shown: DATA.units.rad,
@@ -14,7 +14,7 @@ const EXCITATION = [
         range: [-2 * DATA.load, 2 * DATA.load], value: DATA.inputs.find(({name}) => name === "aero_torque").value},
     {name: "excitation.duration", title: "Duration", unit: "s", minimum: 0.01, maximum: 60},
 ].map(control => ({kind: "Real", shown: [control.unit, 1], description: "", ...control}));
-/* Command and load are the excitation's. */
+/* The other inputs are constant. */
 const HELD = DATA.inputs.filter(v => !["fin_command", "aero_torque"].includes(v.name));
 const CONTROLS = new Map([...EXCITATION, ...HELD, ...DATA.parameters].map(control => [control.name, control]));
 
@@ -37,7 +37,7 @@ class Setting {
         return this.values[name] ?? this.default(name);
     }
 
-    /** The same with another value; another shape begins with its own fields, and keeps the load. */
+    /** The setting with another value. Another shape begins with its default fields, and keeps the load. */
     with(name, value) {
         const values = {...this.values, [name]: value};
         if (name === "excitation.shape") {
@@ -56,14 +56,14 @@ class Setting {
         return Object.fromEntries(DATA.parameters.map(({name}) => [name, this.get(name)]));
     }
 
-    /** What was written where a number belongs, in words. */
+    /** Messages for texts that are not numbers. */
     get unreadable() {
         const written = [...CONTROLS.values()].filter(({name}) => typeof this.get(name) === "string");
         return written.map(({name, shown: [unit]}) =>
             `${name}: '${this.get(name)}' is not a number${unit && unit !== "1" ? `; the unit is ${unit}` : ""}`);
     }
 
-    /** What is wrong with the fields of the excitation and the inputs held, in words. */
+    /** Messages for fields of the excitation and constant inputs outside their limits. */
     get problems() {
         const numbers = [...EXCITATION, ...HELD].filter(({kind}) => kind === "Real");
         return numbers.flatMap(({name, minimum, maximum, shown: [unit, factor]}) => {
@@ -73,13 +73,13 @@ class Setting {
         });
     }
 
-    /** The rows of inputs of the shape. Throws an Error. */
+    /** The excitation. Throws an Error. */
     excite() {
         const fields = EXCITATION.map(({name}) => [name.replace("excitation.", ""), this.get(name)]);
         return SHAPES[this.shape].build({...Object.fromEntries(fields), file: this.file});
     }
 
-    /** Every input: what is excited, and what is held. */
+    /** All inputs, as columns or constants. */
     inputs(excitation) {
         const held = HELD.map(({name}) => [name, this.get(name)]);
         return {fin_command: 0, aero_torque: 0, ...Object.fromEntries(held), ...excitation.columns};
@@ -89,7 +89,7 @@ class Setting {
         return new URLSearchParams(Object.entries(this.values)).toString();
     }
 
-    /** The setting of a link's text, and the names in it that the page does not have or cannot read. */
+    /** The setting in a link's text, and the names in it that are unknown or have no valid value. */
     static parse(text) {
         const values = {}, unknown = [];
         for (const [name, written] of new URLSearchParams(text)) {
@@ -103,7 +103,7 @@ class Setting {
     }
 }
 
-/** What is worth a look in the commands given, as Response.warnings of response.py; a file alone may be in degrees. */
+/** Warnings of commands beyond the limit, as Response.warnings of response.py; only a file may be in degrees. */
 function clipped(setting, {columns: {fin_command: command}}) {
     const {message, rounding, in_degrees: inDegrees, like_degrees: likeDegrees} = DATA.clipping;
     const limit = setting.get("command.limit"), most = command ? largest(command.map(Math.abs)) : 0;
@@ -112,11 +112,11 @@ function clipped(setting, {columns: {fin_command: command}}) {
     return [formatted(message, [most, degrees(most), degrees(limit)]) + (file ? inDegrees : "")];
 }
 
-/** A parameter file of all that differs from the shipped defaults, for -p. */
+/** A parameter file for -p with all values that differ from the shipped defaults. */
 function parameterFile(setting) {
     const entries = [...DATA.parameters, ...HELD.filter(v => v.key)];
     const differing = new Set(entries.filter(v => setting.get(v.name) !== v.shipped).map(v => v.name));
-    /* Of two that are equal in SI units a file with one would move the other. */
+    /* A file with one of two parameters that are equal in SI units would change the other as well. */
     for (const pair of DATA.equal.filter(pair => pair.some(name => differing.has(name)))) {
         pair.forEach(name => differing.add(name));
     }
@@ -128,15 +128,15 @@ function parameterFile(setting) {
         `# emcas simulate --model ${DATA.model} --input inputs.csv -p parameters.toml`, ...lines, ""].join("\n");
 }
 
-/** Columns by name as a CSV file that `emcas simulate` reads, or writes: SI, every digit. */
+/** Columns by name as a CSV file of `emcas simulate`: SI, all digits. */
 function csv(columns) {
     const names = Object.keys(columns);
     const rows = Array.from(columns.time, (_, k) => names.map(name => columns[name][k]).join(","));
     return [names.join(","), ...rows, ""].join("\n");
 }
 
-/** The inputs that are given: those excited, and those held at another value than their start. */
-function givenInputs(setting, excitation) {
+/** The inputs of a file: the excitation, and constants that differ from their start values. */
+function inputColumns(setting, excitation) {
     const held = HELD.filter(({name}) => setting.get(name) !== CONTROLS.get(name).start);
     const constant = held.map(({name}) => [name, excitation.time.map(() => Number(setting.get(name)))]);
     return {time: excitation.time, ...Object.fromEntries(constant), ...excitation.columns};

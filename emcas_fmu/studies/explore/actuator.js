@@ -1,7 +1,7 @@
 "use strict";
 /* The actuator: its generated C as WebAssembly, limits and rules of its parameters, runs of it. SI throughout. */
 
-/** A number as C's %.{digits}g has it. */
+/** A number in C's format %.{digits}g. */
 function general(x, digits) {
     if (!Number.isFinite(x)) return Number.isNaN(x) ? "nan" : x > 0 ? "inf" : "-inf";
     if (x === 0) return "0";
@@ -12,18 +12,18 @@ function general(x, digits) {
     return plain ? short : `${short}e${power < 0 ? "-" : "+"}${String(Math.abs(power)).padStart(2, "0")}`;
 }
 
-/** A message with its numbers, of which the formats are those of rules.py: %.6g, %s. */
+/** A message with its values, in the formats of rules.py: %.6g, %s. */
 function formatted(message, values) {
     let next = 0;
     return message.replace(/%(?:\.(\d+))?([gs%])/g, (_, digits, kind) =>
         kind === "%" ? "%" : kind === "s" ? values[next++] : general(values[next++], Number(digits ?? 6)));
 }
 
-class Unit {
+class Actuator {
     static async load(base64) {
         const bytes = Uint8Array.from(atob(base64), character => character.charCodeAt(0));
         const {instance} = await WebAssembly.instantiate(bytes);
-        return new Unit(instance.exports);
+        return new Actuator(instance.exports);
     }
 
     constructor(code) {
@@ -36,7 +36,7 @@ class Unit {
         this.result = this.reserve(8);
     }
 
-    /** The address of so many bytes more. */
+    /** Reserves memory [bytes]; returns its address. */
     reserve(size) {
         const address = (this.top + 15) & ~15;
         this.top = address + size;
@@ -53,7 +53,7 @@ class Unit {
         this.doubles(this.parameters, DATA.parameters.length).set(DATA.parameters.map(p => Number(values[p.name])));
     }
 
-    /** What is wrong with parameters, in the words of rules.py: single values, or if these are sound combinations. */
+    /** Problems of parameters, in the words of rules.py: of single values, otherwise of combinations. */
     problems(values) {
         const single = DATA.parameters.filter(p => p.kind !== "Boolean").flatMap(p => {
             const value = values[p.name], of = DATA.limits;
@@ -64,7 +64,7 @@ class Unit {
         return single.length ? single : this.broken(values, false);
     }
 
-    /** Messages of the rules that parameters within their limits break: those that refuse, or the warnings. */
+    /** Messages of the rules that parameters within their limits break: refusals, or `warnings`. */
     broken(values, warnings) {
         this.put(values);
         return DATA.rules.flatMap((rule, i) => {
@@ -73,7 +73,7 @@ class Unit {
         });
     }
 
-    /** Outputs by name, all or some, at rows `step` [s] apart, of inputs by name: a column, or a value that is held. */
+    /** Simulates rows `step` [s] apart; inputs by name are columns or constants. Returns the outputs `names` as columns. */
     run(values, inputs, rows, step, names = DATA.outputs.map(({name}) => name)) {
         this.put(values);
         if (!this.code.actuator_start(this.actuator, this.parameters)) throw new Error("the parameters are refused");
@@ -81,17 +81,17 @@ class Unit {
         const table = this.reserve(8 * rows * width), out = this.reserve(8 * rows * wide);
         this.top = before;
         const cells = this.doubles(table, rows * width);
-        DATA.inputs.forEach(({name}, place) => {
+        DATA.inputs.forEach(({name}, index) => {
             const column = inputs[name], held = typeof column === "object" ? null : Number(column);
-            for (let k = 0; k < rows; ++k) cells[k * width + place] = held ?? column[k];
+            for (let k = 0; k < rows; ++k) cells[k * width + index] = held ?? column[k];
         });
         const reached = this.code.actuator_simulate(this.actuator, rows, step, table, out, this.result);
         const reason = new Int32Array(this.code.memory.buffer, this.result, 1)[0];
         if (reached < rows) throw new Error(`at ${general(reached * step, 6)} s: ${DATA.reasons[reason]}`);
         const computed = this.doubles(out, rows * wide);
         return Object.fromEntries(names.map(name => {
-            const column = new Float64Array(rows), place = DATA.outputs.findIndex(v => v.name === name);
-            for (let k = 0; k < rows; ++k) column[k] = computed[k * wide + place];
+            const column = new Float64Array(rows), index = DATA.outputs.findIndex(v => v.name === name);
+            for (let k = 0; k < rows; ++k) column[k] = computed[k * wide + index];
             return [name, column];
         }));
     }
