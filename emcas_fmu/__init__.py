@@ -1,6 +1,6 @@
-"""Fin actuators for flight simulation: load, simulate and build them as FMI 2.0 co-simulation units.
+"""Fin actuators for flight simulation: load, simulate and build them as FMI co-simulation FMUs.
 
-What a program uses is in :mod:`emcas_fmu.api` and imported from here, as in ``from emcas_fmu import load_parameters``.
+Programs use the names of :mod:`emcas_fmu.api`, imported from here: ``from emcas_fmu import load_parameters``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __license__ = "MIT"
 
 
 def __getattr__(name: str) -> Any:
-    """Return a name of the interface when it is first used: commands that need none of it start without it."""
+    """Import a name of the interface when it is first used, so that commands that do not need it start faster."""
     if not name.startswith("_") and find_spec(f"{__name__}.{name}"):
         return import_module(f"{__name__}.{name}")
     if name == "__all__" or not name.startswith("_"):

@@ -29,7 +29,7 @@ def main(version: Annotated[bool, typer.Option("--version", callback=_version, i
 
 
 def build_command() -> None:
-    """`emcas build` as a program of its own."""
+    """Run `emcas build` as a separate program."""
     with printing():
         try:
             check_environment()

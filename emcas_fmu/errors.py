@@ -1,4 +1,4 @@
-"""Errors a user can mend: shown as a message, without a traceback."""
+"""Errors that a user can fix: shown as a message, without a traceback."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 
 _DENIED = ("permission denied", "change its permissions or give another file", "choose another place")
 _FULL = ("the disk is full", "free some space", "free some space or choose another place")
-_QUOTA = getattr(errno, "EDQUOT", errno.ENOSPC)  # which Windows has not
-# By the operating system's code: what is wrong, the remedy for a file to read, and for one to write.
+_QUOTA = getattr(errno, "EDQUOT", errno.ENOSPC)  # missing on Windows
+# By the operating system's code: the problem, the remedy for a file to be read, and for one to be written.
 _REASONS = {
     errno.ENOENT: ("there is no such file or folder", "check its name", "make its folder first"),
     errno.EISDIR: ("it is a folder", "give a file", "give a file"),
@@ -30,11 +30,11 @@ class EmcasError(Exception):
 
 
 class EmcasWarning(UserWarning):
-    """What can be carried out and is worth a look."""
+    """The request can be carried out, but is unusual."""
 
 
 class ArgumentError(EmcasError, ValueError):
-    """An argument cannot be used; the message names the function, the argument, its value and what is expected."""
+    """An argument cannot be used; the message has the function, the argument, its value and the expected kind."""
 
 
 class BuildError(EmcasError):
@@ -58,7 +58,7 @@ def unwritable(path: Path | str, error: OSError) -> str:
 
 @contextmanager
 def writing(path: Path | str) -> Iterator[None]:
-    """Raise EmcasError, with the remedy, where a file or folder cannot be written."""
+    """Raise EmcasError with the remedy if the block cannot write a file or folder."""
     try:
         yield
     except OSError as error:
@@ -66,7 +66,7 @@ def writing(path: Path | str) -> Iterator[None]:
 
 
 def in_words(error: OSError) -> str:
-    """Return the message for an error of the operating system that names its own file, or none."""
+    """Return the message for an error of the operating system, with the file that it names, if any."""
     if error.filename is None:
         return error.strerror or str(error)
     path = os.fsdecode(error.filename)
@@ -79,12 +79,12 @@ def _reason(error: OSError) -> tuple[str, str, str]:
 
 
 def place(function: Callable[..., Any]) -> str:
-    """Return file, line and name of a function that an actuator declares, for a message."""
+    """Return file, line and name of an actuator's function, for a message."""
     code = getattr(function, "__code__", None)
     return f"{code.co_filename}, line {code.co_firstlineno}: {code.co_name}()" if code else repr(function)
 
 
 def hint(word: Any, among: Iterable[str]) -> str:
-    """Return the word nearest to one that is not `among` those there are, as the end of a message; "" if none is."""
+    """Return the known word nearest to an unknown one, as the end of a message; "" if none is near."""
     close = get_close_matches(str(word), list(among), 1)
     return f"; did you mean {close[0]}?" if close else ""

@@ -13,7 +13,7 @@ _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
 class Names(SimpleNamespace):
-    """Values by name, which say what there is where something is asked for that is not there."""
+    """Values by name; the error for an unknown name lists the known ones."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -22,10 +22,10 @@ class Names(SimpleNamespace):
 
 
 class Record(Names):
-    """Named values of one moment: states, or what acts on them."""
+    """Named values at one instant: states, or inputs that act on them."""
 
     def replace(self, /, **changes: Any) -> Record:
-        """Return a copy with other values; TypeError for a name there is not."""
+        """Return a copy with other values. Raises TypeError for an unknown name."""
         known = vars(self)
         if unknown := [name for name in changes if name not in known]:
             raise TypeError(f"there is no {', '.join(unknown)}; there is {', '.join(known)}")
@@ -33,7 +33,7 @@ class Record(Names):
 
 
 def with_values(p: Any, changes: Mapping[str, Any]) -> Any:
-    """Return a copy of a namespace with other values at these dotted names, or with further ones."""
+    """Return a copy of a namespace with the values of some dotted names changed or added."""
     copy = Names(**vars(p))
     for name, value in changes.items():
         first, _, rest = name.partition(".")
@@ -42,9 +42,9 @@ def with_values(p: Any, changes: Mapping[str, Any]) -> Any:
 
 
 def namespace(values: Mapping[str, Any], structure: Any = None) -> Any:
-    """Return nested namespaces of flat values; ``a.b[0]``, ``a.b[1]``, ... become the tuple ``a.b``.
+    """Return nested namespaces from values with dotted names; ``a.b[0]``, ``a.b[1]``, ... become the tuple ``a.b``.
 
-    `structure` is kept under that name: what is fixed when an actuator is put together, and no parameter.
+    `structure` is stored under that name: choices that are fixed when an actuator is composed, not parameters.
     """
     arrays: dict[str, list[Any]] = {}
     flat: dict[str, Any] = {}

@@ -1,7 +1,7 @@
-"""Limits of parameters and rules for their combinations. Standard library only: it is embedded in the FMU.
+"""Limits of parameters and rules for their combinations. Standard library only: this file is embedded in the FMU.
 
-A rule is written over the operations namespace like the physics, beside the equations that need it, so that both
-back ends judge by the same one. Messages are printf formats of numbers.
+A rule is a function of the operations namespace, like the equations that need it, so that both back ends apply the
+same rule. Messages are printf formats with numbers.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 SCAN = 100  # points on each side of zero
 SHARES = tuple(i / SCAN for i in range(-SCAN, SCAN + 1))
-"""Shares of the travel at which a scanned rule is asked."""
-# Relative. Equal limits may differ in the last digit when they were given in different units.
+"""Shares of the travel at which a scanned rule is evaluated."""
+# Relative. Equal limits may differ in the last digit if they are written in different units.
 SLACK = 1e-12
 
 NOT_FINITE = "%s = %.9g is not a finite number"
@@ -25,11 +25,11 @@ ANGLE = "%.6g rad (%.6g deg)"
 
 
 class Rule(NamedTuple):
-    """A combination of parameters that must not be.
+    """A condition for a combination of parameters.
 
-    `check(ops, p, share)` gives how far the rule is broken (broken above zero) and the numbers of the `message`.
-    A `scanned` one is asked for every share of the travel from -1 to 1, and the worst place is reported. A `warning`
-    is of what may be, and is worth saying.
+    `check(ops, p, share)` returns the amount by which the rule is broken (above zero: broken) and the numbers of the
+    `message`. A `scanned` rule is evaluated at shares of the travel from -1 to 1, and the worst one is reported. A
+    `warning` is about values that are allowed but unusual.
     """
 
     check: Callable[[Any, Any, Any], tuple[Any, ...]]
@@ -39,23 +39,23 @@ class Rule(NamedTuple):
 
 
 Check = tuple[Callable[[float], tuple[Any, ...]], str, bool, bool]
-"""A rule bound to parameters: its check of a share of the travel, message, whether it is scanned and a warning."""
+"""A rule bound to parameters: check of a share of the travel, message, whether it is scanned, whether a warning."""
 
 
 def in_degrees(angle: Any) -> Any:
-    """Convert an angle [rad] to degrees, of numbers and traced values alike."""
+    """Convert an angle [rad], a number or traced value, to degrees."""
     return angle * (180.0 / pi)
 
 
 def when(ops: Any, condition: Any) -> Any:
-    """Return how far a rule is broken that holds or does not: 1 where `condition` is met."""
+    """Return the amount by which a yes-or-no rule is broken: 1 if `condition` holds, else 0."""
     return ops.where(condition, 1.0, 0.0)
 
 
 def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, float]]) -> list[str]:
-    """Return the problems of single values: not finite, or outside the inclusive limits of (name, minimum, maximum).
+    """Return the problems of single values, by a table of (name, minimum, maximum): not finite, or outside the limits.
 
-    Raises KeyError where `values` lacks a name.
+    Raises KeyError if `values` lacks a name.
     """
     problems = []
     for name, minimum, maximum in table:
@@ -70,7 +70,7 @@ def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, 
 
 
 def check_rules(checks: Iterable[Check], warnings: bool = False) -> list[str]:
-    """Return a message for each rule that is broken, with the numbers of the worst place: refusals or `warnings`."""
+    """Return a message for each broken rule with the numbers at its worst share; only refusals, or only `warnings`."""
     problems = []
     for check, message, scanned, warning in checks:
         if warning != warnings:

@@ -1,4 +1,4 @@
-"""Running the actuator in this process, without an FMU."""
+"""Simulation of actuators in this process, without an FMU."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ T = TypeVar("T")
 Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
-MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
+MOST_POINTS = 10_000_000  # outputs at more points would not fit into memory
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
              model: str = NONLINEAR, **inputs: Signal) -> dict[str, Array]:
-    """Return outputs of the actuator at its communication points, from 0 to `stop` [s] every `step` [s].
+    """Return the outputs of an actuator at its communication points, from 0 to `stop` [s] every `step` [s].
 
-    `values` are the flat parameters in SI. Inputs are given by name with ``__`` for the
-    dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
-    the communication points, held over a step. `kernel` is ``compiled``, ``python``, or ``auto``: compiled if there
-    is a C compiler and 10 s of responses are asked for, or 1 s where it has been compiled before; both give the same
-    numbers. `model` is one of :mod:`emcas_fmu.actuators`, whose parameters `values` must have.
-    Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for one
-    that is not finite and for parameters out of their limits, ArithmeticError where the equations
-    cannot be followed.
+    `values` are the parameters of the `model` (:mod:`emcas_fmu.actuators`) by name, SI. Keywords are names of inputs
+    with ``__`` for the dot (``attitude__roll``); a value is a constant, a function of time [s], or an array of values
+    at the communication points, and is held over a step. `kernel` is ``compiled``, ``python`` or ``auto``: compiled if
+    there is a C compiler and 10 s are simulated, or 1 s if it has been compiled before. Both give the same numbers.
+
+    Returns an array for each output and for ``time``. Raises TypeError for an unknown input, ValueError for an input
+    that is not finite and for parameters out of their limits, ArithmeticError if the equations cannot be followed.
     """
-    there_are = get(model).inputs
-    starts = [v.initial(values) for v in there_are]
-    return respond(values, _table(there_are, starts, stop, step, inputs), step, kernel, model)
+    variables = get(model).inputs
+    starts = [v.initial(values) for v in variables]
+    return respond(values, _table(variables, starts, stop, step, inputs), step, kernel, model)
 
 
 def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 1e-3, model: str = NONLINEAR,
                   line: Mapping[str, float] | None = None, **inputs: Signal) -> dict[str, Array]:
-    """Return the outputs of several actuators, of parameters `sets`, on one line, by the names of a unit of them.
+    """Return the outputs of several fins on one supply line, by the names of an FMU of several fins.
 
-    As `simulate`, but in Python, which is slower. `line` are parameters of the line that feeds them
-    (``bus.source_resistance``, ``line.accumulator_volume``). An input of a single actuator, such as ``fin_command``, is
-    that of every fin; of one it is given as ``**{"fin[2].fin_command": ...}``. Raises as `simulate` does.
+    As `simulate`, but in Python, which is slower. `sets` are the parameters of each fin; `line` are parameters of the
+    line (``bus.source_resistance``, ``line.accumulator_volume``). An input of a single actuator, such as
+    ``fin_command``, applies to every fin; ``**{"fin[2].fin_command": ...}`` applies to one. Raises as `simulate` does,
+    and EmcasError for an unknown parameter of the line.
     """
     unit = FmuInterface(len(sets), model)
     if unit.fins == 1:
@@ -57,18 +57,18 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
     problems = [f"fin {k}: {problem}" for k, values in enumerate(sets, 1)
                 for problem in check_parameters(values, model)]
     starts = dict(zip((v.name for v in unit.variables), start_values(unit, sets), strict=True))
-    there_are = unit.line.parameters if unit.line else ()
-    values_of_line = {v.name: starts[v.name] for v in there_are}
-    if unknown := [name for name in line or {} if name not in values_of_line]:
-        raise EmcasError(f"there is no {unknown[0]}; the {unit.line.name} has {', '.join(values_of_line)}" if unit.line
+    line_parameters = unit.line.parameters if unit.line else ()
+    line_values = {v.name: starts[v.name] for v in line_parameters}
+    if unknown := [name for name in line or {} if name not in line_values]:
+        raise EmcasError(f"there is no {unknown[0]}; the {unit.line.name} has {', '.join(line_values)}" if unit.line
                          else f"{unknown[0]}: {unit.actuator.name} has no supply, so that its fins share no line")
-    values_of_line |= line or {}
-    problems += check_ranges(values_of_line, [(v.name, v.minimum, v.maximum) for v in there_are])
+    line_values |= line or {}
+    problems += check_ranges(line_values, [(v.name, v.minimum, v.maximum) for v in line_parameters])
     if problems:
         raise ParameterError(problems)
     table = _table(unit.inputs, [starts[v.name] for v in unit.inputs], stop, step, spread(inputs, unit))
     _check_finite(table, unit.inputs, step)
-    cores = codegen.multi_fin(sets, list(values_of_line.values()), model)
+    cores = codegen.multi_fin(sets, list(line_values.values()), model)
     mixing = [unit.reference[v.name] for v in MIXING]
 
     def arranged(row: Sequence[float]) -> Sequence[tuple[Any, ...]]:
@@ -80,49 +80,45 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
 
 
 def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
-    """Return inputs by the names of a unit: what is a single actuator's there is every fin's."""
-    there_are, of_one = {v.name for v in unit.inputs}, {v.name for v in unit.actuator.inputs}
+    """Return inputs by the names of an FMU of several fins; an input of a single actuator becomes that of every fin."""
+    names, names_of_one = {v.name for v in unit.inputs}, {v.name for v in unit.actuator.inputs}
     by_name: dict[str, T] = {}
-    for name, signal in inputs.items():
-        known = name.replace("__", ".")
-        several = known not in there_are and known in of_one
-        by_name |= {unit.name(known, fin): signal for fin in range(unit.fins)} if several else {known: signal}
+    for keyword, signal in inputs.items():
+        name = keyword.replace("__", ".")
+        every = name not in names and name in names_of_one
+        by_name |= {unit.name(name, fin): signal for fin in range(unit.fins)} if every else {name: signal}
     return by_name
 
 
-def _table(there_are: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
+def _table(variables: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
            inputs: Mapping[str, Signal]) -> Array:
-    """Return the inputs at the communication points, a column each; those not given at their start value."""
+    """Return the inputs at the communication points, an array [points, inputs]; start values where none is passed."""
     if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
         raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
     times: Array = np.arange(round(stop / step) + 1) * step
-    index = {v.name: i for i, v in enumerate(there_are)}
-    table = np.empty((len(times), len(there_are)))
+    index = {v.name: i for i, v in enumerate(variables)}
+    table = np.empty((len(times), len(variables)))
     table[:] = starts
-    for name, signal in inputs.items():
-        known = name.replace("__", ".")
-        if known not in index:
-            raise TypeError(f"there is no input {known!r}; inputs are {', '.join(index)}")
-        # What is given at the last point acts nowhere.
-        column = table[:, index[known]]
-        column[:-1] = [signal(t) for t in times[:-1]] if callable(signal) else _held(signal, known, times)
-        column[-1] = column[-2]
+    for keyword, signal in inputs.items():
+        name = keyword.replace("__", ".")
+        if name not in index:
+            raise TypeError(f"there is no input {name!r}; inputs are {', '.join(index)}")
+        column = table[:, index[name]]
+        values = np.asarray([*map(signal, times[:-1]), 0.0] if callable(signal) else signal, dtype=float)
+        if values.shape not in ((), times.shape):
+            raise ValueError(f"input {name} has shape {values.shape}, not that of the {len(times)} communication "
+                             "points")
+        column[:] = values
+        column[-1] = column[-2]  # a value at the last point never acts
     return table
-
-
-def _held(signal: float | Sequence[float] | Array, name: str, times: Array) -> Any:
-    given = np.asarray(signal, dtype=float)
-    if given.shape not in ((), times.shape):
-        raise ValueError(f"input {name} has shape {given.shape}, not that of the {len(times)} communication points")
-    return given[:-1] if given.shape else given
 
 
 def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = "auto",
             model: str = NONLINEAR, outputs: Collection[str] | None = None) -> dict[str, Array]:
-    """Return outputs at the times of the rows of `table`, `step` [s] apart from 0, each row held until the next.
+    """Return outputs at the rows of `table` [rows, inputs], `step` [s] apart from 0; each row is held until the next.
 
-    The table's columns are the inputs of the variable table, in SI. All outputs unless they are named; see
-    :func:`simulate` for the rest.
+    The table's columns are the actuator's inputs in their order, SI. Only the named `outputs` are returned, by default
+    all. See :func:`simulate` for the other arguments, the result and errors.
     """
     names = [v.name for v in get(model).outputs if outputs is None or v.name in outputs]
     sets = compiled.parameter_row(values, model)[np.newaxis]
@@ -134,7 +130,7 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
                 model: str = NONLINEAR, held: int = 1, fine: Collection[str] = ()) -> compiled.Tables:
     """Return the outputs of many actuators; see :func:`emcas_fmu.runtime.compiled.run_tables`.
 
-    Without a compiled kernel they run in Python, and give the same numbers.
+    Without a compiled kernel they run in Python, with the same numbers. Raises EmcasError for an unknown `kernel`.
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
@@ -153,9 +149,10 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
 
 
 class SteppedUnit:
-    """An actuator moved on by steps of `step` [s] under inputs that may depend on its outputs; compiled if it can be.
+    """An actuator that is advanced by steps of `step` [s], so that inputs may depend on its outputs.
 
-    `inputs` are those at its start by name, the others at their start values. Raises ParameterError.
+    It is compiled if possible. `inputs` are the first inputs by name, SI; the others have their start values. Raises
+    ParameterError.
     """
 
     def __init__(self, values: Mapping[str, Any], step: float, model: str = NONLINEAR,
@@ -163,7 +160,7 @@ class SteppedUnit:
         actuator = get(model)
         self._core: Any
         if library.available(model):
-            self._core = compiled.CompiledCore(values, model)  # checks for itself
+            self._core = compiled.CompiledCore(values, model)  # which checks the parameters itself
         else:
             self._core = _python_core(values, model)
         self._model, self._step = model, step
@@ -179,16 +176,16 @@ class SteppedUnit:
         self._acting = codegen.core_inputs(self._core, self._row, self._model)
 
     def place(self, output: str) -> int:
-        """Return where an output stands in what `now` and `run` give."""
+        """Return the index of an output in `now` and in the result of `run`."""
         return self._names.index(output)
 
     @property
     def now(self) -> tuple[Any, ...]:
-        """The outputs at the present time."""
+        """The outputs at the present time, in the interface's order."""
         return self._rows[-1]
 
     def run(self, **inputs: float) -> tuple[Any, ...]:
-        """Return the outputs a step later; inputs that are not given stay as they were. Raises ArithmeticError."""
+        """Return the outputs after a step, with these inputs changed. Raises ArithmeticError."""
         if inputs:
             self._set(inputs)
         time = len(self._rows) * self._step
@@ -199,14 +196,14 @@ class SteppedUnit:
         return self.now
 
     def columns(self) -> dict[str, Array]:
-        """Return all outputs so far by name, with ``time`` [s]."""
+        """Return all outputs up to now by name, with ``time`` [s]."""
         table = np.array(self._rows, dtype=float)
         return {"time": np.arange(len(table)) * self._step,
                 **{name: table[:, i] for i, name in enumerate(self._names)}}
 
 
 def _python_core(values: Mapping[str, Any], model: str) -> Any:
-    # NumPy's numbers are slower, and what comes of comparing them is no Python bool.
+    # NumPy's numbers are slower, and comparing them does not give a Python bool.
     plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
     require_sound(plain, model)
     return codegen.core(plain, model)
@@ -233,14 +230,14 @@ def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Seque
             failures[run] = ArithmeticError(f"at {reached[run] * step:.6g} s: {error}")
         except ValueError as error:
             failures[run] = error
-    places = {v.name: i for i, v in enumerate(actuator.outputs)}
-    return compiled.Tables({name: np.ascontiguousarray(out[places[name]][:, ::1 if name in fine else held])
+    index = {v.name: i for i, v in enumerate(actuator.outputs)}
+    return compiled.Tables({name: np.ascontiguousarray(out[index[name]][:, ::1 if name in fine else held])
                             for name in outputs}, reached, failures)
 
 
 def _rows(core: Any, table: Array, step: float,
           arranged: Callable[[Sequence[float]], Any]) -> Iterator[tuple[Any, ...]]:
-    """Give outputs of a core, or of those of several fins, at each row; `arranged` gives what it takes of one."""
+    """Yield the outputs of a core, or of several fins, at each row; `arranged` converts a row to the core's inputs."""
     acting: Any = ()
     for k, row in enumerate(table.tolist()):
         if k:

@@ -1,8 +1,7 @@
-"""Units of parameter files: any of a known set is converted to the variable table's unit.
+"""Units of measurement, and their conversion to the units of variables.
 
-An angle is a dimension of its own here. The SI counts radians as pure numbers,
-which would let revolutions per minute pass for 1/s and mm per turn for mm.
-Arithmetic is decimal, so that 3.7 ms is exactly 0.0037 s.
+Angle is a dimension here. In the SI radians are pure numbers, so that revolutions per minute would pass for 1/s and mm
+per turn for mm. Arithmetic is decimal: 3.7 ms is exactly 0.0037 s.
 """
 
 from __future__ import annotations
@@ -83,70 +82,70 @@ _REWRITES = (
 
 
 class UnitError(ValueError):
-    """Text that is no number with a known unit, or whose unit does not measure the quantity expected."""
+    """The text is not a number with a known unit, or the unit does not measure the expected quantity."""
 
 
 def quantity(written: str, written_unit: str, unit: str) -> float:
-    """Return a number in `unit`, from text like ``50 mm`` or from ``50`` and a `written_unit` beside it.
+    """Return a number in `unit`, from text such as ``50 mm``, or from ``50`` and a separate `written_unit`.
 
-    Raises UnitError, saying what was expected.
+    Raises UnitError with the expected unit.
     """
     match = _QUANTITY.fullmatch(written)
     if not match:
         raise UnitError(f"is not a number; expected {describe(unit)}")
-    number, own_unit = match.groups()
-    if own_unit and written_unit:
-        raise UnitError(f"has two units, {own_unit} and {written_unit}")
+    number, unit_in_text = match.groups()
+    if unit_in_text and written_unit:
+        raise UnitError(f"has two units, {unit_in_text} and {written_unit}")
     if not isfinite(float(number)):
         raise UnitError(f"is not a finite number; expected {describe(unit)}")
-    if not (own_unit or written_unit) and unit != "1":
+    if not (unit_in_text or written_unit) and unit != "1":
         raise UnitError(f"has no unit; expected {describe(unit)}")
-    # A number that vanishes as a float may have an exponent no decimal can have.
-    return convert(Decimal(number if float(number) else 0), own_unit or written_unit, unit)
+    # A number that is zero as a float may have an exponent that Decimal refuses.
+    return convert(Decimal(number if float(number) else 0), unit_in_text or written_unit, unit)
 
 
 def convert(amount: Decimal, written: str, unit: str) -> float:
-    """Return `amount` in the unit `written`, expressed in `unit`; degC and degF are absolute temperatures.
+    """Convert `amount` from the unit `written` to `unit`; degC and degF are absolute temperatures.
 
-    Raises UnitError, saying what is wrong with `written`.
+    Raises UnitError with the problem of `written`.
     """
     with localcontext(Context(prec=34)):
-        given, target = _parse(written), _parse(unit)
-        if given.dimensionality != target.dimensionality:
+        source, target = _parse(written), _parse(unit)
+        if source.dimensionality != target.dimensionality:
             raise UnitError(f"{f'the unit {written}' if written else 'a pure number'} does not measure this "
                             f"quantity; expected {describe(unit)}")
         try:
-            if given != target:
-                amount = _registry().Quantity(amount, given).to(target).magnitude
+            if source != target:
+                amount = _registry().Quantity(amount, source).to(target).magnitude
             return float(amount)
         except Exception as error:  # pint and decimal: offset units in a product, overflow
             raise UnitError(f"the unit {written} cannot be converted to {unit}: {error}") from error
 
 
 def to_base(unit: str) -> tuple[dict[str, int], float, float]:
-    """Return a unit's dimensions with their whole exponents, and its factor and offset to SI base units."""
+    """Return a unit's dimensions with integer exponents, and its factor and offset to SI base units."""
     with localcontext(Context(prec=34)):
         parsed = _parse(unit)
         zero, one = (_registry().Quantity(Decimal(amount), parsed).to_base_units() for amount in (0, 1))
-        # The base unit of mass is the gram there.
+        # The registry's base unit of mass is the gram.
         exponents = {dimension: round(float(str(power))) for dimension, power in parsed.dimensionality.items()}
         mass = Decimal(1000) ** exponents.get("[mass]", 0)
         return exponents, float((one.magnitude - zero.magnitude) / mass), float(zero.magnitude)
 
 
 def factor(unit: str, other: str) -> float:
-    """Return how many of the `other` unit one `unit` is."""
+    """Return the factor from `unit` to the `other` unit."""
     with localcontext(Context(prec=34)):
         return float(_registry().Quantity(Decimal(1), _parse(unit)).to(_parse(other)).magnitude)
 
 
 def check_unit(unit: str) -> None:
-    """Raise UnitError for a unit that is not known."""
+    """Raise UnitError for an unknown unit."""
     _parse(unit)
 
 
 def describe(unit: str) -> str:
-    """Return what to write for a quantity in this unit."""
+    """Return in words how a quantity in this unit is written."""
     return "a pure number" if unit == "1" else f"a number with a unit such as {unit}"
 
 
@@ -164,7 +163,7 @@ def _parse(written: str) -> Unit:
         text = pattern.sub(replacement, text)
     try:
         if not _CHARACTERS.fullmatch(written):
-            raise UnitError("it holds a character no unit has")
+            raise UnitError("it contains a character that no unit has")
         return _registry().parse_units(text)
     except Exception as error:  # pint's parser fails in many ways, assertions among them
         unknown = [word for word in _WORD.findall(text) if not _registry().parse_unit_name(word)]

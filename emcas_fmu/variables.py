@@ -1,8 +1,8 @@
-"""Scalars of an interface: what a variable is, and short ways to declare one.
+"""Variables of an interface, and short functions to declare them.
 
-Every actuator declares its own (:mod:`emcas_fmu.actuators`); model description, parameter files, kernels and
-documentation are generated from that. Values of parameters live in parameter files, each with its source.
-Names are a contract: one that has shipped is never renamed.
+Every actuator declares its variables (:mod:`emcas_fmu.actuators`); model description, parameter files, kernels and
+documentation are generated from them. Values of parameters are in parameter files, each with its source. A name that
+has been released is never changed.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ Variability = Literal["continuous", "discrete", "fixed", "tunable"]
 
 @dataclass(frozen=True)
 class Variable:
-    """One scalar of the interface, in the unit named (see :mod:`emcas_fmu.units`).
+    """One scalar of the interface, in its ``unit`` (:mod:`emcas_fmu.units`).
 
-    ``minimum``/``maximum`` are inclusive; infinite where physics knows no limit.
-    ``start`` is an input's; a parameter's value comes from its file, of one that may be missing there it is this.
-    ``key`` names the parameter-file entry a start value is taken from, where the
-    variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means;
-    ``bits`` name those of an Integer that is a word of flags, the least first. ``sheet`` says where a user reads the
-    value, and what it is called there, as in "motor: rotor inertia"; empty where no sheet or drawing has it.
-    ``display`` is the unit people read it in, ``quantity`` what it measures, where these are not what goes with its
-    unit (:mod:`emcas_fmu.fmi.units`). An output's magnitude is at most the sum of the parameters ``limited_by``, of an
-    actuator that has them.
+    - ``minimum``, ``maximum``: limits, inclusive; infinite if there is no physical limit.
+    - ``start``: start value of an input; default of a parameter that its file may leave out.
+    - ``key``: entry of the parameter file that contains an input's start value.
+    - ``items``: values of an enumeration from 1 on, each with its meaning.
+    - ``bits``: names of the flags of an Integer that is a word of flags, the lowest bit first.
+    - ``sheet``: document and name under which a user finds the value, as in "motor: rotor inertia"; empty if no data
+      sheet or drawing has it.
+    - ``display``, ``quantity``: unit in which people read it, and what it measures, if these differ from the defaults
+      for its unit (:mod:`emcas_fmu.fmi.units`).
+    - ``limited_by``: parameters whose sum limits the magnitude of an output, for actuators that have them.
     """
 
     name: str
@@ -51,11 +52,11 @@ class Variable:
     limited_by: tuple[str, ...] = ()
 
     def initial(self, values: Mapping[str, Any]) -> Any:
-        """Return the start value of an input of an actuator whose parameters are `values`, by name."""
+        """Return the start value of an input; `values` are the actuator's parameters by name."""
         return values[self.key] if self.key else self.start or 0.0
 
     def in_words(self, value: float) -> str:
-        """Return a value as people read it: an enumeration's item, the flags that are set, or the number."""
+        """Return a value in words: the item of an enumeration, the flags that are set, or the number."""
         if self.items:
             return self.items[int(value) - 1][0]
         if self.bits:
@@ -63,13 +64,13 @@ class Variable:
         return f"{value:.5g}"
 
     def flags(self, value: float) -> tuple[str, ...]:
-        """Return the names of the bits of a word that are set."""
+        """Return the names of the flags that are set in a word."""
         return tuple(name for i, name in enumerate(self.bits) if int(value) >> i & 1)
 
 
 @dataclass(frozen=True)
 class Terminal:
-    """Inputs and outputs that belong to one connector."""
+    """Inputs and outputs of one connector."""
 
     name: str
     description: str
@@ -91,7 +92,7 @@ def boolean_input(name: str, description: str, start: bool) -> Variable:
 
 def real_output(name: str, unit: str, description: str, nominal: float, *, minimum: float = -inf,
                 maximum: float = inf, display: str = "", limited_by: tuple[str, ...] = ()) -> Variable:
-    """Declare a continuous output; limits are those it keeps within whatever parameters and inputs there may be."""
+    """Declare a continuous output; its limits must hold for all parameters and inputs."""
     return Variable(name, "Real", "output", "continuous", unit, description, minimum, maximum, nominal,
                     display=display, limited_by=limited_by)
 
@@ -102,7 +103,7 @@ def boolean_output(name: str, description: str) -> Variable:
 
 
 def integer_output(name: str, description: str, bits: tuple[str, ...] = ()) -> Variable:
-    """Declare an Integer output; of a word of flags with their names."""
+    """Declare an Integer output; `bits` are the names of the flags if it is a word of flags."""
     return Variable(name, "Integer", "output", "discrete", "", description, minimum=0 if bits else -inf,
                     maximum=2 ** len(bits) - 1 if bits else inf, bits=bits)
 
@@ -116,7 +117,7 @@ def parameter(name: str, unit: str, minimum: float, maximum: float, description:
 
 def tunable(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
             display: str = "") -> Variable:
-    """Declare a parameter that may change while running."""
+    """Declare a parameter that may be changed during a simulation."""
     return Variable(name, "Real", "parameter", "tunable", unit, description, minimum, maximum, sheet=sheet,
                     display=display)
 
@@ -132,14 +133,14 @@ def switch(name: str, description: str, sheet: str = "") -> Variable:
 
 
 def in_group(group: str, *variables: Variable) -> tuple[Variable, ...]:
-    """Return variables named as members of a group: ``peak_time`` of ``heat`` becomes ``heat.peak_time``."""
+    """Return variables with the group in front of their names: ``peak_time`` becomes ``heat.peak_time``."""
     return tuple(replace(v, name=f"{group}.{v.name}") for v in variables)
 
 
 def only(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ...]:
-    """Return variables by name, or by what a group of names begins with, in their order.
+    """Return the variables whose names begin with one of the prefixes, in their order.
 
-    Raises ValueError for a prefix that is no variable's.
+    Raises ValueError for a prefix of no variable.
     """
     listed = tuple(variables)
     for prefix in prefixes:

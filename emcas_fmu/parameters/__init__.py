@@ -1,4 +1,4 @@
-"""Parameter sets: their files, the entries of a file, and the checks of a whole set."""
+"""Parameter sets: their files, the entries of a file, and checks of whole sets."""
 
 from .entries import Entry, ParameterError, Value, as_text, file_entry
 from .sets import (

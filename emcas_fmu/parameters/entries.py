@@ -1,4 +1,4 @@
-"""What a parameter file has of each parameter: a value with unit, source and note, read and checked on its own."""
+"""Entries of a parameter file: a value with unit, source and note each, read and checked one by one."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from . import schema
 Value = float | int | bool
 
 _FIELDS = ("value", "unit", "source", "note")
-# A limit that reached the file through another unit is still that limit.
+# Relative. A limit that is written in another unit is still the limit.
 _ROUNDING = 1e-12
-# What is meant by a name that was: a hint, no more.
+# Present names for former ones, used in hints only.
 _RENAMED = {f"friction.cold_{kind}_ratio": f"friction.table.{kind}" for kind in ("viscous", "coulomb")}
 
 
 class ParameterError(EmcasError, ValueError):
-    """Parameters that cannot be used; `problems` has one message each, naming file, key, value and remedy."""
+    """Parameters cannot be used; each of `problems` is a message with file, key, value and remedy."""
 
     def __init__(self, problems: str | Iterable[str]) -> None:
         each = (problems,) if isinstance(problems, str) else problems
-        self.problems = tuple(" ".join(str(problem).splitlines()) for problem in each)  # a name may have several lines
+        self.problems = tuple(" ".join(str(problem).splitlines()) for problem in each)  # names may contain line ends
         super().__init__("\n".join(self.problems))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -39,12 +39,12 @@ class ParameterError(EmcasError, ValueError):
 
 
 class Known:
-    """Names that may be given, and what to say of one that is none of them."""
+    """Names that a file or program may use, and the message for an unknown one."""
 
     def __init__(self, variables: Iterable[Variable], unknown: str = "unknown parameter") -> None:
         self.unknown = unknown
         self.variables = {v.name: v for v in variables}
-        self.lengths = Counter(name.partition("[")[0] for name in self.variables if "[" in name)  # of the arrays
+        self.lengths = Counter(name.partition("[")[0] for name in self.variables if "[" in name)  # of arrays
         self.names = [*self.variables, *self.lengths]
         self.groups = {"", *(name.rsplit(".", i)[0] for name in self.names for i in range(1, name.count(".") + 1))}
 
@@ -59,9 +59,9 @@ def _shipped() -> tuple[Variable, ...]:
 
 @cache
 def known_names(model: str) -> Known:
-    """Return the names a user's file may use. What an actuator declares, it means, whatever others mean by it.
+    """Return the names that a user's file may use; a name that the actuator declares has the actuator's meaning.
 
-    Its parameter file gives the extensions' parameters that only it has, such as those of its faults.
+    Extensions may have parameters for one actuator only, such as those of its faults.
     """
     extensions, plain = map(get_extension, EXTENSIONS), get(parts(model)[0])
     return Known((*_shipped(), *(v for each in extensions for v in each.parameters(plain)), *get(model).file_entries))
@@ -69,17 +69,17 @@ def known_names(model: str) -> Known:
 
 @cache
 def declared_names(model: str) -> Known:
-    """Return the names of an actuator alone."""
+    """Return the names of one actuator's parameters."""
     return Known(get(model).file_entries, f"the {get(model).name} actuator has no such parameter")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One value in its variable's unit, and where it comes from.
+    """One value in its variable's unit, and its origin.
 
-    `text` is the value as written; `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in
-    the default set, and ``user`` or what the user calls it elsewhere; `file` is the name of the
-    file, empty for values set in a program. `default` tells whether it is of the default set.
+    `text` is the value as written. `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in the default set,
+    otherwise ``user`` or the user's own word. `file` is the name of the file, empty for a value set in a program.
+    `default` is true for values of the default set.
     """
 
     variable: Variable
@@ -96,7 +96,8 @@ def read_entries(
 ) -> tuple[dict[str, Entry], list[str]]:
     """Return the sound entries of a document and the problems of the others."""
     entries: dict[str, Entry] = {}
-    found: list[tuple[str, Mapping[str, Any], ValueError]] = []
+    errors: list[tuple[str, Mapping[str, Any], ValueError]] = []
+
     def is_group(name: str, table: Mapping[str, Any]) -> bool:
         return name not in known.names and "value" not in table and bool(table or name in known.groups)
 
@@ -105,18 +106,19 @@ def read_entries(
             for name, fields in _scalars(key, written, known):
                 try:
                     if name in entries:
-                        raise ValueError("given twice")
+                        raise ValueError("is set twice")
                     entries[name] = _entry(known.variables[name], fields, source, file)
                 except ValueError as error:
-                    found.append((name, fields, error))
+                    errors.append((name, fields, error))
         except ValueError as error:
-            found.append((key, {"value": written}, error))
-    problems = [f"{label}: {name} = {as_text(fields)}: {error}" for name, fields, error in found[:schema.MOST_PROBLEMS]]
-    return entries, problems + [f"{label}: {said}" for said in schema.further(found)]
+            errors.append((key, {"value": written}, error))
+    problems = [f"{label}: {name} = {as_text(fields)}: {error}"
+                for name, fields, error in errors[:schema.MOST_PROBLEMS]]
+    return entries, problems + [f"{label}: {message}" for message in schema.further(errors)]
 
 
 def _scalars(key: str, written: Any, known: Known) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield names and fields of a key's scalars: one, or one an element of an array."""
+    """Yield name and fields of the scalar that a key sets, or of each element of an array."""
     fields = written if isinstance(written, Mapping) else {"value": written}
     if key in known.variables:
         yield key, fields
@@ -134,7 +136,7 @@ def _scalars(key: str, written: Any, known: Known) -> Iterator[tuple[str, Mappin
 
 
 class _UnknownNameError(ValueError):
-    """A name that is none of those known, with the nearest of them, which is looked for where it is printed."""
+    """An unknown name; the nearest known name is searched for only when the message is printed."""
 
     def __str__(self) -> str:
         key, known = self.args
@@ -142,7 +144,7 @@ class _UnknownNameError(ValueError):
 
 
 def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:
-    """Return the entry of a scalar. Raises ValueError, saying what is wrong and what was expected."""
+    """Return the entry of a scalar. Raises ValueError with the problem and the expected value."""
     for key in fields:
         if key not in _FIELDS:
             raise ValueError(f"unknown field {key!r}{hint(key, _FIELDS)}; "
@@ -165,7 +167,7 @@ def _boolean(fields: Mapping[str, Any]) -> bool:
 
 
 def _number(variable: Variable, fields: Mapping[str, Any]) -> float | int:
-    written = fields["value"]  # TOML's floats are text here
+    written = fields["value"]  # floats of TOML files are read as text
     if not isinstance(written, (int, str)):
         raise ValueError(f"expected {describe(variable.unit)}")
     value = quantity(str(written), fields.get("unit", ""), variable.unit)
@@ -180,7 +182,7 @@ def _number(variable: Variable, fields: Mapping[str, Any]) -> float | int:
 
 
 def in_variables_unit(name: str, value: object, model: str) -> object:
-    """Return what a parameter file would say for a value given in a program."""
+    """Return a value that a program has passed, as a parameter file would contain it."""
     if isinstance(value, (list, tuple)):
         return [in_variables_unit(f"{name}[{i}]", element, model) for i, element in enumerate(value)]
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -192,13 +194,13 @@ def in_variables_unit(name: str, value: object, model: str) -> object:
 
 
 def file_entry(values: Sequence[float], unit: str, source: str, note: str) -> dict[str, object]:
-    """Return what a parameter file would say of a value, or of an array, in the variable table's unit."""
+    """Return the table of a parameter file for a value, or an array, in the variable's unit."""
     texts = [repr(float(value)) for value in values]
     return {"value": texts if len(texts) > 1 else texts[0], "unit": unit, "source": source, "note": note}
 
 
 def as_text(fields: Mapping[str, Any]) -> str:
-    """Return a value as its file has it, with its unit."""
+    """Return a value as its file contains it, with its unit."""
     value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
     text = str(value).lower() if isinstance(value, bool) else schema.shortened(value)
     return text if unit in ("", "1") else f"{text} {unit}"

@@ -18,15 +18,15 @@ from ..variables import Variable
 from .toml import tomllib
 
 MOST_PROBLEMS = 20
-"""How many problems of a file are listed; of the others their number is."""
+"""Problems of a file that are listed; the others are only counted."""
 _MOST_NESTED = 50  # tables and lists inside each other
-_LONGEST_INTEGER = 64  # bits, as TOML has it
+_LONGEST_INTEGER = 64  # bits, by the TOML specification
 _LONGEST_SHOWN = 60  # characters of a value in a message
 
 T = TypeVar("T")
 M = TypeVar("M", bound="Table")
 Place = tuple[int | str, ...]
-# Of pydantic's errors, those that TOML can cause, as a user reads them.
+# Messages for those of pydantic's errors that a TOML file can cause.
 _REASONS = {"string_type": "must be a string", "bool_type": "expected true or false", "list_type": "must be a list",
             "int_type": "expected a whole number", "dict_type": "expected a table", "model_type": "expected a table",
             "too_short": "must have at least one entry", "greater_than_equal": "must be at least {ge}",
@@ -34,7 +34,7 @@ _REASONS = {"string_type": "must be a string", "bool_type": "expected true or fa
 
 
 class Table(BaseModel):
-    """A table of a file: its keys are the fields, and no others."""
+    """A table of a file. Its keys are the fields; others are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -46,26 +46,27 @@ class Table(BaseModel):
         except ValidationError as error:
             problems = error.errors(include_url=False)
             raise failure([*(_worded(problem, list(cls.model_fields)) for problem in problems[:MOST_PROBLEMS]),
-                           *(((), said, None) for said in further(problems))]) from error
+                           *(((), message, None) for message in further(problems))]) from error
 
 
 def failure(problems: Iterable[tuple[Place, str, Any]]) -> ValidationError:
-    """Return an error of several problems, each with its place below the table, the reason and the entry."""
+    """Return an error with several problems, each with its path below the table, the reason and the entry."""
     return ValidationError.from_exception_data("table", [
         InitErrorDetails(type=PydanticCustomError("reason", reason), loc=place, input=written)
         for place, reason, written in problems])
 
 
 def further(problems: Sequence[Any]) -> list[str]:
-    """Return what to say of problems beyond those that are listed."""
+    """Return the message about problems beyond those that are listed, in a list; empty if there are none."""
     return [f"and {len(problems) - MOST_PROBLEMS} problems more"] if len(problems) > MOST_PROBLEMS else []
 
 
 def _worded(problem: Any, keys: list[str]) -> tuple[Place, str, Any]:
     kind, place, written, context = problem["type"], problem["loc"], problem["input"], problem.get("ctx", {})
     if kind in ("extra_forbidden", "missing"):
-        what = f"{place[-1]} is missing" if kind == "missing" else f"unknown key {place[-1]!r}{hint(place[-1], keys)}"
-        return place[:-1], f"{what}; there is {', '.join(keys)}", None
+        reason = (f"{place[-1]} is missing" if kind == "missing" else
+                  f"unknown key {place[-1]!r}{hint(place[-1], keys)}")
+        return place[:-1], f"{reason}; there is {', '.join(keys)}", None
     if kind == "literal_error":
         return place, unknown(written, re.findall("'(.*?)'", context["expected"])), written
     if kind == "value_error":
@@ -74,20 +75,20 @@ def _worded(problem: Any, keys: list[str]) -> tuple[Place, str, Any]:
 
 
 def unknown(word: Any, known: Iterable[str]) -> str:
-    """Return what to say of a word that is none of those there are."""
+    """Return the message for an unknown word."""
     words = list(known)
     return f"{hint(word, words).removeprefix('; ')} there is {', '.join(words)}".lstrip()
 
 
 def parameter_of(name: str, variables: Mapping[str, Variable], remedy: str = "") -> Variable:
-    """Return the parameter of a name; `remedy` ends the message of the ValueError where there is none."""
+    """Return the parameter with a name. Raises ValueError, whose message ends with `remedy`, if there is none."""
     if name not in variables:
         raise ValueError(f"there is no such parameter{hint(name, variables)}{remedy}")
     return variables[name]
 
 
 def named(tables: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the tables of a list with the names they give themselves. Raises ValueError."""
+    """Yield the tables of a list with their names, the values of their key `name`. Raises ValueError."""
     if not isinstance(tables, list):
         raise ValueError("must be a list of tables")
     for i, table in enumerate(tables):
@@ -96,7 +97,7 @@ def named(tables: Any) -> Iterator[tuple[str, Any]]:
 
 def leaves(table: Mapping[str, Any], is_group: Callable[[str, Mapping[str, Any]], Any], prefix: str = "",
            ) -> Iterator[tuple[str, Any]]:
-    """Yield dotted names with what is written there; a table, by its name, for which `is_group` holds is gone into."""
+    """Yield dotted names and their values; tables for which `is_group(name, table)` holds are entered."""
     for key, written in table.items():
         name = f"{prefix}{key}"
         if isinstance(written, Mapping) and is_group(name, written):
@@ -106,13 +107,13 @@ def leaves(table: Mapping[str, Any], is_group: Callable[[str, Mapping[str, Any]]
 
 
 def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
-    """Read the entries of a table, or of pairs of name and entry.
+    """Return the entries of a table, or of pairs of name and entry, each converted by `read(name, entry)`.
 
-    Raises ValidationError with the problems of all of them, each below its name; ValueError for what is no table.
+    Raises ValidationError with the problems of all entries, each below its name; ValueError if it is not a table.
     """
     if isinstance(entries, Mapping):
         entries = entries.items()
-    elif not isinstance(entries, (tuple, Iterator)):  # which no TOML file has
+    elif not isinstance(entries, (tuple, Iterator)):  # neither can come from a TOML file
         raise ValueError("expected a table")
     values: dict[str, T] = {}
     problems: list[tuple[Place, str, Any]] = []
@@ -125,7 +126,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
                 raise ValueError("is given twice")
             values[name] = read(name, written)
         except ValidationError as error:
-            problems += [((name, *place), reason, given) for place, reason, given in
+            problems += [((name, *place), reason, entry) for place, reason, entry in
                          (_worded(problem, []) for problem in error.errors())]
         except (ValueError, EmcasError) as error:
             problems.append(((name,), str(error), written))
@@ -135,7 +136,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
 
 
 def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:
-    """Return which of several kinds of table this is, by its `key`. Raises ValueError or ValidationError."""
+    """Return the kind of a table, the value of its `key`. Raises ValueError or ValidationError."""
     known = list(kinds)
     if not isinstance(written, Mapping) or key not in written:
         raise ValueError(f"expected a table with a {key}; there is {', '.join(known)}")
@@ -146,9 +147,9 @@ def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:
 
 @dataclass(frozen=True)
 class In:
-    """How a quantity is written: `unit`, limits, and the value a percentage refers to (`base`), all in that unit.
+    """Format of a quantity: its unit, its limits, and the value to which a percentage refers (`base`), in that unit.
 
-    As an annotation, `Annotated[float, In("rad")]`, a field of this quantity. `type` is Real, Integer or Boolean.
+    `Annotated[float, In("rad")]` declares a field with this format. `type` is Real, Integer or Boolean.
     """
 
     unit: str
@@ -158,7 +159,7 @@ class In:
     type: str = "Real"
 
     def number(self, written: Any) -> Any:
-        """Return the value of what is written, in the unit; limits are not looked at. Raises ValueError."""
+        """Return the value of an entry in the unit, without checking limits. Raises ValueError."""
         if self.type == "Boolean":
             if not isinstance(written, bool):
                 raise ValueError("expected true or false")
@@ -168,7 +169,7 @@ class In:
         text = str(written).strip()
         if text.endswith("%") and self.base is not None:
             if self.unit == "degC":
-                raise ValueError("a percentage of a temperature says nothing; give it with a unit such as degC")
+                raise ValueError("a percentage of a temperature has no meaning; write it with a unit such as degC")
             value = quantity(text, "", "1") * self.base
         else:
             value = quantity(text, "", self.unit)
@@ -179,7 +180,7 @@ class In:
         return value
 
     def limited(self, written: Any) -> Any:
-        """Return the value of what is written, if it is within the limits. Raises ValueError."""
+        """Return the value of an entry in the unit. Raises ValueError, also if it is outside the limits."""
         value = self.number(written)
         if not self.minimum <= value <= self.maximum:
             raise ValueError(f"must be {self.limits}")
@@ -187,12 +188,12 @@ class In:
 
     @classmethod
     def of(cls, variable: Variable, base: float | None = None) -> In:
-        """Return how a value of a parameter or input is written."""
+        """Return the format of a parameter or input."""
         return cls(variable.unit, variable.minimum, variable.maximum, base, variable.kind)
 
     @property
     def limits(self) -> str:
-        """Between what values lie, for people."""
+        """The limits in words."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"within {self.minimum:g} .. {self.maximum:g}{unit}"
 
@@ -201,11 +202,11 @@ class In:
 
 
 Quantity = Annotated[Any, PlainValidator(lambda written, info: info.context.number(written))]
-"""A field in the unit of the `In` that is the context; its limits are not looked at."""
+"""A field in the unit of the validation context, which is an `In`; limits are not checked."""
 
 
 def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] = float) -> tuple[str, dict[str, Any]]:
-    """Return text and contents of a TOML file; `number` makes what a decimal number becomes. Raises `error`."""
+    """Return text and contents of a TOML file; decimal numbers are converted by `number`. Raises `error`."""
     try:
         text = path.read_text(encoding="utf-8-sig")
         contents = tomllib.loads(text, parse_float=number)
@@ -217,19 +218,19 @@ def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] =
         raise error(f"{path}: is not valid TOML: {problem}") from problem
 
 
-# What a file is, by a table that only this kind has.
+# Kinds of files, by a table that only this kind has.
 _KINDS = {"tunables": "a tuning study; run it with `emcas tune FILE`",
           "vary": "a campaign; run it with `emcas campaign FILE`",
-          "requirements": "a file of requirements; give it as `--requirements FILE`"}
+          "requirements": "a file of requirements; use it as `--requirements FILE`"}
 
 
 def misplaced(contents: Mapping[str, Any], expected: str = "") -> str:
-    """Return what a file is by its contents if it is not of the kind with the `expected` table; else nothing."""
-    return next((f"is {what}" for key, what in _KINDS.items() if key in contents and key != expected), "")
+    """Return the kind of a file in words if it is not the kind with the `expected` table; otherwise nothing."""
+    return next((f"is {kind}" for key, kind in _KINDS.items() if key in contents and key != expected), "")
 
 
 def _check_contents(contents: Mapping[str, Any]) -> None:
-    """Raise ValueError for what nests too deep to be gone through, or a whole number that no line can hold."""
+    """Raise ValueError for tables that are nested too deeply, and for a whole number too long for a message."""
     nodes: list[tuple[Any, int]] = [(contents, 0)]
     while nodes:
         node, depth = nodes.pop()
@@ -242,7 +243,7 @@ def _check_contents(contents: Mapping[str, Any]) -> None:
 
 
 def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[EmcasError], context: Any = None) -> M:
-    """Return a file's contents as `model`, whose validators are given `context`. Raises `error` with all problems."""
+    """Return a file's contents as `model`, validated with `context`. Raises `error` with all problems."""
     try:
         return model.model_validate(written, context=context)
     except ValidationError as caught:
@@ -250,12 +251,12 @@ def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[Emc
 
 
 def load(model: type[M], path: Path, error: type[EmcasError], context: Any = None) -> M:
-    """Return a TOML file as `model`; see `read`."""
+    """Return the contents of a TOML file as `model`; see `read`."""
     return read(model, document(path, error)[1], path, error, context)
 
 
 def shortened(written: object) -> str:
-    """Return a value as it is shown in a message."""
+    """Return a value for a message, shortened."""
     text = str(written)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
 

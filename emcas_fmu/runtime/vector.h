@@ -101,8 +101,8 @@ static inline lanes lanes_clip(lanes x, lanes low, lanes high)
     return lanes_where(lanes_less(x, low), low, lanes_minimum(high, x));
 }
 
-/* The two operations on bits in ops/elementary.py. In a double of 2 to the power of 52 or more the last bit counts ones: a
- * whole number that is added to it is in its last bits, and bits that are set there are a whole number added to it. */
+/* The two operations on bits in ops/elementary.py. In a double between 2 to the power of 52 and of 53 the last bit counts
+ * ones: a whole number that is added to it is in its last bits, and bits that are set there add a whole number. */
 static inline lanes lanes_power_of_two(lanes k) { return lanes_shifted(k + lanes_set(0x1.8p52 + 1023.0)); }
 static inline lanes lanes_exponent(lanes x)
 {

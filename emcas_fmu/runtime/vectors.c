@@ -63,7 +63,7 @@ API void batch_prepare(size_t count, const double *parameters, size_t apart, dou
     }
 }
 
-/* The step of a group to `end` [s]. Lanes whose numbers of ticks or delayed samples differ are not `together` with lane 0. */
+/* The step of a group to `end` [s]. Lanes with other numbers of ticks or delayed samples are not `together` with lane 0. */
 static group_step prepared(const group_parameters *of, double end)
 {
     group_step g = {.p = of->values, .c = of->values + MODEL_PARAMETERS, .end = end};

@@ -1,4 +1,4 @@
-"""Read ZIP archives of other people, FMUs and SSPs: without trust, and no larger than memory allows."""
+"""Reading of ZIP archives from unknown sources, FMUs and SSPs: checked, and no larger than memory allows."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from pathlib import Path
 
 from ..errors import EmcasError, unreadable
 
-# What an archive may hold. An FMU of ours for five platforms, with its references, is 50 files of 2 MB, packed to a
-# third; other people's with tables and documentation are up to a hundred times that.
+# Limits of an archive. One of this package's FMUs for five platforms, with references, has 50 files and 2 MB,
+# compressed to a third; FMUs of others with tables and documentation are up to a hundred times larger.
 MOST_ENTRIES = 10_000
 MOST_BYTES = 1 << 30  # unpacked
-MOST_RATIO = 50  # of unpacked to packed; of text it is up to 20
-SMALL = 16 << 20  # bytes for which no ratio is asked
-MOST_XML = 32 << 20  # bytes of all documents, which take ten times as many when they are parsed
+MOST_RATIO = 50  # of unpacked to packed size; text reaches 20
+SMALL = 16 << 20  # bytes up to which any ratio is allowed
+MOST_XML = 32 << 20  # bytes of all documents; parsed they need ten times as much memory
 MOST_FOLDERS = 16  # inside each other
 _XML = (".xml", ".ssd", ".ssv", ".ssm", ".ssb")
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-# A name that leads out of the folder it is unpacked to, or that a system takes for something else.
+# Names that lead out of the folder where an archive is unpacked, or that a system interprets in another way.
 _UNSOUND = re.compile(r"/|.*[\\:\x00-\x1f\x7f]|(.*/)?\.\.(/|$)", re.DOTALL)
 
 
 @contextmanager
 def reading(source: Path | bytes, name: str, what: str, error: type[EmcasError] = EmcasError,
             ) -> Iterator[zipfile.ZipFile]:
-    """Open an archive, from a file or its bytes, whose entries are sound by name, size, number and method.
+    """Open an archive, from a file or its bytes, and check names, sizes, number and compression of its entries.
 
-    `name` is the file's and `what` the kind it is to be, such as an FMU. Raises `error` where it is no archive, is not
-    sound, or what is read of it is damaged; EmcasError where the file cannot be opened.
+    `name` is the file's name and `what` the expected kind, such as "an FMU". Raises `error` if it is not an archive,
+    not sound, or damaged where it is read; EmcasError if the file cannot be opened.
     """
     try:
         archive = zipfile.ZipFile(source if isinstance(source, Path) else BytesIO(source))
@@ -51,7 +51,7 @@ def reading(source: Path | bytes, name: str, what: str, error: type[EmcasError] 
 
 
 def _problem(archive: zipfile.ZipFile, size: int) -> str:
-    """Return what is wrong with the entries of an archive of a `size` in bytes; empty where nothing is."""
+    """Return the problem of an archive's entries; empty if they are sound. `size` is that of the archive [bytes]."""
     entries = archive.infolist()
     total = sum(entry.file_size for entry in entries)
     if len(entries) > MOST_ENTRIES:
@@ -64,7 +64,7 @@ def _problem(archive: zipfile.ZipFile, size: int) -> str:
     if documents > MOST_XML:
         return f"its XML documents are {_mb(documents)}, and {_mb(MOST_XML)} may be"
     tests: tuple[tuple[Callable[[zipfile.ZipInfo], object], str], ...] = (
-        # ZipInfo has cut the name at a zero byte, and turned what Windows' separators were into slashes there.
+        # In its `filename` ZipInfo has cut the name at a zero byte and replaced separators of Windows.
         (lambda e: _UNSOUND.match(e.orig_filename), "has a name that is no path inside the archive"),
         (lambda e: e.filename.count("/") > MOST_FOLDERS, f"is in more than {MOST_FOLDERS} folders inside each other"),
         (lambda e: e.flag_bits & _ENCRYPTED, "is encrypted"),

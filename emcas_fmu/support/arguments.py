@@ -1,4 +1,4 @@
-"""Check the arguments of the Python interface by their annotations, so that a wrong one is an EmcasError."""
+"""Checks of the Python interface's arguments by their annotations: a wrong argument raises an EmcasError."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..errors import ArgumentError, EmcasError, in_words
 T = TypeVar("T", bound=Callable[..., Any])
 Test = Callable[[Any], bool]
 
-# What a user is to give; other classes go by their names.
+# How messages describe annotations; other classes are described by their names.
 _WORDS = {"bool": "True or False", "int": "a whole number", "float": "a finite number", "str": "text", "Path": "a path",
           "NoneType": "None", "Callable": "a function", "ndarray": "numbers",
           "ParameterSet": "a parameter set (load_parameters() reads one from a file)",
@@ -33,9 +33,9 @@ _brief.maxstring = _brief.maxother = 60
 def checked(target: T) -> T:
     """Return a function, or a class with its public methods, that first checks arguments by their annotations.
 
-    A `float` is finite, text has no zero byte and can be encoded, an array holds numbers, which may not be finite; each
-    element of a collection is checked. A wrong argument raises ArgumentError, which names it, its value and what is
-    expected; a file that cannot be used raises EmcasError.
+    A `float` must be finite, text must have no zero byte and an encoding, an array must consist of numbers, finite or
+    not; each element of a collection is checked. A wrong argument raises ArgumentError with its name, its value and
+    the expected kind; a file that cannot be used raises EmcasError.
     """
     if isinstance(target, type):
         for name, member in list(vars(target).items()):
@@ -47,19 +47,15 @@ def checked(target: T) -> T:
     @wraps(target)
     def call(*args: Any, **kwargs: Any) -> Any:
         nonlocal tests
-        if tests is None:  # classes that the annotations name may be defined below the function
+        if tests is None:  # at the first call: annotations may name classes that are defined below the function
             tests = _Tests(target)
-        for (name, test), given in zip(tests.by_place, args):
-            if test is not None and not test(given):
-                raise tests.refusal(name, given)
-        for name, given in kwargs.items():
-            test = tests.by_name.get(name, tests.other)
-            if test is not None and not test(given):
-                raise tests.refusal(name, given)
+        for name, value in (*zip(tests.positional, args), *kwargs.items()):
+            if not tests.accepts(name, value):
+                raise tests.refusal(name, value)
         try:
             return target(*args, **kwargs)
         except OSError as error:
-            if error.filename is None:  # of no file: what a callback of the caller's raises
+            if error.filename is None:  # raised by a callback of the caller, not for a file
                 raise
             raise EmcasError(in_words(error)) from error
 
@@ -67,52 +63,55 @@ def checked(target: T) -> T:
 
 
 class _Tests:
-    """Tests of a function's arguments, by place, by name, and of those that ** collects; None where anything goes."""
+    """Annotations of a function's arguments and their tests by name; `_rest` is the name of its ``**`` argument."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function.__qualname__.removesuffix(".__init__")
         parameters = inspect.signature(function).parameters.values()
         names = _Names(function.__globals__)
-        self._kinds = {p.name: eval(p.annotation, {}, names) if isinstance(p.annotation, str) else Any
-                       for p in parameters}
-        self.by_name = {p.name: _test(self._kinds[p.name]) for p in parameters if p.kind != p.VAR_KEYWORD}
-        self._rest = next((self._kinds[p.name] for p in parameters if p.kind == p.VAR_KEYWORD), Any)
-        self.other = _test(self._rest)
-        self.by_place = [(p.name, self.by_name[p.name]) for p in parameters
-                         if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+        self._annotations = {p.name: eval(p.annotation, {}, names) if isinstance(p.annotation, str) else Any
+                             for p in parameters}
+        self._tests = {name: _test(annotation) for name, annotation in self._annotations.items()}
+        self._rest = next((p.name for p in parameters if p.kind == p.VAR_KEYWORD), "")
+        self.positional = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
 
-    def refusal(self, name: str, given: Any) -> ArgumentError:
-        """Return the error of a wrong argument."""
-        return ArgumentError(f"{self._function}: {name} = {brief(given)}: expected "
-                             f"{_words(self._kinds.get(name, self._rest))}")
+    def accepts(self, name: str, value: Any) -> bool:
+        """Return whether an argument is of the expected kind; an unknown one without ``**`` is Python's to refuse."""
+        test = self._tests.get(name if name != self._rest and name in self._tests else self._rest)
+        return test is None or test(value)
+
+    def refusal(self, name: str, value: Any) -> ArgumentError:
+        """Return the error for a wrong argument."""
+        expected = self._annotations.get(name) or self._annotations[self._rest]
+        return ArgumentError(f"{self._function}: {name} = {brief(value)}: expected {_words(expected)}")
 
 
-def brief(given: Any) -> str:
-    """Return what is given as a line of a message, shortened."""
-    return " ".join(_brief.repr(given).split())
+def brief(value: Any) -> str:
+    """Return a value as one line of a message, shortened."""
+    return " ".join(_brief.repr(value).split())
 
 
 class _Names(dict[str, Any]):
-    """Names that annotations may have; one that is imported for typing alone is a class known by its name."""
+    """Names in annotations; a class that is imported for type checking only is known by its name."""
 
     def __missing__(self, name: str) -> type:
         return getattr(builtins, name, None) or _ByName(name, (), {})
 
 
 class _ByName(type):
-    """Of a class that is not imported here: an object is one if its class, or one above, is called so."""
+    """A class that is not imported: an object is an instance if its class, or a base class, has this name."""
 
-    def __instancecheck__(cls, given: Any) -> bool:
-        return any(each.__name__ == cls.__name__ for each in type(given).__mro__)
+    def __instancecheck__(cls, value: Any) -> bool:
+        return any(each.__name__ == cls.__name__ for each in type(value).__mro__)
 
 
 def _test(kind: Any) -> Test | None:
-    """Return the test of an annotation; None where anything goes."""
+    """Return the test of an annotation; None if any value is allowed."""
     origin, of = get_origin(kind) or kind, get_args(kind)
     if origin in (Union, UnionType):
         tests = [_test(each) for each in of]
-        several = [test for test in tests if test is not None]
-        return (lambda given: any(test(given) for test in several)) if len(several) == len(tests) else None
+        some = [test for test in tests if test is not None]
+        return (lambda value: any(test(value) for test in some)) if len(some) == len(tests) else None
     if origin is Any or isinstance(origin, TypeVar):
         return None
     if origin.__name__ == "ndarray":
@@ -120,69 +119,69 @@ def _test(kind: Any) -> Test | None:
     if origin in _TESTS:
         return _TESTS[origin]
     if not issubclass(origin, abc.Iterable) or not of:
-        return lambda given: isinstance(given, origin)
+        return lambda value: isinstance(value, origin)
     length = len(of) if origin is tuple and ... not in of else None
     return _elements(origin, [_test(each) for each in of if each is not ...], length)
 
 
 def _elements(origin: Any, of: list[Test | None], length: int | None) -> Test:
-    """Return the test of a collection, or a mapping, and of its elements; text is none, a row of numbers is."""
-    def test(given: Any) -> bool:
-        if hasattr(given, "ndim"):
-            return of == [_is_finite] and given.ndim == 1 and all(map(_is_finite, given))
-        if isinstance(given, (str, bytes)) or not isinstance(given, origin):
+    """Return the test of a collection or mapping and its elements; an array may be a row of numbers, text may not."""
+    def test(value: Any) -> bool:
+        if hasattr(value, "ndim"):
+            return of == [_is_finite] and value.ndim == 1 and all(map(_is_finite, value))
+        if isinstance(value, (str, bytes)) or not isinstance(value, origin):
             return False
-        if length is not None and len(given) != length:
+        if length is not None and len(value) != length:
             return False
-        if isinstance(given, abc.Mapping):
-            parts: list[abc.Iterable[Any]] = [given.keys(), given.values()]
+        if isinstance(value, abc.Mapping):
+            parts: list[abc.Iterable[Any]] = [value.keys(), value.values()]
         elif length is not None:
-            parts = [(each,) for each in given]
+            parts = [(each,) for each in value]
         else:
-            parts = [given if isinstance(given, abc.Collection) else ()]  # what can be gone through again
+            parts = [value if isinstance(value, abc.Collection) else ()]  # an iterator could not be read again
         return all(each is None or all(map(each, part)) for each, part in zip(of, parts))
 
     return test
 
 
-def _is_array(given: Any) -> bool:
-    import numpy as np  # names of models, which every command's help has, need none of it
+def _is_array(value: Any) -> bool:
+    import numpy as np  # late: every command's help lists names of models, for which NumPy is not needed
 
     try:
-        return np.asarray(given).dtype.kind in "biuf"
+        return np.asarray(value).dtype.kind in "biuf"
     except (TypeError, ValueError):  # rows of different lengths
         return False
 
 
-def _is_finite(given: Any) -> bool:
-    number: Any = given
+def _is_finite(value: Any) -> bool:
+    number: Any = value
     return isinstance(number, Real) and not isinstance(number, bool) and -_MOST <= number <= _MOST
 
 
-def _is_text(given: Any) -> bool:
-    if not isinstance(given, str) or "\0" in given:
+def _is_text(value: Any) -> bool:
+    if not isinstance(value, str) or "\0" in value:
         return False
     try:
-        os.fsencode(given)  # names of files may have bytes that are no text
+        os.fsencode(value)  # file names may have bytes that are not text
     except UnicodeEncodeError:  # half of a surrogate pair
         return False
     return True
 
 
 _TESTS: dict[Any, Test] = {
-    NoneType: lambda given: given is None,
-    None: lambda given: given is None,
-    bool: lambda given: type(given).__name__ == "bool",  # NumPy's has that name too
-    int: lambda given: isinstance(given, Integral) and not isinstance(given, bool),
+    NoneType: lambda value: value is None,
+    None: lambda value: value is None,
+    bool: lambda value: type(value).__name__ == "bool",  # also the name of NumPy's type
+    int: lambda value: isinstance(value, Integral) and not isinstance(value, bool),
     float: _is_finite,
     str: _is_text,
-    Path: lambda given: isinstance(given, Path) and _is_text(str(given)),
+    Path: lambda value: isinstance(value, Path) and _is_text(str(value)),
     abc.Callable: callable,
 }
 
 
 def _words(kind: Any) -> str:
-    """Return what an annotation expects."""
+    """Return an annotation in words."""
     origin, of = get_origin(kind) or kind, get_args(kind)
     if origin in (Union, UnionType):
         return " or ".join(dict.fromkeys(_words(each) for each in of if not (each is str and Path in of)))

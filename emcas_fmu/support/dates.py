@@ -1,4 +1,4 @@
-"""The date of what is made: today's, or that which SOURCE_DATE_EPOCH sets (reproducible-builds.org)."""
+"""Dates in generated files: today's, or that of SOURCE_DATE_EPOCH (reproducible-builds.org)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ..errors import EmcasError
 
 
 def today() -> str:
-    """Return the date (UTC) of what is being made. Raises EmcasError for a SOURCE_DATE_EPOCH that is no number."""
+    """Return the date (UTC) for generated files. Raises EmcasError if SOURCE_DATE_EPOCH is not a number."""
     return (_set() or datetime.now(timezone.utc)).date().isoformat()
 
 
 def reproducible() -> str:
-    """Return the time (UTC) for what has the same bytes whenever it is made: the version's. Raises the same."""
+    """Return the time (UTC) for files with the same bytes on any day: that of the version. Raises the same."""
     at = _set() or datetime.fromisoformat(__date__)
     return at.strftime("%Y-%m-%dT%H:%M:%SZ")
 

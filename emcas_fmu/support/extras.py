@@ -1,4 +1,4 @@
-"""Libraries that only some uses need: the package's extras, and what belongs to none."""
+"""Libraries that only some functions need: the package's extras, and others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..errors import EmcasError
 
 
 def absent(extra: str, what: str, *modules: str) -> str:
-    """Return what to install where a module of an extra is missing, in words; empty where none is."""
+    """Return a message with what to install if a module of an extra is missing; empty if none is."""
     try:
         require(extra, what, *modules)
     except EmcasError as error:
@@ -17,9 +17,9 @@ def absent(extra: str, what: str, *modules: str) -> str:
 
 
 def require(extra: str, what: str, *modules: str) -> None:
-    """Import the modules of an extra, or, where it is empty, packages by their names.
+    """Import the modules of an extra, or packages by their names if `extra` is empty.
 
-    Raises EmcasError, with what to install, where one is missing, and with the reason where one cannot be loaded.
+    Raises EmcasError with what to install if one is missing, and with the reason if one cannot be loaded.
     """
     for module in modules:
         try:

@@ -1,4 +1,4 @@
-"""Where the project's data files are."""
+"""Paths of the package's data files and of its cache."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _LIBRARY = 2_000_000  # bytes: a compiled library is smaller
 
 
 def models_directory() -> Path:
-    """Return the folder of parameter sets: inside the package when installed, beside it in a checkout.
+    """Return the folder of parameter sets: inside the package if installed, beside it in a checkout.
 
-    Raises FileNotFoundError naming the file looked for and both places.
+    Raises FileNotFoundError naming the missing file and both folders.
     """
     package = Path(__file__).resolve().parents[1]
     folders = (package / "models", package.parent / "models")
@@ -31,21 +31,21 @@ def models_directory() -> Path:
 
 
 def named_sets() -> dict[str, Path]:
-    """Return the files of the parameter sets that are shipped beside the default one, by name."""
+    """Return the files of the shipped parameter sets, other than the default one, by name."""
     return {path.stem: path for path in sorted((models_directory() / "sets").glob("*.toml"))}
 
 
 def as_given(file: Path | str) -> str:
-    """Return what names a file: its path as it was given, or the name of a shipped set."""
+    """Return a file as a user names it: the name of a shipped set, otherwise its path unchanged."""
     return next((name for name, path in named_sets().items() if path == Path(file)), str(file))
 
 
 @cache
 def cache_directory() -> Path:
-    """Return a folder for what is compiled: the user's cache, or one of the user's own among the temporary ones.
+    """Return a folder for compiled libraries: the user's cache, or a private folder for temporary files.
 
-    What is there is executed: a folder in which others may write is not used, nor one that can be replaced. That is
-    announced. Raises OSError where neither can be used.
+    Files in it are executed, so a folder that others may write to or replace is not used. A fallback is announced.
+    Raises OSError if neither can be used.
     """
     mine = Path(tempfile.gettempdir()) / f"emcas-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
     try:
@@ -57,11 +57,11 @@ def cache_directory() -> Path:
 
 
 def _private(folder: Path) -> Path:
-    """Return a folder, made if need be, that is the user's alone and has room. Raises OSError naming it."""
+    """Return a folder, created if necessary, that only the user may write to and that has room. Raises OSError."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         folder = folder.resolve()  # a link on the way to it may be another's
-        if hasattr(os, "getuid"):  # elsewhere the folders are each user's by themselves
+        if hasattr(os, "getuid"):  # other systems give each user a private folder
             _refuse_shared(folder)
         with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(bytes(_LIBRARY))
@@ -73,9 +73,9 @@ def _private(folder: Path) -> Path:
 
 
 def _refuse_shared(folder: Path) -> None:
-    """Raise OSError for a folder that another user may write to, or replace; close it to others' reading."""
+    """Raise OSError for a folder that another user may write to or replace; remove other users' rights to it."""
     user, mode = os.getuid(), folder.stat().st_mode
-    # Where not all users of the system are known, as in a container, the root folder's owner is its administrator.
+    # In a container some users may be unknown; the owner of the root folder is the administrator.
     trusted = {user, 0, Path(folder.anchor).stat().st_uid}
     reason = ""
     if folder.stat().st_uid != user:

@@ -1,4 +1,4 @@
-"""How long work reports how far it is."""
+"""Progress reports of long work, and announcements."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import logging
 from collections.abc import Callable
 
 LOG = logging.getLogger("emcas_fmu")
-"""What takes long and is done once, such as compiling, is announced here (info), and what falls back (warning)."""
+"""Announces slow work that is done once, such as compiling (info), and fallbacks (warning)."""
 
 Progress = Callable[[str, int, int], None]
-"""Called with the name of what is begun, how many are done and how many there are."""
+"""Called with the name of the work, the number of parts done, and their total number."""
 
 
 def warn(message: str) -> None:
-    """Announce what is done otherwise than it should be; worker processes leave that to the one that started them."""
-    from multiprocessing import parent_process  # late: it takes a while, and is hardly ever needed
+    """Announce a fallback, but not from a worker process: its parent announces the same."""
+    from multiprocessing import parent_process  # late: the import is slow and rarely needed
 
     if parent_process() is None:
         LOG.warning(message)
 
 
 def silent(_name: str, _done: int, _total: int) -> None:
-    """Report to nobody."""
+    """Report nothing."""

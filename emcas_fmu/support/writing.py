@@ -1,7 +1,7 @@
-"""The one way to write a file: beside its place, flushed to the disk, and moved there.
+"""Writing of files: each is written beside its path, flushed to the disk, and moved to the path.
 
-Whoever stops this, and however full the disk is, the place holds the whole new file or what it held before. Nothing
-else in the package opens a file for writing.
+If writing is interrupted, or the disk is full, the path has the whole new file or the old one. No other module of the
+package opens a file for writing.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from typing import IO, Any, BinaryIO
 from ..errors import EmcasError, writing
 
 PARTIAL = ".partial"
-"""How a file's name ends while it is written; only a process that was killed leaves one."""
+"""Suffix of a file while it is written; such a file remains only if the process is killed."""
 
-_BLOCK = 4096  # bytes, of which a file occupies one or more
-_SHOWN = 40  # letters of a name: what is beside a file is not too long a name where the file's own is not
+_BLOCK = 4096  # bytes; a file occupies one block or more
+_SHOWN = 40  # letters of a file's name in its partial file, whose name is so never too long
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
 
 
 def write(path: Path | str, content: str | bytes) -> int:
-    """Write a file, whole or not at all, and return its size [bytes]; text in UTF-8, its lines as they are.
+    """Write a file, whole or not at all, and return its size [bytes]; text is in UTF-8, with its line ends unchanged.
 
-    Raises EmcasError, with the remedy.
+    Raises EmcasError with the remedy.
     """
     with whole(path) as file:
         return file.write(_bytes(content))
 
 
 def write_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
-    """Write files that belong together, and return their paths; the folder is made if there is none.
+    """Write files that belong together into a folder, which is created if necessary; return their paths.
 
-    None is moved to its place before all are on the disk, and Ctrl-C waits while they are moved, in their order. Raises
-    EmcasError, with the remedy.
+    They are moved to their paths, in their order, when all are on the disk; Ctrl-C is delayed meanwhile. Raises
+    EmcasError with the remedy.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -57,18 +57,18 @@ def write_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path
 
 @contextmanager
 def whole(path: Path | str) -> Iterator[BinaryIO]:
-    """Give a file to write to, which is at its place when the block ends, and nowhere where it raises.
+    """Yield a file to write to; it is moved to its path when the block ends, and removed if the block raises.
 
-    Raises EmcasError, with the remedy.
+    Raises EmcasError with the remedy.
     """
     with _beside([Path(path)]) as (file,), writing(path):
         yield file
 
 
 def append(path: Path, text: str) -> None:
-    """Write at the end of a file, all of the text or nothing, as a journal and a summary of several steps need it.
+    """Append text to a file, all of it or nothing: for journals, and for summaries of several steps.
 
-    Raises EmcasError, with the remedy.
+    Raises EmcasError with the remedy.
     """
     with writing(path), path.open("ab", buffering=0) as file:
         regular = stat.S_ISREG(os.fstat(file.fileno()).st_mode)
@@ -86,10 +86,10 @@ def append(path: Path, text: str) -> None:
 
 
 def write_zip(contents: Mapping[str, bytes], target: Path, order: Callable[[str], Any], executable: str = "") -> None:
-    """Write files to a ZIP archive with the same bytes for the same contents.
+    """Write files to a ZIP archive; the same contents give the same bytes.
 
-    They stand in the `order` of a sort key of their names; those whose names begin with `executable` may be run.
-    Raises EmcasError, with the remedy.
+    `order` is the sort key of their names; files whose names begin with `executable` get the right to be executed.
+    Raises EmcasError with the remedy.
     """
     with whole(target) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name in sorted(contents, key=order):
@@ -101,7 +101,7 @@ def write_zip(contents: Mapping[str, bytes], target: Path, order: Callable[[str]
 
 
 def check_target(path: Path, ending: str, error: type[EmcasError]) -> None:
-    """Raise `error` where a file of this ending cannot be made: by its name, or for want of its folder."""
+    """Raise `error` if the path has another ending, is a folder, or its folder does not exist."""
     if path.suffix != ending:
         raise error(f"{path}: the output must end in {ending}")
     if path.is_dir() or not path.parent.is_dir():
@@ -109,7 +109,7 @@ def check_target(path: Path, ending: str, error: type[EmcasError]) -> None:
 
 
 def try_file(path: Path) -> None:
-    """Raise EmcasError, with the remedy, where a file could not be written; leave everything as it was."""
+    """Raise EmcasError with the remedy if a file could not be written; change nothing."""
     with writing(path):
         file = _Beside(path)
         try:
@@ -120,7 +120,7 @@ def try_file(path: Path) -> None:
 
 
 def try_folder(folder: Path, made: Path | None = None) -> None:
-    """Raise EmcasError, with the remedy, where nothing could be written to a folder, or to one `made` in it later."""
+    """Raise EmcasError with the remedy if a folder, or one to be `made` inside it, could not be written to."""
     with writing(made or folder), TemporaryFile(dir=folder) as file:
         _try_block(file)
 
@@ -130,53 +130,53 @@ def _bytes(content: str | bytes) -> bytes:
 
 
 def _try_block(file: IO[bytes]) -> None:
-    """Write as much as any file needs: a disk that has no room for it is full."""
+    """Write one block; a disk without room for it is full."""
     file.write(bytes(_BLOCK))
     file.flush()
     os.fsync(file.fileno())
 
 
 class _Beside:
-    """A file that is written beside its place; a terminal, pipe or device is written to as it is.
+    """A file that is written beside its path; a terminal, pipe or device is written to directly.
 
-    Raises OSError where the place cannot be written.
+    Raises OSError if the path cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
         self.partial: Path | None = None
-        self.place = Path(os.path.realpath(path))  # the file that a link names is replaced, not the link
+        self.target = Path(os.path.realpath(path))  # the target of a link is replaced, not the link
         try:
-            self._found: os.stat_result | None = path.stat()
+            self._replaced: os.stat_result | None = path.stat()
         except FileNotFoundError:
-            self._found = None
-        if self._found and (own := _own_stream(self._found)):
-            self.opened: BinaryIO = os.fdopen(own, "wb")
-        elif self._found and not stat.S_ISREG(self._found.st_mode):
+            self._replaced = None
+        if self._replaced and (stream := _standard_stream(self._replaced)):
+            self.opened: BinaryIO = os.fdopen(stream, "wb")
+        elif self._replaced and not stat.S_ISREG(self._replaced.st_mode):
             self.opened = path.open("wb")
         else:
-            if self._found:
-                os.close(os.open(self.place, os.O_WRONLY))  # what may not be written to is not replaced, either
-            partial = self.place.with_name(f".{self.place.name[:_SHOWN]}.{secrets.token_hex(6)}{PARTIAL}")
-            self.opened = partial.open("xb")  # with the rights that any new file gets here
+            if self._replaced:
+                os.close(os.open(self.target, os.O_WRONLY))  # a file without the right to write is not replaced either
+            partial = self.target.with_name(f".{self.target.name[:_SHOWN]}.{secrets.token_hex(6)}{PARTIAL}")
+            self.opened = partial.open("xb")  # with the rights of any new file in this folder
             self.partial = partial
 
     def finish(self) -> None:
-        """Have all of it on the disk. Raises OSError."""
+        """Flush it to the disk and close it. Raises OSError."""
         self.opened.flush()
         if self.partial:
-            if self._found:
-                _keep_rights(self.partial, self._found)
+            if self._replaced:
+                _keep_rights(self.partial, self._replaced)
             os.fsync(self.opened.fileno())
         self.opened.close()
 
     def move(self) -> None:
-        """Put it where it belongs. Raises OSError."""
+        """Move it to its path. Raises OSError."""
         if self.partial:
-            self.partial.replace(self.place)
+            self.partial.replace(self.target)
             self.partial = None
 
     def discard(self) -> None:
-        """Leave nothing of what is not at its place."""
+        """Close it, and remove it if it has not been moved."""
         with suppress(OSError):
             self.opened.close()
         if self.partial:
@@ -186,7 +186,7 @@ class _Beside:
 
 @contextmanager
 def _beside(paths: Iterable[Path]) -> Iterator[list[BinaryIO]]:
-    """Give files to write to, which are all moved to their places when the block ends."""
+    """Yield files to write to, which are all moved to their paths when the block ends."""
     files: dict[Path, _Beside] = {}
     try:
         for path in paths:
@@ -205,44 +205,44 @@ def _beside(paths: Iterable[Path]) -> Iterator[list[BinaryIO]]:
             file.discard()
 
 
-def _own_stream(found: os.stat_result) -> int | None:
-    """Return a descriptor of standard output or error where that is this file, as /dev/stdout; it has to be closed.
+def _standard_stream(file: os.stat_result) -> int | None:
+    """Return a new descriptor of standard output or error if that is this file, such as /dev/stdout, else None.
 
-    Another file in its place would not be the one that the shell has opened.
+    The shell has opened that file; one that replaces it would not be redirected.
     """
     for stream, number in ((sys.stdout, 1), (sys.stderr, 2)):
         with suppress(OSError):
-            if os.path.samestat(found, os.fstat(number)):
+            if os.path.samestat(file, os.fstat(number)):
                 if stream is not None:
                     stream.flush()
                 return os.dup(number)
     return None
 
 
-def _keep_rights(partial: Path, found: os.stat_result) -> None:
-    """Give a file the owner, where that may be, and the rights of the one that it replaces."""
+def _keep_rights(partial: Path, replaced: os.stat_result) -> None:
+    """Give a file the owner, where that is allowed, and the rights of the file that it replaces."""
     if hasattr(os, "chown"):
         with suppress(OSError):
-            os.chown(partial, found.st_uid, found.st_gid)
-    partial.chmod(stat.S_IMODE(found.st_mode))
+            os.chown(partial, replaced.st_uid, replaced.st_gid)
+    partial.chmod(stat.S_IMODE(replaced.st_mode))
 
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Let Ctrl-C wait until the block ends."""
+    """Delay Ctrl-C until the block ends."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or handler is None:
         yield
         return
-    came = []
+    delayed = []
 
     def wait(number: int, frame: FrameType | None) -> None:
-        came.append(number)
+        delayed.append(number)
 
     signal.signal(signal.SIGINT, wait)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, handler)
-        if came:
+        if delayed:
             signal.raise_signal(signal.SIGINT)

@@ -60,7 +60,7 @@ def test_what_is_refused_leaves_nothing_behind() -> None:
                           (object(), "expected numbers")):
         with pytest.raises(EmcasError, match=said):
             batch.run(0.03, aero_torque=5.0, fin_command=refused)  # type: ignore[arg-type]
-    with pytest.raises(EmcasError, match=r"0.01 s is before 0.02 s"):
+    with pytest.raises(EmcasError, match=r"0.01 s is before the time reached, 0.02 s"):
         batch.run(0.01)
     with pytest.raises(EmcasError, match=r"^Batch.run: end = '30 ms': expected a number, .* in s$"):
         batch.run("30 ms")  # type: ignore[arg-type]
@@ -93,7 +93,7 @@ def test_parameters_by_column() -> None:
 
 
 @pytest.mark.parametrize(("given", "options", "said"), [
-    ([], {}, "give one parameter set"), ([BASE, BASE], {"count": 3}, "count = 3 goes with one"),
+    ([], {}, "pass one parameter set"), ([BASE, BASE], {"count": 3}, "count = 3 goes with one"),
     (BASE, {"count": 0}, "a whole number from 1 to"), (BASE, {"count": 2.0}, "count = 2.0: expected a whole number"),
     (BASE, {"threads": 0}, "threads = 0"),
     (BASE, {"count": 2, "varied": {"friction.temp": 1.0}}, "no parameter friction"),

@@ -236,7 +236,8 @@ def test_a_program_changes_what_it_names_alone() -> None:
 
 def test_a_torque_constant_cannot_follow_to_zero(load: Load) -> None:
     (problem,) = problems(load, 'motor.back_emf_constant = "0 V*s/rad"')
-    for fragment in ("mine.toml: motor.back_emf_constant = 0 V*s/rad", "motor.torque_constant", "1e-06 N.m/A", "give"):
+    for fragment in ("mine.toml: motor.back_emf_constant = 0 V*s/rad", "motor.torque_constant", "1e-06 N.m/A",
+                     "set that too"):
         assert fragment in problem
     both = load('motor.back_emf_constant = "0 V*s/rad"\nmotor.torque_constant = "0.1 N*m/A"')
     assert len(both.warnings) == 1
@@ -249,7 +250,7 @@ def test_constants_of_no_one_motor_are_warned_of(load: Load, back_emf: float, wa
     found = [warning for warning in chosen.warnings if "for one motor" in warning]
     assert len(found) == warned
     for line in found:
-        for fragment in ("motor.torque_constant = 110 mN*m/A", f"{back_emf:.6g}", "give only one"):
+        for fragment in ("motor.torque_constant = 110 mN*m/A", f"{back_emf:.6g}", "set only one"):
             assert fragment in line
 
 
@@ -274,7 +275,7 @@ def test_empty_file_and_default_file_are_the_defaults(load: Load) -> None:
     ('mass.fin = { valu = 4, unit = "kg" }', ["mass.fin", "unknown field 'valu'", "did you mean value?"]),
     ('mass.fin = { unit = "kg" }', ["mass.fin = (nothing) kg", "has no value"]),
     ('"friction.coulomb.positive[7]" = "0 N*m"', ["friction.coulomb.positive[7]", "unknown parameter"]),
-    ('mass.fin = "4 kg"\n"mass.fin" = "5 kg"', ["mass.fin = 5 kg", "given twice"]),
+    ('mass.fin = "4 kg"\n"mass.fin" = "5 kg"', ["mass.fin = 5 kg", "set twice"]),
     # units
     ("kinematics.moment_arm = 0.05", ["kinematics.moment_arm = 0.05", "no unit", "such as m"]),
     ('kinematics.moment_arm = "0.05"', ["kinematics.moment_arm = 0.05", "no unit", "such as m"]),
@@ -576,7 +577,7 @@ def test_repr_counts_what_is_given_and_reads_no_file(load: Load, monkeypatch: py
             patched.setattr(module, function, refuse)
         shown = [repr(each) for each in (DEFAULTS, given, changed)]
     count = len(DEFAULTS.entries)
-    assert shown == [f"<ParameterSet of nonlinear: {count} values, {k} given over the default ones>" for k in (0, 3, 4)]
+    assert shown == [f"<ParameterSet of nonlinear: {count} values, {k} over the default ones>" for k in (0, 3, 4)]
 
 
 def test_nested_values() -> None:

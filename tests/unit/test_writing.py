@@ -253,12 +253,12 @@ WRITERS = {"write_text", "write_bytes", "savefig", "savetxt", "savez", "savez_co
            "to_parquet", "to_excel", "tofile", "write_table", "NamedTemporaryFile", "TemporaryFile", "mkstemp",
            "rename", "imsave", "dump", "symlink_to", "hardlink_to", "fdopen"}
 ALLOWED = {
-    ("writing.py", "TemporaryFile"): "tries a folder",
-    ("writing.py", "fdopen"): "standard output",
-    ("writing.py", "open"): "here it is done",
-    ("files.py", "TemporaryFile"): "tries a folder of the cache",
-    ("compiler.py", "write_text"): "sources in a temporary folder of the compiler's",
-    ("plots.py", "savefig"): "to a string, and to a file that `whole` gives",
+    ("support/writing.py", "TemporaryFile"): "tries a folder",
+    ("support/writing.py", "fdopen"): "standard output",
+    ("support/writing.py", "open"): "here it is done",
+    ("support/files.py", "TemporaryFile"): "tries a folder of the cache",
+    ("runtime/compiler.py", "write_text"): "sources in a temporary folder of the compiler's",
+    ("figures/plots.py", "savefig"): "to a string, and to a file that `whole` gives",
     ("response.py", "savetxt"): "to a file that `whole` gives",
     ("commands/envelope.py", "savetxt"): "to a file that `whole` gives",
     ("studies/baseline/files.py", "savetxt"): "to memory",
