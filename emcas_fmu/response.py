@@ -1,4 +1,4 @@
-"""A simulated response, of one fin or several, for people and machines: figures of merit, a table, a picture."""
+"""A simulated response of one or several fins: figures, tables and plots for people and programs."""
 
 from __future__ import annotations
 
@@ -39,20 +39,23 @@ from .variables import Variable
 if TYPE_CHECKING:
     import pandas
 
-_MOST_PANELS = 8  # panels of an actuator's own outputs
-_LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
-# Of a command beyond its limit [rad, deg, deg]; C's formats, which a page of emcas explore fills in too.
+_MOST_PANELS = 8  # for an actuator's outputs beyond the fin port's
+_LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of outputs in a panel, for several fins
+# Command and its limit [rad, deg, deg], in formats of C: the page of emcas explore uses this message too.
 CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
-ROUNDING = 1e-9  # of a command at its limit
+ROUNDING = 1e-9  # relative; a command at its limit may exceed it by rounding
 IN_DEGREES = ". Commands are in rad: is it given in degrees?"
-LIKE_DEGREES = pi * (1.0 + ROUNDING)  # rad, beyond which no fin is commanded: where --step ends, which is in deg
-_MOST_CHANGES = 4  # of a status, that are listed
+LIKE_DEGREES = pi * (1.0 + ROUNDING)  # rad; no fin is commanded beyond it. The limit of --step, which is in deg
+_MOST_CHANGES = 4  # of a status that are listed
 
 
 @checked
 @dataclass(frozen=True)
 class Response:
-    """The outputs of the fins of a `unit` under an excitation, by the unit's names; `sets` are their parameters."""
+    """Outputs of one or several fins under an excitation.
+
+    `unit` describes the interface, `sets` are the fins' parameters; `columns` are the outputs by name, with ``time``.
+    """
 
     unit: FmuInterface
     sets: Sequence[ParameterSet]
@@ -69,9 +72,9 @@ class Response:
         return {**self.excitation.columns, **self.columns}
 
     def __getitem__(self, name: str) -> Array:
-        """Return an output, an input that was given, or ``time``, in its unit, a value for each row.
+        """Return an output, an input of the excitation, or ``time``, in its unit: an array [rows].
 
-        Raises EmcasError for a name there is not.
+        Raises EmcasError for an unknown name.
         """
         if name not in self._every:
             raise EmcasError(f"there is no {name}{hint(name, self._every)}; there is {', '.join(self._every)}")
@@ -79,12 +82,12 @@ class Response:
 
     @cached_property
     def units(self) -> Mapping[str, str]:
-        """Unit of each of these, empty for Booleans and counts."""
+        """Units of outputs, inputs and time by name; empty for Booleans and counts."""
         of = {v.name: v.unit for v in (*self.unit.inputs, *self.unit.outputs)}
         return {"time": "s", **{name: of[name] for name in self._every if name != "time"}}
 
     def in_unit(self, name: str, unit: str) -> Array:
-        """Return one of these in another unit: ``response.in_unit("fin_angle", "deg")``. Raises EmcasError."""
+        """Return a column in another unit: ``response.in_unit("fin_angle", "deg")``. Raises EmcasError."""
         column, measured_in = self[name], self.units[name]
         try:
             zero, one = (convert(Decimal(amount), measured_in, unit) for amount in (0, 1))
@@ -95,7 +98,7 @@ class Response:
 
     @cached_property
     def fins(self) -> tuple[Run, ...]:
-        """Each fin's run, under the names of a single actuator, judged from 0 on; its command is the mixed one."""
+        """The run of each fin by the names of a single actuator, measured from 0 on; its command is the mixed one."""
         return tuple(self._run(fin) for fin in range(self.unit.fins))
 
     def _run(self, fin: int) -> Run:
@@ -113,7 +116,7 @@ class Response:
 
     @cached_property
     def line(self) -> Mapping[str, float]:
-        """Figures of the line that several fins share, units in the names."""
+        """Figures of the line that several fins share; the names end in units."""
         if self.unit.line is None:
             return {}
         level, drawn = self.unit.line.outputs
@@ -126,7 +129,7 @@ class Response:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What is worth a look in the commands given, a line each."""
+        """Messages about unusual commands, one line each."""
         messages: dict[str, None] = {}
         for run, parameters in zip(self.fins, self.sets, strict=True):
             limit = parameters.values.get("command.limit", inf)
@@ -142,10 +145,10 @@ class Response:
         return extension_outputs(self.unit.kind)
 
     def metrics(self, fin: int = 0) -> dict[str, float]:
-        """Return figures of merit as far as a fin (from 0) has the outputs, units in the names, and last values.
+        """Return the figures of a fin (from 0) by name, with last values; the names end in units.
 
-        Those of a motion, such as ``rise_time_s`` and ``overshoot_percent``, where the command jumps once. Raises
-        EmcasError for a fin there is not.
+        Figures of a motion, such as ``rise_time_s`` and ``overshoot_percent``, are included if the command jumps once.
+        Figures of outputs that the actuator lacks are left out. Raises EmcasError for an unknown fin.
         """
         if not 0 <= fin < self.unit.fins:
             raise EmcasError(f"there is no fin {fin}: they are counted from 0 to {self.unit.fins - 1} here")
@@ -163,26 +166,24 @@ class Response:
 
     @cached_property
     def estimates(self) -> Mapping[str, tuple[str, ...]]:
-        """Parameters that are engineering estimates by the names of last values that rest on them."""
+        """Engineering estimates by the names of the last values that are computed from them."""
         outputs: dict[str, dict[str, None]] = {}
         for each in self.sets:
-            for name, rests in each.estimated_outputs.items():
-                outputs.setdefault(f"{name}_final", {}).update(dict.fromkeys(rests))
-        return {name: tuple(rests) for name, rests in outputs.items()}
+            for name, parameters in each.estimated_outputs.items():
+                outputs.setdefault(f"{name}_final", {}).update(dict.fromkeys(parameters))
+        return {name: tuple(parameters) for name, parameters in outputs.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON: of several fins a list, and their line's; with what is an estimate, and why."""
-        why = {"estimates": {name: list(rests) for name, rests in self.estimates.items()}} if self.estimates else {}
-        return {**self._as_dict(), **why}
-
-    def _as_dict(self) -> dict[str, Any]:
-        if self.unit.fins == 1:
-            return {"title": self.excitation.title, **self.metrics()}
-        line = {self.unit.line.group: dict(self.line)} if self.unit.line else {}
-        return {"title": self.excitation.title, **line, "fins": [dict(each) for each in self._figures]}
+        """Return the figures for JSON, for several fins a list and those of their line; also the estimates."""
+        figures: dict[str, Any] = {**self.metrics()}
+        if self.unit.fins > 1:
+            line = {self.unit.line.group: dict(self.line)} if self.unit.line else {}
+            figures = {**line, "fins": [dict(each) for each in self._figures]}
+        estimates = {name: list(parameters) for name, parameters in self.estimates.items()}
+        return {"title": self.excitation.title, **figures, **({"estimates": estimates} if estimates else {})}
 
     def lines(self) -> list[tuple[str, ...]]:
-        """Return name and value for each fin of every figure, estimates as such; statuses as they changed."""
+        """Return the name of every figure, marked if an estimate, with its value for each fin; changes of statuses."""
         return [(self._marked(name), *values) for name, *values in self._lines()]
 
     def _marked(self, name: str, words: str = "") -> str:
@@ -196,7 +197,7 @@ class Response:
                        for v in discrete.values()]
 
     def _text(self, name: str, value: float) -> str:
-        """Return a figure for people; of one that the motion does not reach, for how long it was waited for."""
+        """Return a figure in words; for a time that the motion does not reach, the time that was simulated."""
         moves = self.fins[0].excitation.moves
         if isfinite(value) or not moves:
             return number(value)
@@ -204,7 +205,7 @@ class Response:
         return f"not within {waited} s" if metrics.unit_of(name) == "s" else "not reached"
 
     def write_csv(self, path: Path | str) -> None:
-        """Write time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit.
+        """Write time, the inputs of the excitation and every output, SI, with 17 digits, so that no bit is lost.
 
         Raises EmcasError for a file that cannot be written.
         """
@@ -214,7 +215,7 @@ class Response:
                        comments="", header=",".join(names))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a pandas DataFrame of these over time [s]; ``attrs["units"]`` has the units. Needs pandas."""
+        """Return a pandas DataFrame of all columns over time [s]; ``attrs["units"]`` are their units. Needs pandas."""
         extras.require("", "to_dataframe() needs", "pandas")
         import pandas
 
@@ -224,23 +225,23 @@ class Response:
         return frame
 
     def plot(self, path: Path | str | None = None) -> Figure:
-        """Draw command, outputs and limits over time; write them to a ``.html``, ``.svg``, ``.png`` or ``.pdf``.
+        """Plot command, outputs and limits over time; optionally write a ``.html``, ``.svg``, ``.png`` or ``.pdf``.
 
-        Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for another ending, or a
-        file that cannot be written.
+        Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for another ending, and for a file that
+        cannot be written.
         """
         with style():
-            drawn = draw(self)
+            plotted = draw(self)
             if path is not None:
-                self._write(drawn, Path(path))
-        return drawn
+                self._write(plotted, Path(path))
+        return plotted
 
-    def _write(self, drawn: Figure, path: Path) -> None:
-        """Write the picture, or a page with figures of merit and the picture; takes effect inside `style()`."""
+    def _write(self, plotted: Figure, path: Path) -> None:
+        """Write the plot, or a page with the figures and the plot; call it inside `style()`."""
         if path.suffix != ".html":
-            write(drawn, path)
+            write(plotted, path)
             return
-        shown = picture(drawn, self.excitation.title, "Command, outputs and limits over time; shaded where a limit "
+        shown = picture(plotted, self.excitation.title, "Command, outputs and limits over time; shaded where a limit "
                                                       f"{_of_any(self)}is active.")
         fins = [">value"] if self.unit.fins == 1 else [f">fin {fin + 1}" for fin in range(self.unit.fins)]
         write_page(path, "response.html.j2", list(dict.fromkeys(self.sets)), r=self, picture=shown, rows=self._rows(),
@@ -249,7 +250,7 @@ class Response:
                    conditions=list(self._conditions()), fins=fins)
 
     def _rows(self) -> list[tuple[str, str, list[str]]]:
-        """Return the figures in words, their units, and a value for each fin; times that are reached in ms."""
+        """Return for each figure its name in words, its unit and a value for each fin; times are in ms."""
         units = {f"{v.name}_final": v.unit for v in self.extension_outputs}
         rows = []
         for name, *values in self._lines():
@@ -262,7 +263,7 @@ class Response:
         return rows
 
     def _conditions(self) -> Iterator[tuple[str, str]]:
-        """Give names and values of times, inputs, and parameters set beside the files or that differ between fins."""
+        """Yield names and values of times, inputs, and of parameters set outside files or different between fins."""
         excitation = self.excitation
         yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
         for name, column in excitation.columns.items():
@@ -275,8 +276,8 @@ class Response:
         for entries in zip(*(each.entries for each in self.sets), strict=True):
             v, same = entries[0].variable, len({e.value for e in entries}) == 1
             if not same or any(e.source == "user" and not e.file for e in entries):
-                named = [(v.name if same else self.unit.name(v.name, fin), e.value) for fin, e in enumerate(entries)]
-                yield from ((code(name), stated(value, v.unit)) for name, value in (named[:1] if same else named)
+                values = [(v.name if same else self.unit.name(v.name, fin), e.value) for fin, e in enumerate(entries)]
+                yield from ((code(name), stated(value, v.unit)) for name, value in (values[:1] if same else values)
                             if name not in {name for _, name, *_ in held})
 
     def __repr__(self) -> str:
@@ -292,7 +293,7 @@ def _of_any(response: Response) -> str:
 
 
 def _history(v: Variable, time: Any, column: Any) -> str:
-    """Return a discrete output in words: at the start, and whenever it changes."""
+    """Return a discrete output in words: its value at the start and at each change."""
     rows = np.flatnonzero(np.diff(column)) + 1
     changes = [f"{time[k]:g} s {v.in_words(column[k])}" for k in rows]
     if len(changes) > _MOST_CHANGES:
@@ -301,9 +302,9 @@ def _history(v: Variable, time: Any, column: Any) -> str:
 
 
 def draw(response: Response) -> Figure:
-    """Draw command, outputs of every fin, their line, what extensions add, over time; shaded where a limit is active.
+    """Plot over time the command, outputs of every fin, of their line and of extensions; shade active limits.
 
-    An actuator's own outputs of one unit share a panel. Takes effect inside `style()`.
+    Outputs of the actuator with the same unit share a panel. Call it inside `style()`.
     """
     brief = response.time[-1] <= 1.0
     time, unit_of_time = response.time * (1e3 if brief else 1.0), "ms" if brief else "s"
@@ -311,35 +312,35 @@ def draw(response: Response) -> Figure:
     of_actuator = panels(response.unit.kind)
     shared = response.unit.line.outputs if response.unit.line else ()
     count = len(of_actuator) + len(shared) + len(extensions)
-    made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
-    first, places = grid[0, 0], iter(grid.ravel())
+    plotted, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
+    first, remaining = grid[0, 0], iter(grid.ravel())
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
     for command in commands:
         first.step(time, np.degrees(command), where="post", label="command", **COMMAND_LINE)
-    for panel, axes in zip(of_actuator, places, strict=False):
+    for panel, axes in zip(of_actuator, remaining, strict=False):
         _draw_panel(axes, panel, time, fins)
     first.set_title(response.excitation.title)
     legend(first, loc="best", ncols=1 + len(fins) // 5)
-    for v, axes in zip(shared, places, strict=False):
+    for v, axes in zip(shared, remaining, strict=False):
         unit, scale = metrics.shown(v.unit)
         axes.plot(time, response.columns[v.name] * scale, color=COLORS[0])
         axes.set_ylabel(f"{v.name.replace('_', ' ')} [{unit}]")
-    for v, axes in zip(extensions, places, strict=False):
+    for v, axes in zip(extensions, remaining, strict=False):
         _draw_output(axes, v, time, [run.columns[v.name] for run in fins], f"{v.name}_final" in response.estimates)
-    for axes in places:
+    for axes in remaining:
         axes.set_visible(False)
     limited = np.any([run.columns["saturated"] > 0.0 for run in fins], axis=0)
     for axes in grid.ravel():
         shade(axes, time, limited)
         axes.margins(x=0.0)
-    for axes in grid.ravel()[:count][-2:]:  # the last of each column, above an empty place too
+    for axes in grid.ravel()[:count][-2:]:  # the lowest panel of each column
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(f"time [{unit_of_time}] (shaded: a limit {_of_any(response)}is active)")
-    return made
+    return plotted
 
 
 def panels(model: str) -> list[list[Variable]]:
-    """Return the outputs of each panel: the port's one by one, then the actuator's own Real ones by units as shown."""
+    """Return the outputs of each panel: the fin port's one by one, then the actuator's other Real outputs by unit."""
     aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
     by_unit: dict[tuple[str, float], list[Variable]] = {}
     for v in get(model).outputs:
@@ -350,13 +351,13 @@ def panels(model: str) -> list[list[Variable]]:
 
 
 def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:
-    """Draw outputs of one unit: a colour for each, or of several fins for each fin, and a kind of line for each."""
+    """Plot outputs of one unit in a colour each; for several fins in a colour for each fin, a style for each output."""
     unit, scale = metrics.shown_output(panel[0])
     names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
     for j, (v, name) in enumerate(zip(panel, names, strict=True)):
         for k, run in enumerate(fins):
-            named = f"fin {k + 1}" if several and len(panel) == 1 else name
-            axes.plot(time, run.columns[v.name] * scale, label=named, color=COLORS[(k if several else j) % len(COLORS)],
+            label = f"fin {k + 1}" if several and len(panel) == 1 else name
+            axes.plot(time, run.columns[v.name] * scale, label=label, color=COLORS[(k if several else j) % len(COLORS)],
                       linestyle=_LINES[j % len(_LINES) if several else 0])
     axes.set_ylabel(f"{names[0]} [{unit}]" if len(panel) == 1 else f"[{unit}]")
     if len(panel) > 1:
@@ -364,7 +365,7 @@ def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence
 
 
 def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], estimated: bool) -> None:
-    """Draw an output of an extension, a line a fin; a word of flags as a bar for each flag that is ever set."""
+    """Plot an output of an extension, a line for each fin; a word of flags as a bar for each flag that is ever set."""
     axes.set_ylabel(f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}{ESTIMATE * estimated}")
     flags = [i for i in range(len(v.bits)) if any(np.any(column.astype(int) >> i & 1) for column in columns)]
     for k, column in enumerate(columns):
@@ -372,8 +373,8 @@ def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], est
         if not v.bits:
             axes.plot(time, column, color=color, drawstyle="default" if v.kind == "Real" else "steps-pre",
                       label=f"fin {k + 1}" if len(columns) > 1 else None)
-        for place, i in enumerate(flags):
-            at = place + 0.6 * ((k + 0.5) / len(columns) - 0.5)
+        for row, i in enumerate(flags):
+            at = row + 0.6 * ((k + 0.5) / len(columns) - 0.5)
             axes.plot(time, np.where(column.astype(int) >> i & 1, at, np.nan), color=color, linewidth=3.0)
     if v.items:
         axes.set_yticks(range(1, len(v.items) + 1), [item for item, _ in v.items])
