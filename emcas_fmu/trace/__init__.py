@@ -1,1 +1,1 @@
-"""Equations written down as straight-line programs, and their printing as Python and C."""
+"""Equations recorded as straight-line programs, and the printers of these as Python and C."""

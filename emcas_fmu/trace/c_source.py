@@ -1,4 +1,4 @@
-"""Traced programs as C11: the same operations in the same order as the Python source, so the same bits."""
+"""Printer of traced programs as C11: the operations of the Python source in the same order, so the same bits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TEMPLATES = {
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
 
-# A whole number stands in the last bits of its sum with one of which the last digit counts ones.
+# In a double between 2**52 and 2**53 the last bit counts ones: a whole number that is added to it is in its last bits.
 _HELPERS = """\
 /* A condition that hardly ever holds: code behind it is put where it is in nobody's way. */
 #if defined __GNUC__
@@ -50,15 +50,15 @@ static inline double elementary_exponent(double x)
 
 
 def c_elementary(tracer: Tracer) -> str:
-    """Return functions of one value with one result as ``static inline double elementary_<name>(double x)``."""
+    """Return functions with one argument and one result as ``static inline double elementary_<name>(double x)``."""
     return "\n".join([_HELPERS, *_ElementaryWriter(tracer).elementary("elementary")])
 
 
 def c_source(tracer: Tracer, prefix: str) -> str:
     """Return declarations and static functions of a header.
 
-    ``<prefix>_prepare(p, c)`` fills the constants `c` [<PREFIX>_CONSTANTS] from the parameters `p`
-    [<PREFIX>_PARAMETERS]; each function takes both, its arguments, and the array `out` for its results.
+    ``<prefix>_prepare(p, c)`` computes the constants `c` [<PREFIX>_CONSTANTS] from the parameters `p`
+    [<PREFIX>_PARAMETERS]. Each function has both as arguments, then its own, then the array `out` of its results.
     """
     writer = CWriter(tracer)
     upper = prefix.upper()
@@ -70,14 +70,14 @@ def c_source(tracer: Tracer, prefix: str) -> str:
 
 
 def any_literal(value: float | bool) -> str:
-    """Return a number, or what is none, in C."""
+    """Return a number in C; it may be infinite or not a number."""
     if isfinite(value):
         return repr(float(value))
     return "NAN" if isnan(value) else "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
 
 
 def _bare(text: str) -> str:
-    """Return a condition without parentheses around the whole: compilers take ((a == b)) for a slip."""
+    """Return a condition without parentheses around the whole: compilers warn of ((a == b))."""
     depth = 0
     for i, character in enumerate(text):
         depth += (character == "(") - (character == ")")
@@ -88,18 +88,18 @@ def _bare(text: str) -> str:
 
 class CWriter(Writer):
     type = "double"
-    which = ""  # the type of an argument `which` in front of the others, if there is one
+    which = ""  # type of an argument `which` before the others; empty for none
 
     def __init__(self, tracer: Tracer, templates: Mapping[str, str] = TEMPLATES) -> None:
         super().__init__(tracer, templates)
         self._tracer = tracer
         self.conditions: set[str] = set()
-        # Only what a function reads is kept; the rest of the prologue is forgotten after it.
+        # Constants are the values that functions read; the others are local to the prologue.
         self.constants = {s.name: i for i, s in enumerate(
             s for s in tracer.prologue.statements if isinstance(s, Assign) and s.name in self.read_by_functions)}
 
     def functions(self, prefix: str) -> list[str]:
-        """Return the lines of functions that take parameters, constants and arguments, and give an array of results."""
+        """Return the lines of functions of parameters, constants and arguments that fill an array of results."""
         lines = []
         first, used = (f"{self.which} which, ", "(void)which, ") if self.which else ("", "")
         for function in self._tracer.functions:
@@ -115,7 +115,7 @@ class CWriter(Writer):
         return lines
 
     def elementary(self, prefix: str, *beginning: str) -> list[str]:
-        """Return the lines of functions of one value with one result, each with its `beginning`."""
+        """Return the lines of functions with one argument and one result; `beginning` are their first lines."""
         lines = []
         for function in self._tracer.functions:
             (argument,), (result,) = function.printed, function.results
@@ -124,7 +124,7 @@ class CWriter(Writer):
         return lines
 
     def number(self, value: Operand) -> str:
-        """Return the text of an operand as a number; a condition is one in C."""
+        """Return the text of an operand as a number; in C a condition is a number."""
         return self.operand(value)
 
     def name(self, name: str) -> str:

@@ -1,4 +1,4 @@
-"""What the results of a traced program depend on, by what can be known of them: interval arithmetic."""
+"""Bounds and dependencies of the results of a traced program, by interval arithmetic."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .tracer import Assign, Block, Expr, If, Operand, Tracer
 
 
 class Known(NamedTuple):
-    """What is known of a value: the interval it is in, and the names of what it depends on; none of a constant."""
+    """Bounds of a value, and the names on which it depends; a constant depends on none."""
 
     low: float = -inf
     high: float = inf
@@ -20,7 +20,7 @@ class Known(NamedTuple):
 
     @property
     def constant(self) -> bool:
-        """Whether it has one value."""
+        """Whether the bounds leave only one value."""
         return self.low == self.high
 
 
@@ -30,7 +30,7 @@ _Bounds = tuple[float, float]
 
 def dependencies(tracer: Tracer, name: str, arguments: Sequence[Known], parameters: Mapping[str, Known]
                  ) -> list[Known]:
-    """Return what is known of the results of the function `name`, all of whose values are taken to be finite."""
+    """Return the bounds and dependencies of the results of a function; all its values are assumed to be finite."""
     (function,) = (f for f in tracer.functions if f.name == name)
     known = {short: parameters[key] for short, key in tracer.parameters}
     known |= zip(function.printed, arguments, strict=True)
@@ -66,16 +66,16 @@ def _chosen(condition: Known, yes: Known, no: Known) -> Known:
 
 
 def _within(low: float, high: float, *values: Known) -> Known:
-    """Return what is known of a value within bounds that depends on `values`."""
+    """Return a value with these bounds that depends on `values`."""
     return Known(low, high, frozenset() if low == high else frozenset().union(*(value.names for value in values)))
 
 
 def _assigned(statement: Assign, values: Sequence[Known]) -> Known:
-    """Return what is known of an operation's result by what is of its operands."""
+    """Return the bounds and dependencies of an operation's result from those of its operands."""
     operation = statement.operation
     if operation == "where":
         return _chosen(*values)
-    # One that surely is the least or the largest, or inside, is the result whatever the others are.
+    # An operand that is certainly the least, the largest, or within the limits is the result, whatever the others are.
     if operation in ("minimum", "maximum", "clip") and (sure := _sure(operation, values)):
         return sure
     if operation == "subtract" and _same(*statement.operands):
@@ -102,7 +102,7 @@ def _truth(surely: bool, possibly: bool) -> _Bounds:
 
 
 def _of_corners(function: Callable[[float, float], float]) -> Callable[[_Bounds, _Bounds], _Bounds]:
-    """Return the bounds of a function of two values that has its extremes at corners."""
+    """Return the bounds of a function of two values whose extremes are at the corners of their intervals."""
     def bounds(a: _Bounds, b: _Bounds) -> _Bounds:
         corners = [function(x, y) for x, y in product(a, b)]
         return min(corners), max(corners)
@@ -119,11 +119,11 @@ def _divided(a: _Bounds, b: _Bounds) -> _Bounds:
 
 
 def _rising(function: Callable[[float], float], at_least: float = -inf) -> Callable[[_Bounds], _Bounds]:
-    """Return the bounds of a function that rises, from where it is defined on."""
+    """Return the bounds of a rising function that is defined from `at_least` on."""
     def of(x: float) -> float:
         try:
             return function(max(x, at_least))
-        except (ValueError, OverflowError):  # log(0); exp beyond the largest number, floor of none
+        except (ValueError, OverflowError):  # log(0); exp beyond the largest number; floor of infinity
             return x if math.isinf(x) else -inf if x <= at_least else inf
 
     return lambda a: (of(a[0]), of(a[1]))

@@ -1,4 +1,4 @@
-"""The elementary functions as a program, each traced once: what every printer prints in front of its own."""
+"""The elementary functions as a traced program, which every printer prints before its own functions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .tracer import Tracer
 
 @cache
 def traced() -> Tracer:
-    """Return :data:`emcas_fmu.ops.elementary.NAMES`, functions of one value with one result, traced."""
+    """Return the traced functions :data:`emcas_fmu.ops.elementary.NAMES`, with one argument and one result each."""
     tracer = Tracer()
     for name in elementary.NAMES:
         tracer.function(name, ("x",), partial(_results, name, tracer))

@@ -1,4 +1,4 @@
-"""Traced programs as Python source."""
+"""Printer of traced programs as Python source."""
 
 from __future__ import annotations
 
@@ -15,17 +15,14 @@ TEMPLATES = {
     "minimum": "{0} if {0} < {1} else {1}", "maximum": "{0} if {0} > {1} else {1}",
     "clip": "{1} if {0} < {1} else {2} if {0} > {2} else {0}", "where": "{1} if {0} else {2}",
     "floor": "float(floor({0}))",
-    # Of NaN, which the other languages take, int() would raise.
+    # int() would raise for NaN, which the other languages accept.
     "power_of_two": "ldexp(1.0, int({0})) if {0} == {0} else {0}", "exponent": "float(frexp({0})[1] - 1)",
 }
 _TEMPORARY = re.compile(r"\bt\d+\b")
 
 
 def python_source(tracer: Tracer, docstring: str, spelt: Callable[[str], str] = str) -> str:
-    """Return a module with `make(parameters) -> tuple of functions`, `parameters` being a flat mapping.
-
-    Its keys are the parameters' names as `spelt`.
-    """
+    """Return a module with `make(parameters) -> tuple of functions`; `parameters` maps `spelt` names to values."""
     writer = _PythonWriter(tracer, TEMPLATES)
     body: list[str] = []
     for function in tracer.functions:
@@ -51,7 +48,7 @@ def _elementary(names: Container[str]) -> list[str]:
         if function.name in names:
             (result,) = function.results
             body = [*writer.block(function.block, 1), f"    return {writer.operand(result)}"]
-            # Ticks of one length ask for the same powers again and again, and a function in Python takes long.
+            # Ticks of equal length need the same powers again and again, and the function is slow in Python.
             lines += ["@lru_cache(maxsize=16)"] if function.name == "exp" else []
             lines += [f"def {function.name}({', '.join(function.printed)}):", *_registers(body), "", ""]
     return lines
@@ -74,12 +71,11 @@ class _PythonWriter(Writer):
 
 
 def _registers(lines: Sequence[str]) -> list[str]:
-    """Give temporaries whose lives do not overlap one name.
+    """Rename temporaries, so that those with separate lives share a name.
 
-    A call's frame holds every local of the function; with hundreds of them it would
-    not fit the interpreter's stack chunk, which is then mapped and unmapped call by call.
-    A life lasts from the first line that names the temporary to the last, which also
-    spans the other branch of a condition that sets it in both.
+    The frame of a call has room for every local variable. With hundreds of them it would not fit into the interpreter's
+    stack chunk, which would then be mapped and unmapped at each call. A life lasts from the first line with the name to
+    the last; so it includes the other branch of a condition if both set it.
     """
     last = {name: number for number, line in enumerate(lines) for name in _TEMPORARY.findall(line)}
     names: dict[str, str] = {}
@@ -89,7 +85,7 @@ def _registers(lines: Sequence[str]) -> list[str]:
         temporaries = dict.fromkeys(_TEMPORARY.findall(line))
         ending = [name for name in temporaries if last[name] == number]
         starting = [name for name in temporaries if name not in names]
-        # What is read for the last time here is read before anything here is set.
+        # A line reads its operands before it sets its results.
         free += sorted(names[name] for name in ending if name in names)
         for name in starting:
             names[name] = free.pop() if free else f"r{len(set(names.values()))}"

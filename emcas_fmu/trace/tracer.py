@@ -1,10 +1,9 @@
-"""Operations that write themselves down: physics in, a straight-line program out.
+"""Tracing: operations that record themselves turn equations into a straight-line program.
 
-A traced function costs no calls, no attribute look-ups and no repeated
-subexpressions, and does the very operations of the original in their order, so
-both give the same bits. What depends on parameters alone is moved to a prologue
-that runs once; a branch's operations stay inside the branch. :mod:`python_source`
-and :mod:`c_source` print the program.
+A traced function needs no calls, attribute look-ups or repeated subexpressions. It does the same operations as the
+original in the same order, so that both have the same bits. Values that depend on parameters alone are computed in a
+prologue that runs once; the operations of a branch stay inside the branch. :mod:`python_source` and :mod:`c_source`
+print the program.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ from ..ops.base import Ops, Thunk, Value
 
 Operand = Union["Expr", float, bool]
 FUNCTIONS = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor")
-"""Operations that are functions of one value."""
+"""Operations with one operand, written as functions."""
 BITS = ("power_of_two", "exponent")
 """Operations on the bits of one value, for the elementary functions (:class:`emcas_fmu.ops.elementary.Bits`)."""
 
 
 def _operator(operation: str, swapped: bool = False) -> Callable[[Expr, Value], Value]:
-    """Return the operator that records an operation of a traced value with another, which comes first if `swapped`."""
+    """Return the operator that records an operation on a traced value and another, which comes first if `swapped`."""
     def record(self: Expr, other: Value) -> Value:
         return self.tracer.emit(operation, other, self) if swapped else self.tracer.emit(operation, self, other)
 
@@ -37,7 +36,7 @@ def _operator(operation: str, swapped: bool = False) -> Callable[[Expr, Value], 
 
 
 def _comparison(operation: str, greater: bool = False) -> Callable[[Expr, Value], Value]:
-    """Return the operator that records a comparison. Every value is below infinity: a limit there is none."""
+    """Return the operator that records a comparison, unless the other value is infinite: every traced one is finite."""
     def record(self: Expr, other: Value) -> Value:
         if _infinite(other):
             return (other < 0.0) is greater
@@ -47,9 +46,9 @@ def _comparison(operation: str, greater: bool = False) -> Callable[[Expr, Value]
 
 
 class Expr:
-    """A value of the traced program: a name, and whether parameters alone determine it.
+    """A value of the traced program: its name, and whether it depends on parameters alone (`fixed`).
 
-    Operators work as long as its tracer is kept.
+    Its operators work as long as the tracer exists.
     """
 
     __slots__ = ("fixed", "name", "tracer")
@@ -89,7 +88,7 @@ class Expr:
         return self.tracer.fabs(self)
 
     def __mul__(self, other: Value) -> Value:
-        # Exact for every number, so that folding changes no bit.
+        # A product with 1 or -1 is exact, so that leaving it out changes no bit.
         if not isinstance(other, Expr) and abs(other) == 1.0:
             return self if other > 0.0 else -self
         return self.tracer.emit("multiply", self, other)
@@ -111,7 +110,7 @@ class Assign:
 
 @dataclass(slots=True)
 class If:
-    """``names`` are `yes_values` after the block `yes` where the condition holds, else `no_values` after `no`."""
+    """If the condition holds, run `yes` and set `names` to `yes_values`; otherwise run `no` and set `no_values`."""
 
     condition: Operand
     names: tuple[str, ...]
@@ -131,13 +130,13 @@ class Block:
 
 @dataclass(slots=True)
 class _Scope:
-    """What is known while a block is traced, beside what is in the `outer` ones."""
+    """What is known while a block is traced, in addition to the `outer` scopes."""
 
     outer: _Scope | None = None
     holding: dict[str, bool] = field(default_factory=dict)
-    """Conditions of the branch that the block is a side of: whether they hold in it."""
+    """The condition of the branch to which the block belongs, and whether it holds in the block."""
     computed: dict[tuple[Any, ...], Expr] = field(default_factory=dict)
-    """Values by operation and operands, which need not be computed again."""
+    """Values by operation and operands, so that none is computed twice."""
     block: Block = field(default_factory=Block)
 
     def find(self, key: tuple[Any, ...]) -> Expr | None:
@@ -149,7 +148,7 @@ class _Scope:
         return None
 
     def holds(self, condition: Value) -> Value:
-        """Return whether a condition holds in the block, where a branch around it has settled that; else itself."""
+        """Return whether a condition holds in the block if an enclosing branch decides that, otherwise the condition."""
         scope: _Scope | None = self
         while scope is not None and isinstance(condition, Expr):
             condition = scope.holding.get(condition.name, condition)
@@ -157,7 +156,7 @@ class _Scope:
         return condition
 
 
-# Of Python, of C, and of what is printed around the functions.
+# Words of Python, of C, and of the code printed around the functions.
 _WORDS = f"""
     {" ".join(keyword.kwlist)} {" ".join(FUNCTIONS)} auto bool case char const default do double enum extern frexp goto
     inf inline int ldexp long lru_cache nan register restrict short signed sizeof static struct switch typedef union
@@ -166,13 +165,13 @@ _RESERVED = re.compile(rf"([pctr]\d+|{'|'.join(_WORDS.split())})_*")
 
 
 def _printed(argument: str) -> str:
-    """Return an argument's name as generated code has it, where temporaries, parameters and words have other uses."""
+    """Return an argument's name for generated code, unlike any temporary, parameter or reserved word."""
     return f"{argument}_" if _RESERVED.fullmatch(argument) else argument
 
 
 @dataclass
 class Traced:
-    """A function of the program: its arguments, their names in generated code, statements and results."""
+    """A function of the program: its arguments, their printed names, statements and results."""
 
     name: str
     arguments: Sequence[str]
@@ -182,10 +181,10 @@ class Traced:
 
 
 class Tracer:
-    """An operations namespace (:class:`emcas_fmu.ops.base.Ops`) that records what is asked of it."""
+    """An operations namespace (:class:`emcas_fmu.ops.base.Ops`) that records its operations."""
 
     def __init__(self) -> None:
-        self._itself = weakref.proxy(self)  # values refer to it weakly: a cycle would stay until garbage is collected
+        self._itself = weakref.proxy(self)  # for values: a cycle would remain in memory until garbage is collected
         self._first = self._scope = _Scope()
         self.prologue = self._first.block
         self._count = 0
@@ -193,13 +192,13 @@ class Tracer:
         self.functions: list[Traced] = []
 
     def __getattr__(self, name: str) -> Any:
-        there_is = [operation for operation in vars(Ops) if not operation.startswith("_")]
-        raise AttributeError(f"ops has no {name}{hint(name, there_is)}; it has {', '.join(there_is)}")
+        known = [operation for operation in vars(Ops) if not operation.startswith("_")]
+        raise AttributeError(f"ops has no {name}{hint(name, known)}; it has {', '.join(known)}")
 
     # -- leaves and functions ------------------------------------------------
 
     def parameter(self, key: str) -> Expr:
-        """Return a value known when the program is made, read from the mapping given to `make`."""
+        """Return a parameter of the program, which `make` reads from its mapping by `key`."""
         name = f"p{len(self.parameters)}"
         self.parameters.append((name, key))
         return Expr(self._itself, name, True)
@@ -216,18 +215,14 @@ class Tracer:
 
     def emit(self, operation: str, *operands: Value) -> Expr:
         """Return the value of an operation, which is recorded unless it has been computed before."""
-        fixed, key = True, [operation]  # type: bool, list[Any]
-        for operand in operands:
-            if isinstance(operand, Expr):
-                fixed = fixed and operand.fixed
-                key.append(operand.name)
-            else:
-                key.append((type(operand), repr(operand)))
-        place, scope = tuple(key), self._first if fixed else self._scope
-        computed = scope.find(place)
+        fixed = all(operand.fixed for operand in operands if isinstance(operand, Expr))
+        key = (operation, *(operand.name if isinstance(operand, Expr) else (type(operand), repr(operand))
+                            for operand in operands))
+        scope = self._first if fixed else self._scope
+        computed = scope.find(key)
         if computed is not None:
             return computed
-        result = scope.computed[place] = self._new(fixed)
+        result = scope.computed[key] = self._new(fixed)
         scope.block.statements.append(Assign(result.name, operation, operands))
         return result
 

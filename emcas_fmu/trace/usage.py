@@ -1,4 +1,4 @@
-"""What the printers of traced programs share: who reads a value, how expressions nest and blocks follow."""
+"""Base of the printers of traced programs: how often values are read, nesting of expressions, order of blocks."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ ARITHMETIC = {
 
 
 class Writer(ABC):
-    """Turns blocks into lines: drops what nobody reads, inlines what is read once.
+    """Converts blocks to lines; leaves out values that are never read, and inlines those that are read once.
 
-    `templates` give each operation's text in the language, with the operands as
-    ``{0}``, ``{1}``, ``{2}``. An operand that a template names twice counts as read twice.
+    `templates` are the texts of operations in the language, with the operands as ``{0}``, ``{1}``, ``{2}``. An operand
+    that occurs twice in a template counts as read twice.
     """
 
     def __init__(self, tracer: Tracer, templates: Mapping[str, str]) -> None:
@@ -58,7 +58,7 @@ class Writer(ABC):
                     self._use(statement.condition)
 
     def live(self, statement: If) -> Sequence[int]:
-        """Return the positions of the values of a branch that are read."""
+        """Return the indices of the values of a branch that are read."""
         return [i for i, name in enumerate(statement.names) if self.uses.get(name)]
 
     def block(self, block: Block, depth: int) -> list[str]:
@@ -74,11 +74,11 @@ class Writer(ABC):
 
     @abstractmethod
     def assignment(self, name: str, text: str) -> str:
-        """Return the statement that gives a value its text."""
+        """Return the statement that sets a value to an expression."""
 
     @abstractmethod
     def branch(self, statement: If, live: Sequence[int], depth: int) -> list[str]:
-        """Return the lines of a branch that gives the values at the positions `live`."""
+        """Return the lines of a branch that sets the values at the indices `live`."""
 
     def operand(self, value: Operand) -> str:
         """Return the text of an operand."""
@@ -92,7 +92,7 @@ class Writer(ABC):
         return self.templates[statement.operation].format(*(self.operand(o) for o in statement.operands))
 
     def expression(self, statement: Assign) -> str | None:
-        """Return the text of an operation to be assigned to its name; None if nobody reads it or it is inlined."""
+        """Return the text of an operation to be assigned to its name; None if it is never read or inlined."""
         uses = self.uses.get(statement.name, 0)
         if not uses:
             return None

@@ -1,7 +1,7 @@
-"""Traced programs as C over vectors: the scalar program's operations in its order, for several actuators at once.
+"""Printer of traced programs as C over vectors: the scalar program's operations in its order, for several actuators.
 
-In runtime/vector.h ``lanes`` is a number for each actuator of a vector and ``lanes_mask`` a condition for each. A
-branch runs when a lane of those that count wants it, and its values are taken where its condition holds.
+In runtime/vector.h ``lanes`` is a number for each actuator of a vector, ``lanes_mask`` a condition for each. A branch
+runs if one of the lanes that count needs it; its values are selected in the lanes where its condition holds.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .c_source import CWriter, any_literal
 from .tracer import BITS, FUNCTIONS, Assign, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC
 
-# What costs more than a branch.
+# Operations that cost more than a branch.
 _WORK = re.compile(r" / |lanes_(?:sqrt|sin|cos|tan|atan|exp|log)")
 _CALLS = {**dict.fromkeys((*FUNCTIONS, *BITS, "negate"), 1), "where": 3, "clip": 3, **dict.fromkeys((
     "both", "either", "minimum", "maximum", "less", "less_equal", "greater", "greater_equal", "equal"), 2)}
@@ -23,20 +23,20 @@ TEMPLATES = {**ARITHMETIC, **{name: f"lanes_{name}({', '.join(f'{{{i}}}' for i i
 
 
 def vector_elementary(tracer: Tracer) -> str:
-    """Return functions of one value with one result as ``static inline lanes lanes_<name>(lanes x)``."""
+    """Return functions with one argument and one result as ``static inline lanes lanes_<name>(lanes x)``."""
     return "\n".join(_VectorWriter(tracer).elementary(
         "lanes", "    const unsigned which = LANES_ALL;", "    (void)which;"))
 
 
 def vector_source(tracer: Tracer, prefix: str) -> str:
-    """Return functions over lanes, as :func:`emcas_fmu.trace.c_source.c_source` gives them over numbers.
+    """Return functions over lanes, like those of :func:`emcas_fmu.trace.c_source.c_source` over numbers.
 
-    Each takes first the lanes that count, a bit each: what it gives for others has no meaning. Constants are prepared
-    for each lane by the scalar program.
+    Their first argument has a bit for each lane that counts; the results of other lanes have no meaning. The scalar
+    program computes the constants of each lane.
     """
     writer = _VectorWriter(tracer)
     reads = ", ".join(str(int(name in writer.read_by_functions)) for name, _ in tracer.parameters)
-    return "\n".join(["/* Whether a parameter is read by the functions, or by what is prepared only. */",
+    return "\n".join(["/* Whether the functions read a parameter; others are read by the prologue only. */",
                       f"static const unsigned char {prefix.upper()}_READS[] = {{{reads}}};", "",
                       *writer.functions(prefix)])
 
@@ -46,18 +46,18 @@ class _VectorWriter(CWriter):
 
     def __init__(self, tracer: Tracer) -> None:
         super().__init__(tracer, TEMPLATES)
-        self._which = ["which"]  # the lanes that count in each block around, from the outside
+        self._which = ["which"]  # the lanes that count in each enclosing block, the outermost first
 
     def literal(self, value: float | bool) -> str:
         return f"lanes_set({any_literal(value)})"
 
     def number(self, value: Operand) -> str:
-        """Return the text of an operand as numbers: 1 where a condition holds, else 0."""
+        """Return the text of an operand as numbers; a condition is 1 where it holds, else 0."""
         text = self.operand(value)
         return f"lanes_number({text})" if isinstance(value, Expr) and self.holds(value) else text
 
     def mask(self, value: Operand) -> str:
-        """Return the text of an operand as a condition: a number that is not 0 is one that holds."""
+        """Return the text of an operand as a condition; a number is true if it is not 0."""
         text = self.operand(value)
         return text if isinstance(value, Expr) and self.holds(value) else f"lanes_true({text})"
 
@@ -89,7 +89,7 @@ class _VectorWriter(CWriter):
         if not any(works):
             return lines + [f"{indent}const {v.type} {v.name} = {v.select}(if_{label}, {v.yes}, {v.no});"
                             for v in values]
-        # A side without work is where its values begin; the other's are put in their places.
+        # The values of a side without work are set first; those of the other side are then selected.
         lines += [f"{indent}{v.type} {v.name} = {v.no if not works[1] else v.yes if not works[0] else v.start};"
                   for v in values]
         lines.append(f"{indent}const unsigned bits_{label} = lanes_bits(if_{label});")
@@ -107,7 +107,7 @@ class _VectorWriter(CWriter):
 
 
 class _Chosen(NamedTuple):
-    """A value of a branch: its name, what it is and what selects it in C, before the branch, and on either side."""
+    """A value of a branch in C: its name, type, selecting function, initial value, and its value on either side."""
 
     name: str
     type: str
@@ -117,9 +117,9 @@ class _Chosen(NamedTuple):
     no: str
 
     @classmethod
-    def of(cls, writer: _VectorWriter, statement: If, place: int) -> _Chosen:
-        """Return the value at a place of a branch."""
-        name, yes, no = statement.names[place], statement.yes_values[place], statement.no_values[place]
+    def of(cls, writer: _VectorWriter, statement: If, index: int) -> _Chosen:
+        """Return the value with this index of a branch."""
+        name, yes, no = statement.names[index], statement.yes_values[index], statement.no_values[index]
         if writer.holds(yes) and writer.holds(no):
             return cls(name, "lanes_mask", "lanes_where_mask", "lanes_of_bits(0)", writer.mask(yes), writer.mask(no))
         return cls(name, "lanes", "lanes_where", "lanes_set(0.0)", writer.number(yes), writer.number(no))
