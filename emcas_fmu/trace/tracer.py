@@ -148,7 +148,7 @@ class _Scope:
         return None
 
     def holds(self, condition: Value) -> Value:
-        """Return whether a condition holds in the block if an enclosing branch decides that, otherwise the condition."""
+        """Return whether a condition holds in the block if a branch around it decides that, else the condition."""
         scope: _Scope | None = self
         while scope is not None and isinstance(condition, Expr):
             condition = scope.holding.get(condition.name, condition)
