@@ -44,11 +44,11 @@ def analyse(
         with common.progress_bar() as progress:
             analysis = run(chosen, radians(at), torque, locus, rod, common.stepper(progress, "analyse"))
         from ..bench.writers import write_json
-        from ..studies.analysis import output  # needs the extra
+        from ..studies.analysis.report import figures_of, write_report  # needs the extra
 
-        figures = output.figures(analysis)
+        figures = figures_of(analysis)
         common.write_results(figures, (as_json, write_json))
-        common.write_results(analysis, (report, output.write_report))
+        common.write_results(analysis, (report, write_report))
     for table in _tables(figures, analysis.actuator.reference_name):
         common.out.print(table)
     lines = [f"{why}." for why in analysis.left_out.values()]

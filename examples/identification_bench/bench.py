@@ -1,6 +1,6 @@
 """Sample data sets: the experiments of chapter 3 on the model, through a rig's instruments.
 
-The answer is known, so that the identification can be judged by it.
+The true values are known, so that an identification can be compared with them.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from .rig import Log, quantised, run
 
 SPEEDS_RPM = (25, 50, 500, 1000, 1500, 2000)  # those of the thesis, the slowest for Coulomb friction
 TEMPERATURES = (24.0, -6.0)  # degC, those of the thesis
-SPIN_UPS = (2.0, 3.1, 4.9)  # times the reference that overcomes Coulomb friction at fin angle 0, as trying would tell
+SPIN_UPS = (2.0, 3.1, 4.9)  # times the reference that overcomes Coulomb friction at fin angle 0, known by trial
 INTERVALS = (1e-5, 2e-5, 5e-5)  # s, of the fast logger
 BACKLASH = radians(0.06)
 END = radians(19.5)
-_HALF_WAY = 0.7  # speed at half the time over that at half the way, from rest at constant acceleration
+_HALF_WAY = 0.7  # speed after half the time over that at half the travel, from rest at constant acceleration
 _RPM = 2.0 * pi / 60.0
 _SLOW = 200  # rpm: slower sweeps are logged as averages
 _PAUSE = 0.15  # s at rest before and between moves
 PROVENANCE = "provenance.toml"
 
 Columns = Mapping[str, tuple[Array, str]]
-"""By header, the values and their format."""
+"""Values and their format by header."""
 
 
 def _current(log: Log, rng: np.random.Generator, averaged: int = 1) -> Array:
     true = log.mean_current if averaged > 1 else log.columns["motor_current"]
     noisy = true + rng.normal(0.0, rig.CURRENT_NOISE / averaged**0.5, len(true))
-    # A logger that averages has the finer steps of the mean.
+    # The mean of an averaging logger has finer steps.
     return quantised(noisy, rig.ADC_BITS + (3 if averaged > 1 else 0), rig.CURRENT_RANGE)
 
 
@@ -59,7 +59,7 @@ def _motor_end(values: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _there_and_back(low: float, high: float, speed: float) -> tuple[Callable[[float], float], float]:
-    """Motor angle over time for a sweep up and one down, and how long that takes."""
+    """Return the motor angle over time for a sweep up and one down, and its duration."""
     sweep = (high - low) / speed
 
     def angle(time: float) -> float:
@@ -71,7 +71,7 @@ def _there_and_back(low: float, high: float, speed: float) -> tuple[Callable[[fl
 
 
 def sweep_speeds(values: Mapping[str, Any], speeds: Sequence[float] = SPEEDS_RPM) -> list[float]:
-    """Speeds [rpm] of the sweeps: the fast ones slowed, all in one ratio, to what the rig holds within the travel."""
+    """Return the speeds [rpm] of the sweeps, the fast ones reduced in one ratio to those that the rig can hold."""
     low, high = _motor_end(values)
     share = min(1.0, rig.fastest_sweep(values, high - low) / (max(speeds) * _RPM))
     return [rpm if rpm < _SLOW else max(round(rpm * share), _SLOW) for rpm in speeds]
@@ -103,7 +103,7 @@ def inertia_run(values: Mapping[str, Any], rng: np.random.Generator, volts: floa
 def spin_up_volts(values: Mapping[str, Any]) -> list[float]:
     """References [V] of the spin-ups, in hundredths.
 
-    What the motion's back-EMF takes off the current, half way through the travel, is made up for.
+    They compensate the reduction of the current by the back-EMF half way through the travel.
     """
     p = nonlinear.ACTUATOR.namespace(values)
     low, high = _motor_end(values)
@@ -126,7 +126,7 @@ def _reference(log: Log, rng: np.random.Generator) -> Array:
 def drive_fast(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
     """Small random steps on a clamped rotor, fast logged: delay and proportional gain."""
     p = nonlinear.ACTUATOR.namespace(values)
-    # Steps that leave a third of the supply, and a logger that sees the delay and the rise, as trying would tell.
+    # Steps that use two thirds of the supply, and a logger that resolves delay and rise, which a trial would show.
     reach = round(min(0.63 * p.drive.supply_voltage / (2.0 * p.drive.kp), 10.0) / p.drive.current_gain, 2)
     rise = p.motor.inductance / (p.motor.resistance + p.drive.kp)
     interval = max((t for t in INTERVALS if t <= min(rise, p.drive.transport_delay / 15.0)), default=min(INTERVALS))
@@ -149,7 +149,7 @@ def drive_slow(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
 
 
 def play(angle: Array, width: float) -> Array:
-    """The driven side of a gap of this width [rad]: it stays until the driving side has crossed the gap."""
+    """Return the driven side of a gap of this width [rad]: it rests until the driving side has crossed the gap."""
     driven = np.empty_like(angle)
     at = angle[0]
     for i, a in enumerate(angle):
@@ -159,7 +159,7 @@ def play(angle: Array, width: float) -> Array:
 
 
 def backlash_run(values: Mapping[str, Any], rng: np.random.Generator, width: float = BACKLASH) -> Columns:
-    """Slow sweeps with encoders on motor and fin. The model's drive line is rigid: the gap is put in between."""
+    """Slow sweeps with encoders on motor and fin. The model's drive line is rigid: the gap is added afterwards."""
     signal, duration = _there_and_back(*_motor_end(values), 100 * _RPM)
     log = run(values, lambda t: signal(t % duration), 2.0 * duration, 1e-3, log_every=5, start=-END)
     direct = play(log.columns["fin_angle"], width) + radians(rng.normal(0.0, 0.02))
@@ -171,7 +171,7 @@ def backlash_run(values: Mapping[str, Any], rng: np.random.Generator, width: flo
 def data_sets(values: Mapping[str, Any], seed: int, *, speeds: Sequence[float] = SPEEDS_RPM,
               temperatures: Sequence[float] = TEMPERATURES, backlash: float = BACKLASH,
               kinds: Sequence[str] = ("friction", "drive", "inertia", "backlash")) -> Iterator[tuple[str, Columns]]:
-    """Name and columns of every record, in turn. The noise of one does not depend on which others are made."""
+    """Yield name and columns of every record. The noise of a record does not depend on the other records."""
     def rng(*key: int) -> np.random.Generator:
         return np.random.default_rng([seed, *key])
 
@@ -201,7 +201,7 @@ def write_record(path: Path, columns: Columns) -> None:
 
 
 def write_bench(directory: Path, parameters: ParameterSet, seed: int) -> list[Path]:
-    """Write every record and the provenance into `directory`; gives the paths of the records."""
+    """Write every record and the provenance into `directory`; return the paths of the records."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, columns in data_sets(parameters.values, seed):
@@ -228,7 +228,7 @@ def _provenance(parameters: ParameterSet, seed: int, paths: Sequence[Path]) -> s
              f"adc_bits = {rig.ADC_BITS}", f"dac_bits = {rig.DAC_BITS}",
              f"backlash_deg = {degrees(BACKLASH):.6g}", "", "[truth]"]
     lines += [f"{json.dumps(name)} = {float(parameters.values[name])!r}" for name in TRUTHS]
-    if changed:  # what FILE has to say
+    if changed:  # the contents of FILE
         lines += ["", "[parameters]", *(f"{json.dumps(n)} = {json.dumps(x)}" for n, x in changed.items())]
     lines += ["", "[sha256]"]
     lines += [f'"{path.name}" = "{hashlib.sha256(path.read_bytes()).hexdigest()}"' for path in paths]

@@ -1,11 +1,10 @@
-"""A test rig around the model: the kernel's own core, with the instruments it would have on a bench.
+"""A test rig: the kernel's core with the instruments of a bench.
 
-The plant, the drive with its transport delay, the encoder and the sampled controllers are those of
-the kernel, event by event; only its `sample` function is wrapped, so that what reaches the drive went
-through a DAC of `DAC_BITS`. Speeds are held by the actuator's own position loop, following a ramp of
-the motor angle: that is how a user without a separate drive motor can do it, and the record then has
-the jitter which encoder counts and stiction cause in a real loop, where a speed prescribed to the
-physics would be smoother than any bench's. Friction compensation is off: it would need the answer.
+The plant, the drive with its transport delay, the encoder and the sampled controllers are those of the kernel, event by
+event; only its `sample` function is wrapped, so that the reference passes a DAC of `DAC_BITS`. The actuator's position
+loop holds the speeds by following a ramp of the motor angle, as a user without a separate drive motor would do. The
+record then has the jitter that encoder counts and stiction cause in a real loop; a prescribed speed would be smoother
+than on any bench. Friction compensation is off: it would need the unknown friction.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ _RIG = {"controller.position.ki": 0.0, "controller.position.setpoint_weight": 1.
         "controller.position.velocity_feedforward": 0.0, "controller.velocity.ki": 0.0,
         "controller.load_observer": 0.0, "controller.speed_limit": 400.0, "compensation.gain": 0.0,
         "encoder.enabled": True, "encoder.on_fin": False}
-# The rig's loops, whatever the actuator's: set as one would on the bench, by what comes back oscillating. The
-# velocity loop crosses where the drive's delay and a sample take `_LAG` of phase, the position loop at a third.
+# The rig's loops, independent of the actuator's, tuned as on a bench, by observing oscillations. The velocity loop
+# crosses where the drive's delay and a sample cause a phase lag of `_LAG`, the position loop at a third of that.
 _LAG = 0.56  # rad
 _FASTEST_LOOP = 120.0  # rad/s
-_SLEWS = 8.0  # time constants of the position loop that a sweep over the travel must last to have a steady part
-# Finer than the unit's own: a bench does not integrate, and with 0.5 ms the inertia comes out half a sigma off.
+_SLEWS = 8.0  # duration of a sweep over the travel, in time constants of the position loop, for a steady part
+# Finer than the actuator's: a bench does not integrate, and with 0.5 ms the inertia is wrong by half a sigma.
 _TICK, _CLAMPED_TICK = 1e-4, 5e-4  # s
 _CLAMP = 10.0  # N.m at the motor: a clamped rotor, above what any current of the drive makes
 _NAMES = [v.name for v in nonlinear.ACTUATOR.outputs]
@@ -43,9 +42,9 @@ _NAMES = [v.name for v in nonlinear.ACTUATOR.outputs]
 
 @dataclass(frozen=True)
 class Log:
-    """What the rig truly did, at the logger's instants; `mean_current` is averaged about each, over one interval.
+    """True values at the logger's instants; `mean_current` is the average over one interval about each instant.
 
-    A logger that averages delays, and one that is worth its money takes the delay off its time stamps.
+    An averaging logger delays; a good one corrects its time stamps.
     """
 
     time: Array
@@ -80,9 +79,9 @@ def _loops(values: Mapping[str, Any], sample_time: float) -> dict[str, float]:
 
 
 def centred(fine: Array, every: int) -> Array:
-    """Means over `every` intervals, an even number or one, about each `every`-th value, by trapezia.
+    """Return means over `every` intervals, an even number or one, about each `every`-th value, by trapezia.
 
-    Beyond the ends the values there go on.
+    The values at the ends continue beyond.
     """
     half = every // 2
     weights = np.full(2 * half + 1, 1.0)
@@ -93,7 +92,7 @@ def centred(fine: Array, every: int) -> Array:
 def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: float, interval: float, *,
         log_every: int = 1, sample_time: float = 1e-3, start: float = 0.0, open_loop: bool = False,
         clamped: bool = False) -> Log:
-    """Run for `duration` [s], logging every `log_every` steps of `interval` [s].
+    """Simulate `duration` [s] and log every `log_every` steps of `interval` [s].
 
     `signal` is the motor angle to follow [rad] over time, or with `open_loop` the analogue
     reference [V]. `start` is the fin angle [rad]. `clamped` holds the rotor.
@@ -123,7 +122,7 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
     rows = [core.outputs(at_rest)]
     current = _NAMES.index("motor_current")
     currents = [rows[0][current]]
-    # A command is taken by the sample at which it begins: half an interval guards against rounding.
+    # A command acts from the sample at which it begins: half an interval guards against rounding.
     inputs = at_rest
     for k in range(1, round(duration / (interval * log_every)) + 1):
         for j in range(log_every):

@@ -1,5 +1,5 @@
 """Linear and describing-function analysis of the actuator in the FMU (extra `analysis`).
 
 Each module computes one result from the linear models of `bench.linear` and the compiled kernel. `analyse` calls them
-all; `output` writes the results.
+all; `report` writes the results.
 """

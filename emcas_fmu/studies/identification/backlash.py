@@ -22,7 +22,7 @@ from ...figures.plots import Drawing
 from ...parameters import ParameterSet
 from . import motion, pictures
 from .estimation import Fit, weighted_fit
-from .records import DIRECTIONS, Array, Record, RecordError, divided, refuse_magnitude
+from .records import DIRECTIONS, Array, Record, divided, refuse_magnitude, require
 from .result import Estimate, Experiment, Identification
 
 EXPERIMENT = Experiment("backlash", "Backlash", ("motor_angle", "fin_angle"), (),
@@ -53,17 +53,15 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     p = base.nested()
     sweeps, owners = divided(records, lambda record: _sweeps(record, _indirect(record, p)))
     for direction, word in DIRECTIONS:
-        if not any(s.direction == direction for s in sweeps):
-            raise RecordError(f"no sweep of at least {degrees(_RANGE):g} deg in the {word} direction: the gap shows "
-                              "between the two directions; sweep there and back")
+        require(any(s.direction == direction for s in sweeps), f"no sweep of at least {degrees(_RANGE):g} deg in the "
+                f"{word} direction: the gap shows between the two directions; sweep there and back")
     reach = max(float(np.abs(s.fin).max()) for s in sweeps)
     fit = weighted_fit(_NAMES, lambda x: [s.difference - _model(x, s.direction, s.fin, reach) for s in sweeps],
                        np.zeros(5), np.full(5, 1e-3), owners)
     gap, sigma = float(fit.values[0]), float(fit.sigmas[0])
-    if gap < -3.0 * sigma:
-        raise RecordError(f"the backlash comes out as {degrees(gap):.3g} deg, below 0: the direct angle leads the "
-                          "motor's; check the columns' signs, that they are sampled at the same instants, and that the "
-                          "motor drives the fin in both directions (a load may hold it against one side)")
+    require(gap >= -3.0 * sigma, f"the backlash comes out as {degrees(gap):.3g} deg, below 0: the direct angle leads "
+            "the motor's; check the columns' signs, that they are sampled at the same instants, and that the motor "
+            "drives the fin in both directions (a load may hold it against one side)")
     notes = [
         f"{len(sweeps)} sweeps over {degrees(min(float(s.fin.min()) for s in sweeps)):.3g} to "
         f"{degrees(max(float(s.fin.max()) for s in sweeps)):.3g} deg; the first {degrees(_CLEAR):g} deg after each "
@@ -86,14 +84,12 @@ def _indirect(record: Record, p: Any) -> Array:
     indirect = motion.fin_angle(p, record["motor_angle"])
     refuse_magnitude(record, "motor_angle", 1.25 * motion.motor_travel(p), "1.25 times the travel to fin.stop_angle")
     refuse_magnitude(record, "fin_angle", 1.25 * p.fin.stop_angle, "1.25 times fin.stop_angle")
-    if np.ptp(indirect) < _RANGE:
-        raise record.fail(f"there is no motion to speak of: by the motor angle the fin turns by "
-                          f"{degrees(np.ptp(indirect)):.3g} deg; sweep at least {degrees(_RANGE):g} deg there and back")
+    record.require(np.ptp(indirect) >= _RANGE, "there is no motion to speak of: by the motor angle the fin turns by "
+                   f"{degrees(np.ptp(indirect)):.3g} deg; sweep at least {degrees(_RANGE):g} deg there and back")
     slope = float(np.polyfit(indirect, record["fin_angle"], 1)[0])
-    if not 0.9 < slope < 1.1:
-        raise record.fail(f"fin_angle moves {slope:.3g} times as much as follows from the motor angle: check the "
-                          "units in the header (1 rad is 57.3 deg), and kinematics.moment_arm and screw.lead of the "
-                          "parameters")
+    record.require(0.9 < slope < 1.1, f"fin_angle moves {slope:.3g} times as much as follows from the motor angle: "
+                   "check the units in the header (1 rad is 57.3 deg), and kinematics.moment_arm and screw.lead of the "
+                   "parameters")
     return indirect
 
 
@@ -115,10 +111,9 @@ def _sweeps(record: Record, indirect: Array) -> list[Sweep]:
         along = direction * (indirect[begin:end] - indirect[begin])
         # Without samples at rest at the ends, which would give one angle too much weight.
         inside = np.arange(begin, end)[(along > _CLEAR) & (along < abs(travel) - 0.02 * _CLEAR)]
-        if len(inside) < 2 * _BLOCKS:
-            raise record.fail(f"a sweep of {degrees(abs(travel)):.3g} deg has {len(inside)} samples; at least "
-                              f"{2 * _BLOCKS} are needed for the counts of the encoders to average out: log faster or "
-                              "sweep slower")
+        record.require(len(inside) >= 2 * _BLOCKS, f"a sweep of {degrees(abs(travel)):.3g} deg has {len(inside)} "
+                       f"samples; at least {2 * _BLOCKS} are needed for the counts of the encoders to average out: log "
+                       "faster or sweep slower")
         blocks = np.array_split(inside, _BLOCKS)
         sweeps.append(Sweep(direction, *(np.array([x[b].mean() for b in blocks]) for x in (indirect, difference))))
     return sweeps

@@ -28,7 +28,7 @@ from ...physics import drive
 from . import pictures
 from .current_loop import response
 from .estimation import Fit, weighted_fit
-from .records import Array, Record, RecordError, distinct, refuse_clipped, refuse_magnitude
+from .records import Array, Record, distinct, refuse_clipped, refuse_magnitude, require
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -79,11 +79,9 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     for record in records:
         _check(record, values)
     fast = [r for r in records if r.step <= _SLOWEST]
-    if not fast:
-        raise RecordError("the sample rate is too low for the transport delay and the current loop: the fastest record "
-                          f"has a sample every {min(r.step for r in records) * 1e3:.3g} ms; log at least one record "
-                          f"with steps of the reference every {_rise(values) * 1e3:.2g} ms or less (a few L/(R + Kp), "
-                          "and a tenth of the delay)")
+    require(fast, "the sample rate is too low for the transport delay and the current loop: the fastest record has a "
+            f"sample every {min(r.step for r in records) * 1e3:.3g} ms; log at least one record with steps of the "
+            f"reference every {_rise(values) * 1e3:.2g} ms or less (a few L/(R + Kp), and a tenth of the delay)")
     start = _delay(fast, values)
     _require_rate(start + 2.0 * _rise(values), min(r.step for r in fast))
     runs = [_Run(record, _used(record, start), 5 + k) for k, record in enumerate(records)]
@@ -109,13 +107,12 @@ def _check(record: Record, values: Mapping[str, Any]) -> None:
     for name, limit, share in (("drive_reference", "drive.reference_limit", 0.999),
                                ("motor_current", "drive.current_limit", 0.98)):
         reached = np.abs(record[name]).max()
-        if reached > share * values[limit]:
-            raise record.fail(f"{name} is saturated: it reaches {reached:.3g} of {limit} = {values[limit]:g}; excite "
-                              "less")
+        record.require(reached <= share * values[limit], f"{name} is saturated: it reaches {reached:.3g} of {limit} = "
+                       f"{values[limit]:g}; excite less")
     reference = record["drive_reference"]
-    if np.ptp(reference) < 20.0 * _noise(reference):
-        raise record.fail(f"drive_reference hardly moves ({np.ptp(reference):.3g} V): the current has no step to "
-                          "follow; step it, over a few tenths of a volt at least")
+    record.require(np.ptp(reference) >= 20.0 * _noise(reference), "drive_reference hardly moves "
+                   f"({np.ptp(reference):.3g} V): the current has no step to follow; step it, over a few tenths of a "
+                   "volt at least")
 
 
 def _noise(x: Array) -> float:
@@ -158,45 +155,40 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
             unexplained[k] += float(np.sum(residuals**2) / np.var(current))
     best = int(np.argmin(unexplained))
     share = 1.0 - unexplained[best] / sum(len(r) for r in fast)
-    if share < 0.5:
-        raise fast[0].fail(f"motor_current does not follow drive_reference: at the best delay it explains {share:.0%} "
-                           "of the current; check that the columns belong together, that the drive was enabled, and "
-                           "the units in the header")
+    fast[0].require(share >= 0.5, "motor_current does not follow drive_reference: at the best delay it explains "
+                    f"{share:.0%} of the current; check that the columns belong together, that the drive was enabled, "
+                    "and the units in the header")
     return max(float(shifts[best]) - _rise(values), 0.0)
 
 
 def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> None:
     """Raise RecordError if the records lack levels or length, or if their slopes are far from the base set's gain."""
     levels = distinct(np.concatenate([run.reference[run.used] for run in runs]), 0.05)
-    if len(levels) < FEWEST_LEVELS or min(levels) >= 0.0 or max(levels) <= 0.0:
-        raise RecordError(f"the reference takes {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): "
-                          f"gain and offset need at least {FEWEST_LEVELS}, of both signs")
+    require(len(levels) >= FEWEST_LEVELS and min(levels) < 0.0 < max(levels),
+            f"the reference takes {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): gain and offset "
+            f"need at least {FEWEST_LEVELS}, of both signs")
     slopes: list[float] = []
     for run in runs:
         late = _late_reference(run.record, delay + _rise(values))
         slope = float(np.polyfit(late[run.used], run.current[run.used], 1)[0])
         slopes.append(slope)
         rises = f"motor_current rises by {slope:.4g} A per volt of drive_reference"
-        if slope <= 0.0:
-            raise run.record.fail(f"motor_current falls with drive_reference ({slope:.3g} A/V): one of them has the "
-                                  "wrong sign")
-        if not 0.1 < slope / values["drive.current_gain"] < 10.0:
-            raise run.record.fail(f"{rises}, {slope / values['drive.current_gain']:.3g} times what the base parameters "
-                                  "say: check the units of both in the header")
-        if not 0.6 < slope / slopes[0] < 1.7:
-            raise run.record.fail(f"{rises}, but by {slopes[0]:.4g} in {runs[0].record.name}: check the units of both "
-                                  "files' headers, and that they are of one drive")
+        run.record.require(slope > 0.0, f"motor_current falls with drive_reference ({slope:.3g} A/V): one of them has "
+                           "the wrong sign")
+        run.record.require(0.1 < slope / values["drive.current_gain"] < 10.0,
+                           f"{rises}, {slope / values['drive.current_gain']:.3g} times what the base parameters say: "
+                           "check the units of both in the header")
+        run.record.require(0.6 < slope / slopes[0] < 1.7, f"{rises}, but by {slopes[0]:.4g} in {runs[0].record.name}: "
+                           "check the units of both files' headers, and that they are of one drive")
     if values["drive.ki"] <= 0.0:
         return
     # A record much shorter than the integral's time shows the proportional action only, as if it were the whole.
     slow = (values["motor.resistance"] + values["drive.kp"]) / values["drive.ki"]
     longest = max(len(r.record) * r.record.step for r in runs)
-    if longest < _LENGTH * slow:
-        raise RecordError(
-            f"the longest record lasts {longest:.3g} s, but by the base parameters the drive's integral takes "
-            f"(R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be distinguished from it. Add a slow staircase of "
-            f"{_LENGTH * slow:.3g} s or more, or give base parameters whose drive.ki is nearer the truth (0: no "
-            "integral)")
+    require(longest >= _LENGTH * slow, f"the longest record lasts {longest:.3g} s, but by the base parameters the "
+            f"drive's integral takes (R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be distinguished from it. "
+            f"Add a slow staircase of {_LENGTH * slow:.3g} s or more, or give base parameters whose drive.ki is nearer "
+            "the truth (0: no integral)")
 
 
 def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
@@ -222,9 +214,8 @@ def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
 
 
 def _require_rate(delay: float, step: float) -> None:
-    if delay < FAST * step:
-        raise RecordError(f"the sample rate is too low for the delay: {delay * 1e3:.3g} ms is {delay / step:.2g} "
-                          f"samples of the fastest record; log at {FAST / max(delay, 1e-4):.3g} Hz or more")
+    require(delay >= FAST * step, f"the sample rate is too low for the delay: {delay * 1e3:.3g} ms is "
+            f"{delay / step:.2g} samples of the fastest record; log at {FAST / max(delay, 1e-4):.3g} Hz or more")
 
 
 def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Run],
@@ -234,23 +225,20 @@ def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Ru
     identified = {**values, **{e.name: e.value for e in parameters}}
     step, rise = min(r.record.step for r in runs), _rise(identified)
     _require_rate(delay.value, step)
-    if rise < 0.7 * step:
-        raise RecordError(f"the sample rate is too low for the current loop: the current settles within "
-                          f"{rise * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, so that delay and Kp "
-                          f"cannot be distinguished; log at {1.0 / rise:.3g} Hz or more")
+    require(rise >= 0.7 * step, "the sample rate is too low for the current loop: the current settles within "
+            f"{rise * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, so that delay and Kp cannot be "
+            f"distinguished; log at {1.0 / rise:.3g} Hz or more")
     require_certain((gain, delay, kp), _WORST, "record more and larger steps, fast logged")
-    if ki.value < 0.0 and ki.value < -2.0 * ki.sigma:
-        raise RecordError(f"drive.ki comes out as {ki.value:.3g} V/(A.s), below 0: the current creeps away from its "
-                          "reference; check that the winding did not heat up, and motor.resistance")
+    require(ki.value >= -2.0 * ki.sigma, f"drive.ki comes out as {ki.value:.3g} V/(A.s), below 0: the "
+            "current creeps away from its reference; check that the winding did not heat up, and motor.resistance")
     p, x = nonlinear.ACTUATOR.namespace(identified), fit.values
     supply = float(values["drive.supply_voltage"])
     for run in (r for r in runs if r.fast):
         i_ref = drive.current_reference(ARRAYS, p, _late_reference(run.record, delay.value))
         demand = np.abs(drive.voltage_demand(p, i_ref, run.modelled(x, values), x[run.integral_index]))
-        if demand.max() > supply:
-            raise run.record.fail(f"the drive's voltage is saturated: the steps demand {demand.max():.3g} V of a "
-                                  f"supply of {supply:g} V, so that their rise depends on the supply and not on Kp; "
-                                  f"use steps below {0.9 * supply / (kp.value * gain.value):.2g} V")
+        run.record.require(demand.max() <= supply, "the drive's voltage is saturated: the steps demand "
+                           f"{demand.max():.3g} V of a supply of {supply:g} V, so that their rise depends on the "
+                           f"supply and not on Kp; use steps below {0.9 * supply / (kp.value * gain.value):.2g} V")
 
 
 def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> list[str]:

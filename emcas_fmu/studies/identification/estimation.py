@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from .records import Array, RecordError
+from .records import Array, RecordError, require
 
 METHOD = ("weighted least squares; 1 sigma from the covariance scaled by each file's residuals and by their "
           "autocorrelation time")
@@ -153,9 +153,8 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Arr
     jacobian = _jacobian(weighted, values)  # with the final weights
     # By singular values: the normal equations would square the condition number of a sixth-order polynomial.
     _, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
-    if not singular.min() > _SINGULAR * singular.max():
-        raise RecordError("the records leave some combination of the parameters undetermined: they are too alike, or "
-                          "what they excite is too little; vary speeds, levels and range more")
+    require(singular.min() > _SINGULAR * singular.max(), "the records leave some combination of the parameters "
+            "undetermined: they are too alike, or what they excite is too little; vary speeds, levels and range more")
     inverse = rows.T / singular
     covariance = (inverse @ inverse.T) * np.outer(scale, scale)
     return Fit(names, values * scale, covariance, tuple(stretches), owners, deviations, times)

@@ -23,7 +23,7 @@ from ...parameters import ParameterSet
 from ...physics import friction
 from . import motion, pictures
 from .estimation import Fit
-from .records import DIRECTIONS, Array, Record, RecordError, distinct, divided
+from .records import DIRECTIONS, Array, Record, distinct, divided, require
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -89,9 +89,8 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
     """Return the stretches of a record at constant speed."""
     motion.check(record, values)
     temperature = record["temperature"]
-    if np.ptp(temperature) > _DRIFT:
-        raise record.fail(f"temperature drifts by {np.ptp(temperature):.3g} K within the record; at most {_DRIFT:g} K "
-                          "may pass for one temperature: let it settle, or cut the record")
+    record.require(np.ptp(temperature) <= _DRIFT, f"temperature drifts by {np.ptp(temperature):.3g} K within the "
+                   f"record; at most {_DRIFT:g} K may pass for one temperature: let it settle, or cut the record")
     # Short windows first, to see how long the sweeps last; then windows of a twentieth of that.
     width = max(len(record) // 100, 6)
     look = motion.averages(record, width, max(width // 2, 1))
@@ -118,11 +117,10 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
             windows = a.at(inside)
             sweeps.append(Sweep(direction, float(np.mean(direction * windows.speed)), float(np.mean(temperature)),
                                 windows, fin[inside], torque[inside]))
-    if not sweeps:
-        raise record.fail("has no stretch at constant speed" + (
-            ": the motion is stick-slip; sweep faster or stiffen the speed control" if slipping > _FEWEST_WINDOWS else
-            f": {_FEWEST_WINDOWS} windows in a row within {_CONSTANT:.0%} of one speed are needed; sweep at constant "
-            f"speed over the whole range, and log at least {_FEWEST_WINDOWS * 5} samples of it"))
+    record.require(sweeps, "has no stretch at constant speed: " + (
+        "the motion is stick-slip; sweep faster or stiffen the speed control" if slipping > _FEWEST_WINDOWS else
+        f"{_FEWEST_WINDOWS} windows in a row within {_CONSTANT:.0%} of one speed are needed; sweep at constant speed "
+        f"over the whole range, and log at least {_FEWEST_WINDOWS * 5} samples of it"))
     return sweeps
 
 
@@ -131,36 +129,31 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
     limit = float(base.values["command.limit"])
     for direction, word in DIRECTIONS:
         along = [s for s in sweeps if s.direction == direction]
-        if not along:
-            raise RecordError(f"no sweep in the {word} direction: friction differs with direction; measure both")
+        require(along, f"no sweep in the {word} direction: friction differs with direction; measure both")
         speeds = distinct([s.speed for s in along])
-        if len(speeds) < FEWEST_SPEEDS:
-            raise RecordError(f"too few speeds in the {word} direction ({_listed(along, 'speed')} rad/s): viscous "
-                              f"friction needs at least {FEWEST_SPEEDS} different ones, one of them slow")
-        if speeds[-1] < SPEED_SPREAD * speeds[0]:
-            raise RecordError(f"the speeds in the {word} direction ({_listed(along, 'speed')} rad/s) are too alike to "
-                              "tell Coulomb from viscous friction: the fastest must be at least "
-                              f"{SPEED_SPREAD:g} times the slowest")
+        require(len(speeds) >= FEWEST_SPEEDS, f"too few speeds in the {word} direction ({_listed(along, 'speed')} "
+                f"rad/s): viscous friction needs at least {FEWEST_SPEEDS} different ones, one of them slow")
+        require(speeds[-1] >= SPEED_SPREAD * speeds[0], f"the speeds in the {word} direction "
+                f"({_listed(along, 'speed')} rad/s) are too alike to tell Coulomb from viscous friction: the fastest "
+                f"must be at least {SPEED_SPREAD:g} times the slowest")
         fin = np.concatenate([s.fin for s in along])
-        if fin.min() > -COVERAGE * limit or fin.max() < COVERAGE * limit:
-            raise RecordError(f"sweeps in the {word} direction cover the fin angle from {degrees(fin.min()):.3g} to "
-                              f"{degrees(fin.max()):.3g} deg; a sixth-order polynomial needs at least "
-                              f"+-{degrees(COVERAGE * limit):.3g} deg ({COVERAGE:.0%} of command.limit): sweep slowly "
-                              "over the whole range")
+        require(fin.min() <= -COVERAGE * limit and fin.max() >= COVERAGE * limit,
+                f"sweeps in the {word} direction cover the fin angle from {degrees(fin.min()):.3g} to "
+                f"{degrees(fin.max()):.3g} deg; a sixth-order polynomial needs at least "
+                f"+-{degrees(COVERAGE * limit):.3g} deg ({COVERAGE:.0%} of command.limit): sweep slowly over the whole "
+                "range")
     if keep_ratios:
         return
     cold, warm = (float(base.values[name]) for name in _TABLE)
     inside = np.clip([s.temperature for s in sweeps], cold, warm)
-    if np.ptp(inside) < FEWEST_KELVIN:
-        raise RecordError(f"all sweeps are at about the same temperature ({_listed(sweeps, 'temperature')} degC): the "
-                          f"cold ratios need two, at least {FEWEST_KELVIN:g} K apart between {cold:g} and "
-                          f"{warm:g} degC; measure cold too, or keep the ratios of the parameter file with "
-                          "--keep-cold-ratios")
+    require(np.ptp(inside) >= FEWEST_KELVIN, "all sweeps are at about the same temperature "
+            f"({_listed(sweeps, 'temperature')} degC): the cold ratios need two, at least {FEWEST_KELVIN:g} K apart "
+            f"between {cold:g} and {warm:g} degC; measure cold too, or keep the ratios of the parameter file with "
+            "--keep-cold-ratios")
     for end in (inside.min(), inside.max()):
         near = [s.speed for s, t in zip(sweeps, inside, strict=True) if abs(t - end) < 0.5 * FEWEST_KELVIN]
-        if len(distinct(near)) < 2:
-            raise RecordError(f"only one speed near {end:.3g} degC: the ratio of viscous friction needs at least two "
-                              "at each temperature")
+        require(len(distinct(near)) >= 2, f"only one speed near {end:.3g} degC: the ratio of viscous friction needs at "
+                "least two at each temperature")
 
 
 def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
@@ -184,22 +177,19 @@ def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
     p, q = nonlinear.ACTUATOR.namespace(values), base.nested()
     for side, direction in DIRECTIONS:
         level, expected = (float(_coulomb(getattr(each.friction.coulomb, direction), 0.0)) for each in (p, q))
-        if level <= 0.0:
-            raise RecordError(f"the Coulomb friction in the {direction} direction comes out as {level:.3g} N.m: the "
-                              "current does not resist the motion; check the signs of motor_current and motor_angle, "
-                              "and the zero of the current sensor")
-        if not 1.0 / _PLAUSIBLE < level / max(expected, 1e-9) < _PLAUSIBLE:
-            raise RecordError(f"the Coulomb friction in the {direction} direction, {level:.3g} N.m, is "
-                              f"{level / expected:.3g} times that of the base parameters ({expected:.3g} N.m): check "
-                              "the unit of motor_current and the base's motor.torque_constant")
-        if float(friction.viscous(FLOATS, p, float(side))) <= 0.0:
-            raise RecordError(f"the viscous friction in the {direction} direction is not positive: friction falls with "
-                              "speed, contrary to the model; leave out the slowest sweeps if they are in mixed "
-                              "lubrication, and check that temperature was the same at all speeds")
+        require(level > 0.0, f"the Coulomb friction in the {direction} direction comes out as {level:.3g} N.m: the "
+                "current does not resist the motion; check the signs of motor_current and motor_angle, and the zero of "
+                "the current sensor")
+        ratio = level / max(expected, 1e-9)
+        require(1.0 / _PLAUSIBLE < ratio < _PLAUSIBLE, f"the Coulomb friction in the {direction} direction, "
+                f"{level:.3g} N.m, is {ratio:.3g} times that of the base parameters ({expected:.3g} N.m): check the "
+                "unit of motor_current and the base's motor.torque_constant")
+        require(float(friction.viscous(FLOATS, p, float(side))) > 0.0, f"the viscous friction in the {direction} "
+                "direction is not positive: friction falls with speed, contrary to the model; leave out the slowest "
+                "sweeps if they are in mixed lubrication, and check that temperature was the same at all speeds")
     for name in RATIOS:
-        if float(values[name]) < 0.0:
-            raise RecordError(f"{name} is {float(values[name]):.3g}: the sweeps do not agree with one ratio; check the "
-                              "column temperature")
+        require(float(values[name]) >= 0.0, f"{name} is {float(values[name]):.3g}: the sweeps do not agree with one "
+                "ratio; check the column temperature")
 
 
 def _require_certain(parameters: Sequence[Estimate], fit: Fit, base: ParameterSet) -> dict[str, float]:
@@ -208,10 +198,9 @@ def _require_certain(parameters: Sequence[Estimate], fit: Fit, base: ParameterSe
     bands = {d: float(_band(fit, d, np.linspace(-limit, limit, 81)).max()) for d in COULOMB}
     for direction, band in bands.items():
         level = next(e.value for e in parameters if e.name == COULOMB[direction][0])
-        if not band < _WORST_COULOMB * level:
-            raise RecordError(f"Coulomb friction in the {direction} direction is not supported by the data: 1 sigma is "
-                              f"{band:.2g} N.m of {level:.3g} N.m somewhere within +-{degrees(limit):.3g} deg; sweep "
-                              "slowly over the whole range, more than once")
+        require(band < _WORST_COULOMB * level, f"Coulomb friction in the {direction} direction is not supported by the "
+                f"data: 1 sigma is {band:.2g} N.m of {level:.3g} N.m somewhere within +-{degrees(limit):.3g} deg; "
+                "sweep slowly over the whole range, more than once")
     require_certain([e for e in parameters if e.name in (*VISCOUS, *RATIOS)], _WORST,
                     "sweep faster, longer or more often")
     return bands

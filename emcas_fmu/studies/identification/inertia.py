@@ -23,7 +23,7 @@ from ...physics import kinematics, mechanics
 from . import motion, pictures
 from .estimation import Fit
 from .friction import COULOMB, VISCOUS
-from .records import DIRECTIONS, Array, Record, RecordError, divided
+from .records import DIRECTIONS, Array, Record, divided, require
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -50,14 +50,12 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     total = _total({**base.values, MOTOR: rotor.value})
     whole = Estimate(TOTAL, total, rotor.sigma, rotor.unit, _total(base.values), parameter=False)
     require_certain([whole], _WORST, "spin up at levels of current further apart, to separate it from friction")
-    if rotor.value <= 0.0:
-        raise RecordError(f"the total inertia at the motor comes out as {total:.4g} kg.m2, but screw, nut and fin side "
-                          f"of the base parameters alone make {total - rotor.value:.4g}: check inertia.fin, .fork, "
-                          ".shaft and .screw, mass.nut and the unit of motor_current")
-    if not 1.0 / 30.0 < rotor.value / rotor.base < 30.0:
-        raise RecordError(f"inertia.motor comes out as {rotor.value:.4g} kg.m2, {rotor.value / rotor.base:.3g} times "
-                          "that of the base parameters: check the units of motor_current, motor_angle and time in the "
-                          "headers")
+    require(rotor.value > 0.0, f"the total inertia at the motor comes out as {total:.4g} kg.m2, but screw, nut and fin "
+            f"side of the base parameters alone make {total - rotor.value:.4g}: check inertia.fin, .fork, .shaft and "
+            ".screw, mass.nut and the unit of motor_current")
+    require(1.0 / 30.0 < rotor.value / rotor.base < 30.0, f"inertia.motor comes out as {rotor.value:.4g} kg.m2, "
+            f"{rotor.value / rotor.base:.3g} times that of the base parameters: check the units of motor_current, "
+            "motor_angle and time in the headers")
     torque = _torques(parts, base.values)
     notes = [
         f"{len(parts)} stretches of motion; torques from {torque.min():.3g} to {torque.max():.3g} N.m.",
@@ -86,9 +84,8 @@ def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:
     a = motion.averages(record, width, max(width // 2, 1))
     sliding = a.slowest > _SLOWEST * np.abs(a.speed).max()
     stretches = [a.at(inside) for inside in motion.stretches(sliding, 4)]
-    if not stretches:
-        raise record.fail(f"no motion is long enough to show an acceleration: fewer than 4 windows of {width} samples; "
-                          "log faster, or with a smaller current")
+    record.require(stretches, f"no motion is long enough to show an acceleration: fewer than 4 windows of {width} "
+                   "samples; log faster, or with a smaller current")
     _require_scale(record, stretches, values)
     return stretches
 
@@ -104,29 +101,25 @@ def _require_scale(record: Record, stretches: Sequence[motion.Averages], values:
     torque = float(np.mean(_torques(stretches, values)))
     implied = torque / float(np.mean(np.abs(np.concatenate([a.acceleration for a in stretches]))))
     # Friction adds to the torque, most in a spin-up that hardly overcomes it.
-    if not 1.0 / _SCALE < implied / expected < 10.0 * _SCALE:
-        raise record.fail(
-            f"torque and acceleration do not belong together: motor.torque_constant times motor_current, "
-            f"{torque:.3g} N.m, over the acceleration is {implied:.3g} kg.m2, {implied / expected:.2g} times the "
-            f"inertia of the base parameters; check the units in the header (motor_current was read as "
-            f"{record.units['motor_current']}, motor_angle as {record.units['motor_angle']}, time as "
-            f"{record.units['time']})")
+    record.require(1.0 / _SCALE < implied / expected < 10.0 * _SCALE, "torque and acceleration do not belong together: "
+                   f"motor.torque_constant times motor_current, {torque:.3g} N.m, over the acceleration is "
+                   f"{implied:.3g} kg.m2, {implied / expected:.2g} times the inertia of the base parameters; check the "
+                   f"units in the header (motor_current was read as {record.units['motor_current']}, motor_angle as "
+                   f"{record.units['motor_angle']}, time as {record.units['time']})")
 
 
 def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
     """Raise RecordError for spin-ups in one direction only, or at one level of torque in a direction."""
     for direction, word in DIRECTIONS:
         stretches = [a for a in parts if np.sign(a.speed[0]) == direction]
-        if not stretches:
-            raise RecordError(f"no spin-up in the {word} direction: friction, which is subtracted, differs with "
-                              "direction; measure both")
+        require(stretches, f"no spin-up in the {word} direction: friction, which is subtracted, differs with "
+                "direction; measure both")
         torque = _torques(stretches, base.values)
         accelerations = np.concatenate([a.acceleration for a in stretches])
         braking = accelerations.min() < -0.3 * accelerations.max() < 0.0 or accelerations.max() < 0.0
-        if torque.max() < SPREAD * torque.min() and not braking:
-            raise RecordError(f"the spin-ups in the {word} direction are at one level of torque "
-                              f"({', '.join(f'{t:.3g}' for t in torque)} N.m): inertia and friction look alike; "
-                              f"spin up at levels at least {SPREAD:g} times apart")
+        require(torque.max() >= SPREAD * torque.min() or braking, f"the spin-ups in the {word} direction are at one "
+                f"level of torque ({', '.join(f'{t:.3g}' for t in torque)} N.m): inertia and friction look alike; spin "
+                f"up at levels at least {SPREAD:g} times apart")
 
 
 def _fit(parts: Sequence[motion.Averages], owners: Sequence[int], base: ParameterSet) -> Fit:

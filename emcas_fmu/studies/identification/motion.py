@@ -54,18 +54,17 @@ def check(record: Record, values: Mapping[str, Any]) -> None:
     refuse_magnitude(record, "motor_angle", _OVER_TRAVEL * travel,
                      f"{_OVER_TRAVEL:g} times the travel to fin.stop_angle; or its zero is not at fin angle zero")
     moved = float(np.ptp(record["motor_angle"]))
-    if moved < 0.02 * travel:
-        raise record.fail(f"there is no motion to speak of: the motor turns by {moved:.3g} rad of the {2 * travel:.3g} "
-                          "rad between the stops; check the unit of motor_angle, and that the drive was enabled")
+    record.require(moved >= 0.02 * travel, f"there is no motion to speak of: the motor turns by {moved:.3g} rad of the "
+                   f"{2 * travel:.3g} rad between the stops; check the unit of motor_angle, and that the drive was "
+                   "enabled")
     if "motor_speed" in record.columns:
         width = max(len(record) // 50, 3)
         rate, speed = (np.convolve(x, np.ones(width) / width, "valid") for x in (
             np.gradient(record["motor_angle"], record.step), record["motor_speed"]))
         ratio = float(rate @ speed) / float(rate @ rate)
-        if not 0.9 < ratio < 1.1:
-            raise record.fail(f"motor_speed is {ratio:.3g} times the rate of motor_angle: one of them has another unit "
-                              f"than the header says (read as {record.units['motor_speed']} and "
-                              f"{record.units['motor_angle']}; 1 rad/s is 9.55 rpm, 1 rad is 57.3 deg)")
+        record.require(0.9 < ratio < 1.1, f"motor_speed is {ratio:.3g} times the rate of motor_angle: one of them has "
+                       f"another unit than the header says (read as {record.units['motor_speed']} and "
+                       f"{record.units['motor_angle']}; 1 rad/s is 9.55 rpm, 1 rad is 57.3 deg)")
 
 
 def motor_travel(p: Any) -> float:

@@ -49,6 +49,12 @@ class RecordError(EmcasError):
     """Measurements from which the parameters cannot be identified; the message says why and what to measure instead."""
 
 
+def require(condition: object, problem: str) -> None:
+    """Raise RecordError with the problem unless the condition holds."""
+    if not condition:
+        raise RecordError(problem)
+
+
 @dataclass(frozen=True)
 class Record:
     """A file: its `columns` in SI by name, the sample interval `step` [s], and the columns' `units` in the file."""
@@ -70,22 +76,20 @@ class Record:
         """File name without its folder, for notes and reports."""
         return self.path.name
 
-    def fail(self, problem: str) -> RecordError:
-        """Return an error that names this file."""
-        return RecordError(f"{self.path}: {problem}")
+    def require(self, condition: object, problem: str) -> None:
+        """Raise RecordError with this file and the problem unless the condition holds."""
+        require(condition, f"{self.path}: {problem}")
 
 
 def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str] = ()) -> list[Record]:
     """Read ``time`` and columns of these names from each file. Raises RecordError for the first unusable file."""
-    if not paths:
-        raise RecordError("no files: give at least one CSV file of measurements")
+    require(paths, "no files: give at least one CSV file of measurements")
     records = [_record(path, ("time", *required), optional) for path in paths]
     seen: dict[str, Record] = {}
     for record in records:
-        if record.sha256 in seen:
-            raise record.fail(f"has the same contents as {seen[record.sha256].path}: a measurement counts once; "
-                              "leave one of them out")
-        seen[record.sha256] = record
+        first = seen.setdefault(record.sha256, record)
+        record.require(first is record, f"has the same contents as {first.path}: a measurement counts once; leave one "
+                       "of them out")
     return records
 
 
@@ -102,8 +106,7 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str]) -> Rec
     except (OSError, UnicodeDecodeError) as error:
         raise RecordError(unreadable(path, error)) from error
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    if not lines:
-        raise RecordError(f"{path}: is empty; expected a header such as  time [s],motor_current [A]  and rows")
+    require(lines, f"{path}: is empty; expected a header such as  time [s],motor_current [A]  and rows")
     header, *rows = csv.reader(lines, delimiter=max(",;\t", key=lines[0].count))
     for i, row in enumerate(rows, 1):
         if len(row) != len(header):
@@ -113,8 +116,7 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str]) -> Rec
     for name, (index, unit) in _located(path, header, required, optional).items():
         columns[name] = _values(path, name, unit, [row[index] for row in rows], header[index])
         units[name] = unit
-    if len(rows) < FEWEST_ROWS:
-        raise RecordError(f"{path}: has {len(rows)} rows; at least {FEWEST_ROWS} are needed")
+    require(len(rows) >= FEWEST_ROWS, f"{path}: has {len(rows)} rows; at least {FEWEST_ROWS} are needed")
     return Record(path, _interval(path, columns["time"]), columns, units, hashlib.sha256(raw).hexdigest())
 
 
@@ -129,8 +131,7 @@ def _located(path: Path, header: Sequence[str], required: Sequence[str],
         names.append(name)
         if name not in (*required, *optional):
             continue
-        if name in located:
-            raise RecordError(f"{path}: has two columns {name}; leave one of them out")
+        require(name not in located, f"{path}: has two columns {name}; leave one of them out")
         located[name] = index, QUANTITIES[name][0] if unit is None else unit.strip()
     for name in required:
         if name not in located:
@@ -193,17 +194,17 @@ def refuse_clipped(record: Record, name: str) -> None:
         flat, others = _longest(values == extreme), _longest(equal & (values[1:] != extreme))
         rests = flat >= _FLAT and flat > 4 * (others + 1)
         piles = noisy and pile >= 2 * _FLAT and pile > 4 * (int(neighbours.max()) + 1)
-        if rests or piles:
-            raise record.fail(f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} {QUANTITIES[name][0]}, "
-                              "its extreme, as no others; widen the range of the measurement, or excite less")
+        record.require(not (rests or piles), f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} "
+                       f"{QUANTITIES[name][0]}, its extreme, as no others; widen the range of the measurement, or "
+                       "excite less")
 
 
 def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) -> None:
     """Raise RecordError for a column beyond `largest` [SI], with its `meaning`: the header's unit is probably wrong."""
     reached, unit = float(np.abs(record[name]).max()), QUANTITIES[name][0]
-    if reached > largest:
-        raise record.fail(f"{name} reaches {reached:.4g} {unit}, more than {largest:.4g} {unit} ({meaning}); it was "
-                          f"read as {record.units[name]}: put the unit it has into the header, as in {name} [{unit}]")
+    record.require(reached <= largest, f"{name} reaches {reached:.4g} {unit}, more than {largest:.4g} {unit} "
+                   f"({meaning}); it was read as {record.units[name]}: put the unit it has into the header, as in "
+                   f"{name} [{unit}]")
 
 
 def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:

@@ -13,7 +13,7 @@ from ...bench.writers import write_page
 from ...figures.plots import Drawing, pictures
 from ...parameters import ParameterSet
 from .estimation import METHOD, Fit
-from .records import Record, RecordError, read_records
+from .records import Record, read_records, require
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,8 @@ def estimates(fit: Fit, base: ParameterSet) -> list[Estimate]:
 def require_certain(estimates: Iterable[Estimate], worst: float, remedy: str) -> None:
     """Raise RecordError for an estimate whose relative 1 sigma is not below `worst`."""
     for e in estimates:
-        if not e.sigma < worst * abs(e.value):
-            raise RecordError(f"{e.name} is not supported by the data: {e.value:.3g} +- {e.sigma:.2g} {e.unit}; "
-                              f"{remedy}")
+        require(e.sigma < worst * abs(e.value), f"{e.name} is not supported by the data: {e.value:.3g} +- "
+                f"{e.sigma:.2g} {e.unit}; {remedy}")
 
 
 @dataclass(frozen=True)

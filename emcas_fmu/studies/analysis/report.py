@@ -21,7 +21,7 @@ from .pictures import drawings, unseen
 from .sweep import LIMITS
 
 
-def figures(analysis: Analysis) -> dict[str, Any]:
+def figures_of(analysis: Analysis) -> dict[str, Any]:
     """Return all figures as nested dictionaries, units in the names; None if it does not exist or is unlimited."""
     actuator, thesis, locus = analysis.actuator, analysis.thesis, analysis.locus
     point = actuator.point
@@ -112,7 +112,7 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
 
 def write_report(analysis: Analysis, path: Path) -> None:
     """Write the page; the same analysis gives the same bytes."""
-    f, reference = figures(analysis), analysis.actuator.reference_name
+    f, reference = figures_of(analysis), analysis.actuator.reference_name
     margins = f["linear"]["loops"]
     named = {"reference": f"{reference} u", "position": "position", "velocity": "velocity (position loop open)",
              "current": "current (outer loops open)"}
