@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import reduce
 from types import SimpleNamespace
 from typing import Any
 
@@ -39,6 +40,11 @@ def with_values(p: Any, changes: Mapping[str, Any]) -> Any:
         first, _, rest = name.partition(".")
         setattr(copy, first, with_values(vars(copy).get(first, Names()), {rest: value}) if rest else value)
     return copy
+
+
+def value_of(p: Any, name: str) -> Any:
+    """Return the value at a dotted name. Raises AttributeError for a name that the namespace does not have."""
+    return reduce(getattr, name.split("."), p)
 
 
 def namespace(values: Mapping[str, Any], structure: Any = None) -> Any:

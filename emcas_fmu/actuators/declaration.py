@@ -34,6 +34,7 @@ from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..ops.floats import FLOATS
 from ..physics.loads import LOADS
+from ..physics.structure import Structure
 from ..rules import SLACK, Rule
 from ..steppers.smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
@@ -208,9 +209,9 @@ class Actuator:
     derivatives: Derivatives | None = None
     step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step
     output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = _no_outputs
-    # What the equations of a family are put together from, and parameters with constants in place of those that others
-    # of the family have and this one does not.
-    structure: Any = None
+    # Which of the shared equations hold; and the parameters that these use, with constants in place of those that this
+    # actuator does not have.
+    structure: Structure = field(default_factory=Structure)
     equation_parameters: Callable[[Ops, Parameters], Parameters] = _unchanged
     # Parameters of the plant where it differs from what the controllers know, and values of the parameters by which it
     # does that make it nominal.

@@ -20,6 +20,7 @@ stop, a coil's amplifier meets a limit, the motor's diode opens.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from ...control import controllers, sensors
@@ -28,33 +29,45 @@ from ...ops.base import Ops, Value
 from ...physics import clutch, coupled, drive, friction, kinematics, loads, mechanics
 from ...physics.coupled import Bodies, Dry
 from ...physics.stick import WALL
-from ...physics.structure import Structure
 from ...steppers import events, rigid
 from ...variables import parameter, real_output
 from .. import capabilities, fin_port
+from ..composition import Group, Output
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import clutches, groups, interface, nonlinear
-from .as_built import NOMINAL, as_built
-from .interface import Group, Output
+from .nonlinear import as_built
 
 STATES = (*clutches.SCREW, State("coil_current_1", "A"), State("coil_current_2", "A"),
           State("flux_1", "A", "as the current that holds it"), State("flux_2", "A", "as the current that holds it"),
           clutches.TEMPERATURE)
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coils; never negative", 1000.0,
                            minimum=0.0)
-_WAYS = ((1, "with"), (2, "against"))
+_WAYS = ((0, "with"), (1, "against"))
+
+
+def _element(name: str, k: int) -> Callable[[Ops, Any, Record], Value]:
+    """Return the equation of an output that is element `k` of a tuple in the moment."""
+    def value(ops: Ops, p: Any, m: Record) -> Value:
+        values: tuple[Value, ...] = getattr(m, name)
+        return values[k]
+
+    return value
+
+
 _CLUTCHES = Group((
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start", display="rpm"),
     *clutches.CLUTCH.parameters,
-    *(clutches.share(f"clutch.share_{k}", f" that turns the screw {way} the motor") for k, way in _WAYS),
+    *(clutches.share(f"clutch.share_{k + 1}", f" that turns the screw {way} the motor") for k, way in _WAYS),
     parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),
     clutches.connected("coil.connected_1", " of the clutch that turns the screw with the motor")), (
-    *(Output(real_output(f"coil_current_{k}", "A", f"coil current of the clutch that turns the screw {way} the motor",
-                         1.0)) for k, way in _WAYS),
-    *(Output(real_output(f"clutch_torque_{k}", "N.m",
-                         f"torque on the screw of the clutch that turns it {way} the motor", 1.0)) for k, way in _WAYS),
-    *(Output(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor",
-                         1000.0, minimum=0.0)) for k, way in _WAYS),
+    *(Output(real_output(f"coil_current_{k + 1}", "A",
+                         f"coil current of the clutch that turns the screw {way} the motor", 1.0),
+             _element("coil_currents", k)) for k, way in _WAYS),
+    *(Output(real_output(f"clutch_torque_{k + 1}", "N.m",
+                         f"torque on the screw of the clutch that turns it {way} the motor", 1.0),
+             _element("torques", k)) for k, way in _WAYS),
+    *(Output(real_output(f"slip_power_{k + 1}", "W", f"heat of slip of the clutch that turns the screw {way} the motor",
+                         1000.0, minimum=0.0), _element("slip_powers", k)) for k, way in _WAYS),
     clutches.CLUTCH_TEMPERATURE))
 _AMPLIFIERS = Group(fin_port.described({
     "drive.current_limit": "largest net current of both coils that is asked for",
@@ -62,10 +75,6 @@ _AMPLIFIERS = Group(fin_port.described({
     "drive.current_offset": "net coil current demanded at zero reference",
     "drive.kp": "proportional gain of the coils' amplifiers",
 }, (*groups.CURRENT_GAIN.parameters, *groups.CURRENT_LIMIT.parameters, groups.KP)))
-PARTS = interface.Parts((
-    *clutches.SCREW_SIDE, groups.hinge(saturated="any limit active: command, speed, DAC or an amplifier's voltage"),
-    Group(outputs=(Output(SUPPLY_POWER),), wired=False),
-    groups.delay("delay from DAC to the current asked of the coils"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES))
 FAULTS = (
     *clutches.faults("the motor goes on turning in its clutches",
                      ("coil.connected_1", "the clutch that turns the screw with the motor"),
@@ -184,11 +193,9 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
 
 def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     surplus = _surplus(ops, p, x.motor_speed, u)
-    direction, (low, high) = m.signs[coupled.SCREW], m.stops
-    ahead = ops.where(direction > 0.0, high - x.screw_angle, x.screw_angle - low)
     first, second = m.coils
     return {**coupled.margins(ops, _bodies(ops, p, x, u, m), m.signs, x.screw_speed, x.motor_speed),
-            "stop": ops.where(ops.equal(direction, 0.0), 1.0, ahead),
+            "stop": clutches.stop_margin(ops, m.signs[coupled.SCREW], m.stops, x.screw_angle),
             "diode": ops.where(m.feeds, surplus, -surplus),
             "coil_1": first.margin(ops, p, x.coil_current_1), "coil_2": second.margin(ops, p, x.coil_current_2)}
 
@@ -196,11 +203,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     screw, motor = coupled.landed(ops, m.signs, (begin.screw_speed, begin.motor_speed),
                                   (x.screw_speed, x.motor_speed), events)
-    stop = ops.where(m.signs[coupled.SCREW] > 0.0, m.stops[1], m.stops[0])
-    # A stop takes the screw's speed at once; the motor goes on, and the clutch slips.
-    return {"screw_speed": ops.where(events["stop"], 0.0, screw),
-            "motor_speed": ops.where(events["stop"], x.motor_speed, motor),
-            "screw_angle": ops.where(events["stop"], stop, x.screw_angle)}
+    return clutches.stopped(ops, events["stop"], m.signs[coupled.SCREW], m.stops, x, screw, motor)
 
 
 _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
@@ -212,35 +215,34 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
     return vars(moved), used
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return every output."""
+def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
+    """Return the parameters as built, and what the outputs follow from."""
     p = as_built(ops, p)
     m = mode(ops, p, x, u, 0.0)
     b, supply = _bodies(ops, p, x, u, m), ops.maximum(u.supply, 0.0)
     current = ops.maximum(_surplus(ops, p, x.motor_speed, u), 0.0) / p.motor.resistance
     drawn, limited = supply * current, u.limited > 0.0
-    for coil, flowing in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True):
-        drawn = drawn + coil.drawn(ops, p, flowing)
+    coil_currents = (x.coil_current_1, x.coil_current_2)
+    for coil, coil_current in zip(m.coils, coil_currents, strict=True):
+        drawn = drawn + coil.drawn(ops, p, coil_current)
         limited = ops.either(limited, ops.negate(ops.equal(coil.side, 0.0)))
-    # Of a unit that rests as a whole friction is not determined: what is shown is within the clutch's torque.
+    # While everything is at rest friction is not determined: the output is within the clutch's torque.
     torques = [ops.clip(torque, -dry.low, dry.high)
                for torque, dry in zip(coupled.friction_torques(ops, b, m.signs), b.dry, strict=True)]
-    slip_1, slip_2 = _slip_powers(ops, b, m.signs, x)
-    now = interface.moment(ops, p, x, u, x.screw_angle, x.screw_speed, nut=x.screw_angle, current=current,
-                           stop=fin_port.stop_edge(p), saturated=lambda: limited)
-    return {
-        **PARTS.shown(ops, p, now),
-        "supply_power": drawn,
-        "coil_current_1": x.coil_current_1,
-        "coil_current_2": x.coil_current_2,
-        "clutch_torque_1": torques[coupled.WITH],
-        "clutch_torque_2": torques[coupled.AGAINST],
-        "slip_power_1": slip_1,
-        "slip_power_2": slip_2,
-    }
+    return p, interface.moment(
+        ops, p, x, u, x.screw_angle, x.screw_speed, nut=x.screw_angle, current=current, limited=limited, drawn=drawn,
+        coil_currents=coil_currents, torques=(torques[coupled.WITH], torques[coupled.AGAINST]),
+        slip_powers=_slip_powers(ops, b, m.signs, x))
 
 
+_POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.drawn),), wired=False,
+               provides=frozenset({capabilities.SUPPLY_VOLTAGE}))
+COMPOSITION = interface.composed(
+    moment, *clutches.SCREW_SIDE,
+    groups.hinge(saturated="any limit active: command, speed, DAC or an amplifier's voltage"), _POWER,
+    groups.delay("delay from DAC to the current asked of the coils"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES)
 ACTUATOR = Actuator(
+    **COMPOSITION.declared(terminal="motor, clutches and screw"),
     name="clutch",
     title="clutch actuator: motor that turns one way, two contra-rotating clutches, ball screw, lever and fin",
     origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016) names a clutch, in words: this form of it, two clutches "
@@ -248,26 +250,16 @@ ACTUATOR = Actuator(
     states=STATES,
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
-    outputs=PARTS.outputs,
-    parameters=PARTS.parameters,
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER),
     descriptions={**interface.INPUT_DESCRIPTIONS,
                   "enable": "false: both clutches are open, and the motor goes on turning"},
-    terminals=PARTS.terminals("motor, clutches and screw"),
-    rules=PARTS.rules,
     faults=FAULTS,
     equal_parameters=interface.EQUAL,
-    provides=frozenset({capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.REFERENCE_LIMIT,
-                        capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.ENCODER,
-                        capabilities.SUPPLY_VOLTAGE}),
-    structure=Structure(),
     as_built=as_built,
-    nominal=NOMINAL,
     initial=initial,
     sample=sample,
     derivatives=derivatives,
     step=step,
-    output_values=output_values,
     transport_delay=interface.transport_delay,
     reference="emcas_fmu.reference.clutch",
     modules=(sys.modules[__name__], *MODULES),

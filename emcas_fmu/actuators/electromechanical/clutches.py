@@ -1,26 +1,26 @@
-"""What the actuators with electromagnetic clutches between motor and screw share: variables, faults, loops' states."""
+"""What the actuators with electromagnetic clutches between motor and screw share: groups, faults, stops."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from ...namespace import Record
+from ...namespace import Record, value_of
 from ...ops.base import Ops, Value
 from ...variables import Variable, parameter, real_output, tunable
-from ..declaration import PlantFault, State
+from ..composition import Group, Output
+from ..declaration import PlantFault, State, Values
 from . import groups
-from .interface import Group, Output
 
 SCREW = (State("screw_angle", "rad"), State("screw_speed", "rad/s"), State("motor_speed", "rad/s"))
 TEMPERATURE = State("clutch_temperature", "degC")
 SHAFT = Group(outputs=(
-    Output(real_output("screw_angle", "rad", "screw angle", 10.0), lambda ops, p, s: s.x.screw_angle),
+    Output(real_output("screw_angle", "rad", "screw angle", 10.0), lambda ops, p, m: m.x.screw_angle),
     Output(real_output("screw_speed", "rad/s", "screw speed", 100.0, display="rpm"),
-           lambda ops, p, s: s.x.screw_speed)))
+           lambda ops, p, m: m.x.screw_speed)))
 CLUTCH_TEMPERATURE = Output(real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0),
-                            lambda ops, p, s: s.x.clutch_temperature)
-# What turns with the screw behind the clutches: groups as the loops know them, in the order of their rules.
+                            lambda ops, p, m: m.x.clutch_temperature)
+# Behind the clutches: the groups of screw and fin, with loops that control the screw.
 SCREW_SIDE = (groups.LEVER, groups.coulomb("screw"), groups.encoder("screw"), groups.SCREW,
               *groups.LOOPS, groups.viscous("screw"), groups.HINGE_FRICTION, SHAFT, groups.MOTOR,
               groups.COMPENSATION)
@@ -52,25 +52,23 @@ _BLOCKED = 1e6  # N.m, of dry friction
 
 
 def share(name: str, which: str) -> Variable:
-    """Declare the torque of a clutch over the rated one, by which one differs from another."""
+    """Declare the ratio of a clutch's torque to the rated one."""
     return parameter(name, "1", 0.0, 10.0, f"torque of the clutch{which}, over the rated one")
 
 
 def connected(name: str, which: str) -> Variable:
-    """Declare how much of its current a coil gets."""
+    """Declare the share of the requested current that a coil gets."""
     return parameter(name, "1", 0.0, 1.0, f"share of the current asked for that the coil{which} gets (0: open)")
 
 
-def faults(jammed: str, opened: tuple[str, str], shares: Iterable[str]) -> tuple[PlantFault, ...]:
-    """Return the faults that all such actuators have.
+def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tuple[PlantFault, ...]:
+    """Return the faults of all actuators with clutches.
 
-    `jammed` says what the motor does behind a blocked screw; `opened` are the parameter that an open coil sets to 0,
-    and whose coil it is; `shares` are the parameters of the clutches' torque.
+    `jammed` says what the motor does behind a blocked screw; `opened` is the parameter that an open coil sets to 0,
+    with the clutch of that coil; `shares` are the parameters of the clutches' torque.
     """
-    parts = {name: name.split(".")[1] for name in shares}
-
     def weaker(p: Any, left: Value) -> Mapping[str, Value]:
-        return {name: left * getattr(p.clutch, part) for name, part in parts.items()}
+        return {name: left * value_of(p, name) for name in shares}
 
     def shorted(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
         return {"coil.resistance": amounts.share * p.coil.resistance,
@@ -102,5 +100,23 @@ def rotor_inertia(p: Any) -> Value:
 
 
 def as_cascade(x: Record, current: Value) -> Record:
-    """Return states as the loops of motor and screw know them: the screw is the motor, with a `current` [A]."""
+    """Return the states as the loops know them: the screw as the motor, with a `current` [A]."""
     return Record(**{**vars(x), "motor_angle": x.screw_angle, "motor_speed": x.screw_speed, "motor_current": current})
+
+
+def stop_margin(ops: Ops, direction: Value, stops: tuple[Value, Value], angle: Value) -> Value:
+    """Return the angle [rad] between the screw and the stop ahead of it; 1 while the screw is at rest."""
+    low, high = stops
+    ahead = ops.where(direction > 0.0, high - angle, angle - low)
+    return ops.where(ops.equal(direction, 0.0), 1.0, ahead)
+
+
+def stopped(ops: Ops, struck: Value, direction: Value, stops: tuple[Value, Value], x: Record, screw: Value,
+            motor: Value) -> Values:
+    """Return screw and motor at the end of a step, from their speeds [rad/s] without a stop.
+
+    A stop that is `struck` brings the screw to rest at once; the motor runs on, and its clutches slip.
+    """
+    low, high = stops
+    return {"screw_speed": ops.where(struck, 0.0, screw), "motor_speed": ops.where(struck, x.motor_speed, motor),
+            "screw_angle": ops.where(struck, ops.where(direction > 0.0, high, low), x.screw_angle)}

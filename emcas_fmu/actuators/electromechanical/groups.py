@@ -1,4 +1,4 @@
-"""The groups of parameters, rules and outputs that electromechanical actuators are put together from."""
+"""The groups of which electromechanical actuators are composed: parameters, rules, outputs and capabilities."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, kinematics, mechanics
 from ...variables import Variable, integer_parameter, parameter, real_output, switch, tunable
-from .. import fin_port
-from . import as_built
-from .interface import SUPPLY_POWER, Group, Output
+from .. import as_built, capabilities, fin_port
+from ..composition import Group, Output
+from .interface import SUPPLY_POWER
 from .rules import (
     ANTIWINDUP_RULES,
     ENCODER_RULE,
@@ -28,26 +28,21 @@ from .rules import (
 # -- hinge, lever and screw --------------------------------------------------------
 
 
-def _error(ops: Ops, p: Any, s: Record) -> Value:
-    error = drive.current_reference(ops, p, s.u.reference) - s.current
-    return ops.where(s.u.enabled, error, 0.0)
-
-
 def hinge(fork: str = "fork", **descriptions: str) -> Group:
-    """Return the fin on its shaft, with what turns it there; `descriptions` are those of outputs by name."""
+    """Return the fin on its shaft with the `fork` that turns it; `descriptions` are those of outputs, by name."""
     equations: dict[str, Callable[[Ops, Any, Record], Value]] = {
-        "fin_angle": lambda ops, p, s: s.fin,
-        "fin_rate": lambda ops, p, s: s.speed / kinematics.reduction_ratio(ops, p, s.tangent),
-        "hinge_torque": lambda ops, p, s: mechanics.external_moment(ops, p, s.tangent, s.u),
-        "tracking_error": lambda ops, p, s: fin_port.clipped_command(ops, p, s.u.command) - s.fin,
-        "measured_fin_angle": lambda ops, p, s: s.u.measured_fin_angle,
-        "saturated": lambda ops, p, s: s.saturated(),
-        "at_stop": lambda ops, p, s: ops.fabs(s.fin) >= s.stop,
+        "fin_angle": lambda ops, p, m: m.fin,
+        "fin_rate": lambda ops, p, m: m.speed / kinematics.reduction_ratio(ops, p, m.tangent),
+        "hinge_torque": lambda ops, p, m: mechanics.external_moment(ops, p, m.tangent, m.u),
+        "tracking_error": lambda ops, p, m: fin_port.clipped_command(ops, p, m.u.command) - m.fin,
+        "measured_fin_angle": lambda ops, p, m: m.u.measured_fin_angle,
+        "saturated": lambda ops, p, m: m.limited,
+        "at_stop": lambda ops, p, m: ops.fabs(m.fin) >= fin_port.stop_edge(p),
     }
     outputs = fin_port.described({
         "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
         "saturated": "any limit active: command, speed, DAC, current or voltage", **descriptions})
-    return Group((*fin_port.parameters(fork), *as_built.FIN,
+    return Group((*fin_port.parameters(fork), as_built.FIN.variable,
                   parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
                  tuple(Output(v, equations[v.name]) for v in outputs), wired=False)
 
@@ -61,24 +56,27 @@ LEVER = Group((
               sheet="drawing: lever arm, from the hinge to the axis of screw or cylinder"),
     parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
               "assembly angle of the lever at fin_angle 0",
-              sheet="drawing: angle of the lever at fin angle 0, from square to that axis"), *as_built.LEVER),
-    rules=(LEVER_RULE,), absent={"kinematics.initial_angle": 0.0, **as_built.nominal(*as_built.LEVER)})
+              sheet="drawing: angle of the lever at fin angle 0, from square to that axis"),
+    as_built.MOMENT_ARM.variable, as_built.INITIAL_ANGLE.variable),
+    rules=(LEVER_RULE,), absent={"kinematics.initial_angle": 0.0})
 
 
 def screw(nut_position: str = "nut displacement from the assembly position") -> Group:
-    """Return screw and nut, with a description of the output."""
+    """Return screw and nut on the lever, with the description of the output."""
     return Group((
         parameter("screw.lead", "m/rad", 1e-6, 1e-1, "screw lead per radian", sheet="screw: lead"),
         parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis",
                   sheet="screw: inertia about its axis, with the coupling"),
         parameter("mass.nut", "kg", 0.0, 1e3, "nut mass",
-                  sheet="screw: mass of the nut, with what moves along the screw"), *as_built.SCREW),
+                  sheet="screw: mass of the nut, with what moves along the screw"), as_built.LEAD.variable),
         (Output(real_output("nut_position", "m", nut_position, 0.01),
-                lambda ops, p, s: kinematics.nut_position(ops, p, s.nut)),),
-        (INERTIA_RULE,), {"mass.nut": 0.0, **as_built.nominal(*as_built.SCREW)})
+                lambda ops, p, m: kinematics.nut_position(ops, p, m.nut)),),
+        (INERTIA_RULE,), frozenset({capabilities.SCREW_AND_LEVER}), {"mass.nut": 0.0})
 
 
 SCREW = screw()
+# The motor feels the whole load of the nut: extensions may add losses.
+LOSSLESS = Group(provides=frozenset({capabilities.SCREW_LOAD}))
 
 # -- friction ----------------------------------------------------------------------
 
@@ -88,7 +86,7 @@ def _table(quantity: str, unit: str, minimum: float, maximum: float, description
 
 
 def viscous(at: str = "motor") -> Group:
-    """Return viscous friction at a shaft of this name, and temperature."""
+    """Return the viscous friction at a shaft of this name, and the temperature it depends on."""
     return Group((
         *(parameter(f"friction.viscous.{way}", "N.m.s/rad", 0.0, 10.0, f"viscous friction at the {at}, {way} motion",
                     sheet="bench: viscous friction without load") for way in ("positive", "negative")),
@@ -97,21 +95,22 @@ def viscous(at: str = "motor") -> Group:
         parameter("friction.identified_from", "degC", -100.0, 200.0,
                   "coldest temperature at which friction was tested"),
         parameter("friction.identified_to", "degC", -100.0, 200.0, "warmest temperature at which friction was tested"),
-        tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), *as_built.VISCOUS),
-        rules=TEMPERATURE_RULES)
+        tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), as_built.VISCOUS.variable),
+        rules=TEMPERATURE_RULES, provides=frozenset({capabilities.AMBIENT_TEMPERATURE}))
 
 
 def coulomb(at: str = "motor") -> Group:
-    """Return Coulomb friction at a shaft of this name."""
+    """Return the Coulomb friction at a shaft of this name."""
     return Group((
         *(parameter(f"friction.coulomb.{way}[{power}]", "N.m", -10.0, 10.0,
                     f"Coulomb friction at the {at} for {way} motion: coefficient of (fin_angle/20 deg)^{power}",
                     "bench: friction torque without load; a constant one is the first number, the others 0")
           for way in ("positive", "negative") for power in range(7)),
-        *_table("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC"), *as_built.COULOMB),
-        rules=FRICTION_RULES, absent={
+        *_table("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC"), as_built.COULOMB.variable),
+        rules=FRICTION_RULES,
+        provides=frozenset({capabilities.COULOMB_FRICTION}) if at == "motor" else frozenset(), absent={
             "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7,
-            "friction.table.coulomb": (1.0,) * TABLE_POINTS, **as_built.nominal(*as_built.COULOMB)})
+            "friction.table.coulomb": (1.0,) * TABLE_POINTS})
 
 
 VISCOUS, COULOMB = viscous(), coulomb()
@@ -125,27 +124,32 @@ MOTOR = Group((
     parameter("motor.back_emf_constant", "V.s/rad", 0.0, 100.0, "back-EMF constant",
               sheet="motor: back-EMF or voltage constant K_e; 1 over the speed constant"),
     parameter("motor.resistance", "Ohm", 1e-6, 1e4, "winding resistance",
-              sheet="motor: terminal resistance, line to line"), *as_built.MOTOR), (
-    Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"), lambda ops, p, s: s.x.motor_speed),
-    Output(real_output("motor_torque", "N.m", "motor torque", 3.0), lambda ops, p, s: drive.torque(p, s.current))))
+              sheet="motor: terminal resistance, line to line"), as_built.FLUX.variable), (
+    Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"), lambda ops, p, m: m.x.motor_speed),
+    Output(real_output("motor_torque", "N.m", "motor torque", 3.0), lambda ops, p, m: drive.torque(p, m.current))),
+    provides=frozenset({capabilities.SCREW_DRIVE}))
 
 
-def shaft(motor_angle: str = "motor angle") -> Group:
-    """Return the motor's angle, with a description."""
+def shaft(motor_angle: str = "motor angle", rigid: bool = True) -> Group:
+    """Return the motor's angle, with its description; of a `rigid` drive line the fin's angle follows from it."""
     return Group(outputs=(Output(real_output("motor_angle", "rad", motor_angle, 10.0),
-                                 lambda ops, p, s: s.x.motor_angle),))
+                                 lambda ops, p, m: m.x.motor_angle),),
+                 provides=frozenset({capabilities.RIGID_DRIVE_LINE}) if rigid else frozenset())
 
 
 def current(motor_current: str = "motor current") -> Group:
-    """Return the current of a motor in both directions and its voltage, with a description of the current."""
+    """Return current and voltage of a motor for both directions, with the description of the current."""
     return Group(outputs=(
-        Output(real_output("motor_current", "A", motor_current, 30.0), lambda ops, p, s: s.current),
+        Output(real_output("motor_current", "A", motor_current, 30.0), lambda ops, p, m: m.current),
         Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0),
-               lambda ops, p, s: s.voltage)))
+               lambda ops, p, m: m.voltage)),
+        provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.DRIVE_STEP}))
 
 
 SHAFT, CURRENT = shaft(), current()
-POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, s: s.voltage * s.current),), wired=False)
+POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.voltage * m.current),), wired=False,
+              provides=frozenset({capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER}))
+VOLTAGE_LIMIT = Group(provides=frozenset({capabilities.VOLTAGE_LIMIT}))
 INDUCTANCE = Group((parameter("motor.inductance", "H", 1e-7, 10.0, "winding inductance",
                               sheet="motor: terminal inductance, line to line"),))
 POLE_PAIRS = Group((
@@ -156,11 +160,11 @@ POLE_PAIRS = Group((
 
 def delay(what: str = "delay from DAC to current reference",
           drive_reference: str = "analogue reference held by the controller's DAC") -> Group:
-    """Return the DAC and the delay behind it, with descriptions of delay and output."""
+    """Return the DAC and the delay behind it, with the descriptions of delay and output."""
     return Group((parameter("drive.transport_delay", "s", 0.0, 0.1, what,
                             sheet="drive: delay from a command to the current", display="ms"),),
                  (Output(real_output("drive_reference", "V", drive_reference, 10.0,
-                                     limited_by=("drive.reference_limit",)), lambda ops, p, s: s.u.sampled_reference),))
+                                     limited_by=("drive.reference_limit",)), lambda ops, p, m: m.u.sampled_reference),))
 
 
 DELAY = delay()
@@ -171,15 +175,24 @@ CURRENT_LIMIT = Group((
     parameter("drive.current_limit", "A", 1e-3, 1e4, "largest current reference",
               sheet="drive: peak current, or that of what it feeds where that is less"),
     parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference")),
-    absent={"drive.current_limit": inf, "drive.current_offset": 0.0})
+    provides=frozenset({capabilities.CURRENT_LIMIT}), absent={"drive.current_limit": inf, "drive.current_offset": 0.0})
 KP = parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",
                sheet="drive: proportional gain of the current loop")
+
+
+def _current_error(ops: Ops, p: Any, m: Record) -> Value:
+    error = drive.current_reference(ops, p, m.u.reference) - m.current
+    return ops.where(m.u.enabled, error, 0.0)
+
+
 CURRENT_LOOP = Group((
     KP,
     parameter("drive.ki", "V/(A.s)", 0.0, 1e6, "integral gain of the current loop",
               sheet="drive: integral gain of the current loop")),
     (Output(real_output("current_error", "A",
-                        "current reference within its limit minus motor current (0 while disabled)", 10.0), _error),))
+                        "current reference within its limit minus motor current (0 while disabled)", 10.0),
+            _current_error),),
+    provides=frozenset({capabilities.CURRENT_LOOP}))
 
 # -- controllers -------------------------------------------------------------------
 
@@ -192,14 +205,15 @@ POSITION_LOOP = Group((
             "weight of the command in the proportional part of the position loop (1: the thesis's PI)",
             sheet="controller: position loop, setpoint weight"),
     tunable("controller.position.velocity_feedforward", "1", 0.0, 10.0,
-            "share of the command's rate that is added to the speed reference (0: none)")), rules=(WEIGHT_RULE,))
+            "share of the command's rate that is added to the speed reference (0: none)")), rules=(WEIGHT_RULE,),
+    provides=frozenset({capabilities.POSITION_LOOP}))
 VELOCITY_LOOP = Group((
     tunable("controller.velocity.kp", "V.s/rad", 0.0, 1e4, "proportional gain of the velocity loop",
             sheet="controller: velocity loop, proportional gain"),
     tunable("controller.velocity.ki", "V/rad", 0.0, 1e6, "integral gain of the velocity loop (0: P control)",
             sheet="controller: velocity loop, integral gain"),
     tunable("controller.load_observer", "1/s", 0.0, 1e4, "bandwidth of the load observer (0: none)")),
-    rules=(OBSERVER_RULE,))
+    rules=(OBSERVER_RULE,), provides=frozenset({capabilities.CASCADE, capabilities.SCREW_EQUATIONS}))
 LIMITS = Group((
     parameter("drive.reference_limit", "V", 1e-3, 1e3, "largest DAC output",
               sheet="drive: range of the analogue command"),
@@ -210,7 +224,7 @@ LIMITS = Group((
             "back-calculation gain of the anti-windup where DAC or drive current are limited (0: none)"),
     parameter("controller.speed_limit", "rad/s", 1e-3, 1e5, "largest motor speed reference",
               sheet="controller: speed limit; not above the motor's permitted speed", display="rpm")),
-    rules=ANTIWINDUP_RULES, absent={
+    rules=ANTIWINDUP_RULES, provides=frozenset({capabilities.REFERENCE_LIMIT}), absent={
         "drive.reference_limit": inf, "controller.speed_limit": inf, "controller.antiwindup": 0.0,
         "controller.drive_antiwindup": 0.0})
 COMPENSATION = Group((
@@ -220,7 +234,7 @@ COMPENSATION = Group((
 
 
 def encoder(of: str = "motor") -> Group:
-    """Return the encoder, which is that of a shaft of this name where there is none on the fin."""
+    """Return the encoder: on a shaft of this name, unless it is on the fin's."""
     return Group((
         switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
         integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution",
@@ -229,16 +243,25 @@ def encoder(of: str = "motor") -> Group:
                           sheet="encoder: edges counted of a pulse, 4 in quadrature"),
         switch("encoder.on_fin", f"true: the position comes from an encoder on the fin shaft; false: from the {of}'s, "
                "as the speed always does", sheet="encoder: whether there is one on the fin's shaft")),
-        rules=(ENCODER_RULE,), absent={"encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1,
-                                       "encoder.multiplier": 1})
+        rules=(ENCODER_RULE,), provides=frozenset({capabilities.ENCODER}), absent={
+            "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1})
 
 
 ENCODER = encoder()
 OPTIONAL = (LEVER, SCREW, COULOMB, HINGE_FRICTION, COMPENSATION, ENCODER, CURRENT_LIMIT, LIMITS, POLE_PAIRS)
 LOOPS = (VELOCITY_LOOP, LIMITS, POSITION_LOOP)
-SERVO = (MOTOR, CURRENT, POWER, INDUCTANCE, DELAY, CURRENT_GAIN, CURRENT_LIMIT, CURRENT_LOOP, COMPENSATION, POLE_PAIRS)
+SERVO = (MOTOR, CURRENT, POWER, VOLTAGE_LIMIT, INDUCTANCE, DELAY, CURRENT_GAIN, CURRENT_LIMIT, CURRENT_LOOP,
+         COMPENSATION, POLE_PAIRS)
 
 
-def lever_and_screw(screw: Group) -> tuple[Group, ...]:
-    """Return the groups from the motor's shaft to the fin, with its loops and encoder."""
+def with_screw(screw: Group) -> tuple[Group, ...]:
+    """Return the groups between motor and fin with a screw on a lever, and loops and encoder."""
     return LEVER, COULOMB, ENCODER, screw, *LOOPS, VISCOUS, HINGE, HINGE_FRICTION
+
+
+def with_gear(gear: Group, fork: str, shaft: Group = SHAFT) -> tuple[Group, ...]:
+    """Return the groups of motor, drive, loops, encoder and fin with a `gear` instead of screw and lever.
+
+    `fork` names the part that turns the fin's shaft.
+    """
+    return COULOMB, ENCODER, *LOOPS, VISCOUS, hinge(fork), HINGE_FRICTION, shaft, *SERVO, gear

@@ -8,23 +8,22 @@ from ...control import controllers, sensors
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
-from ...physics.structure import Structure
 from ...steppers import rigid
 from ...steppers.electrical import Plant
 from ...steppers.rigid import advance
-from .. import capabilities, fin_port
+from .. import as_built as deviations
 from ..declaration import Actuator, PlantInputs, SampleInputs, Values
 from . import groups, interface, plausibility
-from .as_built import NOMINAL, as_built
 
-# The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
+# Largest phase [rad] of the drive's integral action in a tick: its value at mid-tick is used through the tick.
 _INTEGRAL_PHASE = 0.07
-PARTS = interface.Parts((*groups.lever_and_screw(groups.SCREW), groups.SHAFT, *groups.SERVO))
 EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
+as_built = deviations.plant(deviations.MOMENT_ARM, deviations.INITIAL_ANGLE, deviations.LEAD, deviations.FLUX,
+                            deviations.FIN, deviations.COULOMB, deviations.VISCOUS)
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
-    """Return plant and controller at rest at a fin angle."""
+    """Return the states of plant and controllers at rest at a fin angle."""
     plant = as_built(ops, p)
     angle = kinematics.motor_angle(ops, plant, start.fin_angle)
     turned = sensors.motor_counts(ops, p, angle)
@@ -35,7 +34,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return a sample of the controllers. While the drive is disabled they are held in reset."""
+    """Return the reference and states of the controllers after a sample; a disabled drive holds them in reset."""
     measured = sensors.measure(ops, p, as_built(ops, p), inputs.position, x.motor_angle, x.motor_speed, x.motor_counts,
                                inputs.encoder_offset)
     loops = controllers.Loops(x.integral, x.velocity_integral, x.target, x.momentum)
@@ -64,30 +63,27 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant after h [s] or at the first event before, and the time that took."""
+    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
     now = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
     plant, used = advance(ops, as_built(ops, p), now, u, h)
     return {"motor_angle": plant.angle, "motor_speed": plant.speed, "motor_current": plant.current,
             "drive_integral": plant.integral}, used
 
 
-def shown(parts: interface.Parts, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return the outputs of an actuator of such parts."""
+def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
+    """Return the parameters as built, and what the outputs follow from."""
     p = as_built(ops, p)
-    now = interface.moment(ops, p, x, u, x.motor_angle, x.motor_speed)
     voltage, current, clipped = electrical(ops, p, x.motor_speed, x, u)
-    return parts.shown(ops, p, Record(**vars(now), nut=x.motor_angle, voltage=voltage, current=current,
-                                      stop=fin_port.stop_edge(p),
-                                      saturated=lambda: ops.either(clipped > 0.0, u.limited > 0.0)))
+    return p, interface.moment(ops, p, x, u, x.motor_angle, x.motor_speed, nut=x.motor_angle, voltage=voltage,
+                               current=current, limited=ops.either(clipped > 0.0, u.limited > 0.0))
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return every output."""
-    return shown(PARTS, ops, p, x, u)
+COMPOSITION = interface.composed(moment, *groups.with_screw(groups.SCREW), groups.LOSSLESS, groups.SHAFT,
+                                 *groups.SERVO)
 
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tuple[Value, ...]:
-    """Return motor voltage [V] and current [A] at a motor speed [rad/s], and whether a limit is met (above 0)."""
+    """Return motor voltage [V] and current [A] at a motor speed [rad/s], and 1 where a limit is active, else 0."""
     if p.structure.current == "ideal":
         return _ideal(ops, p, speed, u)
     supply = ops.maximum(u.supply, 0.0)
@@ -100,7 +96,7 @@ def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tup
 
 
 def _ideal(ops: Ops, p: Any, speed: Value, u: PlantInputs) -> tuple[Value, ...]:
-    """Return the current of an ideal loop and the voltage that it would need."""
+    """Return :func:`electrical` of an ideal current loop, with the voltage that it would need."""
     current = ops.where(u.enabled, drive.current_reference(ops, p, u.reference), 0.0)
     over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(p, u.reference)) > p.drive.current_limit)
     return p.motor.resistance * current + drive.back_emf(p, speed), current, ops.where(over, 1.0, 0.0)
@@ -115,6 +111,7 @@ def longest_tick(ops: Ops, p: Any) -> Value:
 
 
 ACTUATOR = Actuator(
+    **COMPOSITION.declared(plausibility.RULES),
     name="nonlinear",
     title="Nonlinear electromechanical control actuation system: brushless motor, current-mode drive, ball screw, "
           "lever and fin, with position, velocity and current loops",
@@ -124,28 +121,15 @@ ACTUATOR = Actuator(
     states=interface.MOTION + interface.DRIVE,
     controller_states=interface.CONTROLLER,
     encoder=("motor_angle", "motor_speed"),
-    outputs=PARTS.outputs,
-    parameters=PARTS.parameters,
     supply=interface.SUPPLY,
     descriptions=interface.INPUT_DESCRIPTIONS,
-    rules=(*PARTS.rules, *plausibility.RULES),
     supply_rules=plausibility.SUPPLY_RULES,
     equal_parameters=interface.EQUAL,
-    terminals=PARTS.terminals(),
-    provides=frozenset({
-        capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_LOAD,
-        capabilities.COULOMB_FRICTION, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
-        capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
-        capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.ENCODER,
-        capabilities.AMBIENT_TEMPERATURE, capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS}),
-    structure=Structure(),
     as_built=as_built,
-    nominal=NOMINAL,
     initial=initial,
     sample=sample,
     derivatives=derivatives,
     step=step,
-    output_values=output_values,
     longest_tick=longest_tick,
     tick_remedy=interface.TICK_REMEDY,
     transport_delay=interface.transport_delay,

@@ -13,7 +13,7 @@ from typing import Any
 from ...ops.base import Ops, Value
 from ...physics.friction import coulomb
 from ...rules import Rule, in_degrees, when
-from .interface import with_parameters
+from ..composition import with_parameters
 from .rules import inertias
 
 # Of a servo drive the load is seldom beyond 30 times the rotor at the motor; a rotor of a thousand loads is a mistake.

@@ -35,15 +35,14 @@ from ...ops.base import Ops, Value
 from ...physics import clutch, clutched_screw, drive, friction, kinematics, loads, mechanics, screw
 from ...physics.clutched_screw import Train
 from ...physics.stick import WALL
-from ...physics.structure import Structure
 from ...rules import Rule
 from ...steppers import current_loop, electrical, events, rigid
 from ...variables import parameter, real_output, tunable
-from .. import capabilities, fin_port
+from .. import capabilities
+from ..composition import Group, Output
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import clutches, groups, interface, lossy_screw, nonlinear, plausibility, rules
-from .as_built import NOMINAL, as_built
-from .interface import Group, Output
+from .nonlinear import as_built
 
 STATES = (*clutches.SCREW, *interface.DRIVE, State("coil_current", "A"),
           State("flux", "A", "as the current that holds it"), clutches.TEMPERATURE)
@@ -54,21 +53,24 @@ _CLUTCH = Group((
     clutches.share("clutch.share", ""),
     parameter("coil.kp", "V/A", 1e-6, 1e4, "proportional gain of the coil's amplifier"),
     clutches.connected("coil.connected", "")), (
-    Output(real_output("coil_current", "A", "coil current of the clutch", 1.0), lambda ops, p, s: s.x.coil_current),
-    Output(real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0)),
-    Output(real_output("slip_power", "W", "heat of slip of the clutch", 1000.0, minimum=0.0)),
+    Output(real_output("coil_current", "A", "coil current of the clutch", 1.0), lambda ops, p, m: m.x.coil_current),
+    Output(real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0),
+           lambda ops, p, m: clutched_screw.torque(ops, m.train, m.motion)),
+    Output(real_output("slip_power", "W", "heat of slip of the clutch", 1000.0, minimum=0.0),
+           lambda ops, p, m: _slip_power(m.train, m.motion, m.x)),
     clutches.CLUTCH_TEMPERATURE))
+
+
+def _screw_loss(ops: Ops, p: Any, m: Record) -> Value:
+    return (m.motion.felt - 1.0) * clutched_screw.transmitted(ops, m.train, m.motion) * m.x.screw_speed
+
+
 _POWERS = Group(lossy_screw.PARAMETERS, (
-    Output(SUPPLY_POWER),
+    Output(SUPPLY_POWER, lambda ops, p, m: ops.maximum(m.drawn, 0.0)),
     Output(real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor",
-                       100.0, minimum=0.0)),
+                       100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.drawn, 0.0)),
     Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0,
-                       minimum=0.0))), wired=False)
-PARTS = interface.Parts((
-    *clutches.SCREW_SIDE, groups.hinge(
-        saturated="any limit active: command, speed, DAC, current, the drive's voltage or the coil amplifier's"),
-    groups.CURRENT, groups.INDUCTANCE, groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LIMIT,
-    groups.CURRENT_LOOP, groups.POLE_PAIRS, clutches.FRICTION, _CLUTCH, _POWERS))
+                       minimum=0.0), _screw_loss)), wired=False, provides=frozenset({capabilities.SUPPLY_VOLTAGE}))
 FAULTS = (
     *clutches.faults("the clutch slips", ("coil.connected", "the clutch"), ("clutch.share",)),
     PlantFault("clutch_engaged", "the no-back fails: through the engaged clutch the load drives the motor",
@@ -151,8 +153,8 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
         ops, p, _electrical(x), u, h, lambda: clutched_screw.accelerations(ops, t, motion)[1]))
 
 
-def _slip_power(t: Train, m: Record, x: Record) -> Value:
-    return m.motion.clutch * t.capacity * (x.motor_speed - x.screw_speed)
+def _slip_power(t: Train, motion: clutched_screw.Motion, x: Record) -> Value:
+    return motion.clutch * t.capacity * (x.motor_speed - x.screw_speed)
 
 
 def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
@@ -161,7 +163,7 @@ def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
     turning, rotor = clutched_screw.accelerations(ops, t, m.motion)
     return {"screw_angle": x.screw_speed, "screw_speed": turning, "motor_speed": rotor,
             "coil_current": m.coil.rate(ops, p, x.coil_current), "flux": clutch.flux_rate(p, x.coil_current, x.flux),
-            "clutch_temperature": clutch.warming(p, _slip_power(t, m, x), x.clutch_temperature)}
+            "clutch_temperature": clutch.warming(p, _slip_power(t, m.motion, x), x.clutch_temperature)}
 
 
 def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
@@ -178,10 +180,9 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
 
 
 def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
-    way, (least, most) = m.motion.screw, m.stops
-    ahead = ops.where(way > 0.0, most - x.screw_angle, x.screw_angle - least)
     return {**clutched_screw.margins(ops, _train(ops, p, x, m), m.motion, x.screw_speed, x.motor_speed),
-            "stop": ops.where(ops.equal(way, 0.0), 1.0, ahead), "coil": m.coil.margin(ops, p, x.coil_current),
+            "stop": clutches.stop_margin(ops, m.motion.screw, m.stops, x.screw_angle),
+            "coil": m.coil.margin(ops, p, x.coil_current),
             "voltage": current_loop.reserve(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)}
 
 
@@ -192,9 +193,7 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Recor
     way, (least, most) = m.motion.screw, m.stops
     beyond = ops.either(ops.both(way > 0.0, x.screw_angle >= most), ops.both(way < 0.0, x.screw_angle <= least))
     struck = ops.either(events["stop"], beyond)
-    # A stop takes the screw's speed at once; the rotor goes on, and the clutch slips.
-    return {"screw_speed": ops.where(struck, 0.0, turning), "motor_speed": ops.where(struck, x.motor_speed, rotor),
-            "screw_angle": ops.where(struck, ops.where(way > 0.0, most, least), x.screw_angle),
+    return {**clutches.stopped(ops, struck, way, m.stops, x, turning, rotor),
             "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
                                                         x.drive_integral)}
 
@@ -211,29 +210,26 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
     return vars(moved), used
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return every output."""
+def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
+    """Return the parameters as built, and what the outputs follow from."""
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
     x = x.replace(motor_current=current)
     m = _surroundings(ops, p, x, u, x.screw_angle)
     t = _train(ops, p, x, m)
     motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
-    m = Record(**vars(m), motion=motion)
     limited = ops.either(u.limited > 0.0, ops.negate(ops.equal(m.coil.side, 0.0)))
-    drawn = voltage * current + m.coil.drawn(ops, p, x.coil_current)
-    now = interface.moment(ops, p, x, u, x.screw_angle, x.screw_speed, nut=x.screw_angle, voltage=voltage,
-                           current=current, stop=fin_port.stop_edge(p),
-                           saturated=lambda: ops.either(clipped > 0.0, limited))
-    loss = (motion.felt - 1.0) * clutched_screw.transmitted(ops, t, motion) * x.screw_speed
-    return {
-        **PARTS.shown(ops, p, now),
-        "supply_power": ops.maximum(drawn, 0.0),
-        "braking_power": ops.maximum(-drawn, 0.0),
-        "clutch_torque": clutched_screw.torque(ops, t, motion),
-        "slip_power": _slip_power(t, m, x),
-        "screw_loss": loss,
-    }
+    return p, interface.moment(
+        ops, p, x, u, x.screw_angle, x.screw_speed, nut=x.screw_angle, voltage=voltage, current=current,
+        limited=ops.either(clipped > 0.0, limited), train=t, motion=motion,
+        drawn=voltage * current + m.coil.drawn(ops, p, x.coil_current))
+
+
+COMPOSITION = interface.composed(
+    moment, *clutches.SCREW_SIDE, groups.hinge(
+        saturated="any limit active: command, speed, DAC, current, the drive's voltage or the coil amplifier's"),
+    groups.CURRENT, groups.VOLTAGE_LIMIT, groups.INDUCTANCE, groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LIMIT,
+    groups.CURRENT_LOOP, groups.POLE_PAIRS, clutches.FRICTION, _CLUTCH, _POWERS)
 
 
 def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
@@ -241,6 +237,8 @@ def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 ACTUATOR = Actuator(
+    **COMPOSITION.declared((Rule(_jams, lossy_screw.jamming_text("clutch and screw")),
+                            *plausibility.of_screw(lambda ops, p: _as_one(p))), "motor, clutch and screw"),
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
     origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016): an electromechanical actuator with a clutch, so that "
@@ -249,28 +247,17 @@ ACTUATOR = Actuator(
     states=STATES,
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
-    outputs=PARTS.outputs,
-    parameters=PARTS.parameters,
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER, interface.SUPPLY.inverse_inductance),
     descriptions={**interface.INPUT_DESCRIPTIONS,
                   "enable": "false opens drive's bridge and clutch: the no-back holds the fin under any load"},
-    terminals=PARTS.terminals("motor, clutch and screw"),
-    rules=(*PARTS.rules, Rule(_jams, lossy_screw.jamming_text("clutch and screw")),
-           *plausibility.of_screw(lambda ops, p: _as_one(p))),
     supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,
     equal_parameters=interface.EQUAL,
-    provides=nonlinear.ACTUATOR.provides - {
-        capabilities.SCREW_LOAD, capabilities.COULOMB_FRICTION, capabilities.RIGID_DRIVE_LINE,
-        capabilities.RETURNS_POWER},
-    structure=Structure(),
     as_built=as_built,
-    nominal=NOMINAL,
     initial=initial,
     sample=sample,
     derivatives=derivatives,
     step=step,
-    output_values=output_values,
     longest_tick=nonlinear.longest_tick,
     tick_remedy=interface.TICK_REMEDY,
     transport_delay=interface.transport_delay,

@@ -3,33 +3,36 @@
     J_r dw/dt = T_m - C_m sgn w - b_m w - e L           theta = N fin_angle
     L = (J_f/N^2) dw/dt + (C_f/N) sgn w + b_f w/N^2 - T_f/N        e = 1/eta_f where L w > 0, else eta_b
 
-The wheel sits on the fin shaft: a constant ratio, and the losses of a loaded worm in place of given efficiencies
-(:mod:`emcas_fmu.physics.worm`, :mod:`emcas_fmu.physics.screw`). With eta_b <= 0 it locks: no load moves the fin, or
-drives the motor. The worm turns with the motor and lies along body x.
+The wheel is on the fin shaft: the ratio is constant, and the losses of the loaded worm follow from its geometry and
+friction (:mod:`emcas_fmu.physics.worm`, :mod:`emcas_fmu.physics.screw`). With eta_b <= 0 the worm is self-locking: no
+load moves the fin or drives the motor. The worm turns with the motor and lies along body x.
 """
 
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from math import radians
 from typing import Any
 
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
-from ...physics import screw, screw_loss, worm
+from ...physics import drive, mechanics, screw, screw_loss, worm
 from ...physics.structure import Structure
 from ...rules import Rule, when
 from ...variables import in_group, integer_parameter, parameter, real_output, tunable
-from .. import capabilities
-from ..declaration import PlantFault, PlantInputs, Values
+from ..composition import Group, Output
+from ..declaration import PlantFault, Values
 from . import groups, interface, nonlinear, plausibility, rules
-from .as_built import as_built
-from .interface import with_parameters
 from .rules import MOST_JAMMING
 
-LOSS = real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0)
-WORM = interface.Group((*in_group(
+
+def _loss(ops: Ops, p: Any, m: Record) -> Value:
+    return screw_loss.loss(ops, p, m.x, m.u, {
+        "motor_speed": m.x.motor_speed, "fin_angle": m.fin, "motor_torque": drive.torque(p, m.current),
+        "hinge_torque": mechanics.external_moment(ops, p, m.tangent, m.u)})
+
+
+WORM = Group((*in_group(
     "worm",
     integer_parameter("starts", 1, 12, "starts of the worm, z_1", sheet="gear: starts of the worm"),
     integer_parameter("teeth", 10, 1000, "teeth of the whole wheel, z_2; the ratio is teeth/starts",
@@ -49,33 +52,23 @@ WORM = interface.Group((*in_group(
               sheet="gear: inertia of worm and coupling"),
     parameter("deviation.worm.friction", "1", -0.9, 10.0,
               "friction coefficient of the flanks as built over nominal, less 1")),
-    (interface.Output(LOSS),))
+    (Output(real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0), _loss),))
 
 
-def parts(*of_line: interface.Group, motor_angle: str = "motor angle") -> interface.Parts:
-    """Return motor, drive and loops with a worm and its wheel, and further groups."""
-    return interface.Parts((
-        groups.COULOMB, groups.ENCODER, *groups.LOOPS, groups.VISCOUS, groups.hinge("worm wheel"),
-        groups.HINGE_FRICTION, groups.shaft(motor_angle), *groups.SERVO, WORM, *of_line))
-
-
-PARTS = parts()
-_FALLING = 2.5e-4  # s: friction from 0.15 at rest to 0.04 is then followed to 0.0011 deg in the reference cases
-NOMINAL = {v.name: 0.0 for v in PARTS.parameters if v.name.startswith("deviation.")}
+COMPOSITION = interface.composed(nonlinear.moment, *groups.with_gear(WORM, "worm wheel"))
+# Longest tick [s] with friction that falls with the speed: from 0.15 at rest to 0.04 the reference cases then agree
+# within 0.0011 deg.
+_FALLING = 2.5e-4
 
 
 def geared(_: Ops, p: Any) -> Any:
-    """Return parameters as those of a screw of ratio N without lever, its friction as built; of these, the same."""
-    return with_values(PARTS.completed(p, (groups.LEVER, groups.SCREW)), {
+    """Return the parameters of an equivalent screw of ratio N without lever, with the flanks' friction as built.
+
+    A second call returns the same.
+    """
+    return with_values(COMPOSITION.completed(p, (groups.LEVER, groups.SCREW)), {
         "kinematics.moment_arm": worm.ratio(p), "screw.lead": 1.0, "inertia.screw": p.inertia.worm,
         "worm.friction": p.worm.friction * (1.0 + p.deviation.worm.friction), "deviation.worm.friction": 0.0})
-
-
-def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return every output."""
-    p = geared(ops, p)
-    values = nonlinear.shown(PARTS, ops, p, x, u)
-    return {**values, LOSS.name: screw_loss.loss(ops, as_built(ops, p), x, u, values)}
 
 
 # -- faults ------------------------------------------------------------------------
@@ -86,7 +79,7 @@ def _shaken(ops: Ops, p: Any, amounts: Any) -> Values:
 
 
 def _dry(ops: Ops, p: Any, amounts: Any) -> Values:
-    """Return a friction that no motor is too weak for at once: the flanks still slide where it turns."""
+    """Return a higher friction, with which the motor still turns the loaded worm."""
     return {"worm.friction": ops.minimum(amounts.factor * p.worm.friction, _most(ops, p) / p.worm.static_ratio)}
 
 
@@ -97,8 +90,9 @@ FAULTS = (
         tunable("factor", "1", 1.0, 3.0, "by which it rises"),), lasting=True),
 )
 
+
 def longest_tick(ops: Ops, p: Any) -> Value:
-    """Return the largest tick [s]: one that resolves the slope of friction that falls with the speed."""
+    """Return the largest tick [s]; it resolves friction that falls with the speed."""
     longest = nonlinear.longest_tick(ops, p)
     return ops.where(ops.equal(p.worm.static_ratio, 1.0), longest, ops.minimum(longest, _FALLING))
 
@@ -124,7 +118,7 @@ def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 RULES = (
-    *PARTS.rules, *plausibility.of_screw(geared),
+    *plausibility.of_screw(geared),
     Rule(_drives, "the flanks' friction coefficient at rest, worm.friction times worm.static_ratio as built, is %.6g; "
                   "above %.6g = 0.99 cos(worm.pressure_angle) worm.diameter_quotient/worm.starts no motor turns the "
                   "worm under load"),
@@ -133,15 +127,13 @@ RULES = (
                 "%.6g over %.6g kg.m2; lower worm.friction or worm.static_ratio, or raise worm.starts"),
 )
 
-ACTUATOR = replace(
-    nonlinear.ACTUATOR,
+ACTUATOR = COMPOSITION.over(
+    nonlinear.ACTUATOR, geared, RULES,
     name="worm-gear",
     title="electromechanical actuator with a worm gear: constant ratio, losses of the loaded worm, self-locking",
     origin="The kind is that of section 1.1.1.3 of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical "
            "control actuation system, M.S. thesis, METU, 2016, which gives its structure and no number of it; motor, "
            "drive and loops are those of the thesis's actuator. Numbers are engineering estimates, marked as such.",
-    outputs=PARTS.outputs,
-    parameters=PARTS.parameters,
     descriptions={
         **interface.INPUT_DESCRIPTIONS,
         "acceleration.x": "vehicle acceleration along body x (forward, along the worm), where mounting.station "
@@ -150,18 +142,9 @@ ACTUATOR = replace(
             "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.worm it "
             "takes from the motor's torque, whose positive angle is right-handed about body x",
     },
-    rules=RULES,
-    terminals=PARTS.terminals(),
-    provides=nonlinear.ACTUATOR.provides - {capabilities.SCREW_AND_LEVER, capabilities.SCREW_LOAD},
     structure=Structure(constant_ratio=True, screw_losses=True, worm=True),
-    nominal=NOMINAL,
     faults=FAULTS,
     equation_parameters=geared,
-    initial=with_parameters(nonlinear.initial, geared),
-    sample=with_parameters(nonlinear.sample, geared),
-    derivatives=with_parameters(nonlinear.derivatives, geared),
-    step=with_parameters(nonlinear.step, geared),
-    output_values=output_values,
     longest_tick=longest_tick,
     reference="emcas_fmu.reference.worm_gear",
     modules=(sys.modules[__name__], worm, screw, screw_loss, *nonlinear.EQUATIONS[1:]),

@@ -20,20 +20,20 @@ from ...control import fluid_power
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import cylinder, servovalve, stick
-from ...physics.structure import Structure
 from ...steppers import events
 from ...variables import Terminal, parameter, real_input, real_output, tunable
-from .. import capabilities, fin_port
+from .. import as_built, capabilities, fin_port
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from ..electromechanical.interface import transport_delay
 from ..electromechanical.rules import LEVER_RULE
-from . import as_built, interface
+from . import interface
 
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
                              maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure",
                              sheet="supply: line pressure")
 SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the pressure line", 1000.0)
-DEVIATIONS = (*as_built.LEVER_AND_FRICTION, as_built.RATED_FLOW)
+DEVIATIONS = (*interface.DEVIATIONS, as_built.RATED_FLOW)
+with_deviations = as_built.plant(*DEVIATIONS)
 VALVE = (State("spool_position", "1", "of its stroke"), State("spool_speed", "1/s"))
 PARAMETERS = (
     *fin_port.described({"drive.transport_delay": "delay from a sample to the coil of the valve"},
@@ -55,7 +55,7 @@ PARAMETERS = (
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
     parameter("valve.null_shift", "1", -2.0, 2.0, "where the spool stands without a command, of its stroke; 2: at its "
               "end whatever the command"),
-    *DEVIATIONS,
+    *(deviation.variable for deviation in DEVIATIONS),
 )
 FAULTS = (
     PlantFault("hard_over", "the spool stays at one end of its stroke, whatever it is asked for",
@@ -137,7 +137,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states: of a fin that moves without dry friction, a valve within its limits."""
-    p = as_built.with_valve(ops, p)
+    p = with_deviations(ops, p)
     c = cylinder.linkage(ops, p, x.fin_angle, u)
     return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), slide=stick.Slide(1.0, 0.0, 0.0),
                                        command=u.reference + p.valve.null_shift, at_speed=False, refill_1=False,
@@ -181,27 +181,18 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
-    moved, used = events.advance(ops, as_built.with_valve(ops, p), _SYSTEM, x, u, h)
+    moved, used = events.advance(ops, with_deviations(ops, p), _SYSTEM, x, u, h)
     return vars(moved), used
 
 
 def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
-    p = as_built.with_valve(ops, p)
+    p = with_deviations(ops, p)
     _, _, drawn = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
     at_speed = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT
     limited = ops.either(at_speed, ops.either(ops.fabs(x.spool_position) >= 1.0, u.limited > 0.0))
     return {
-        "fin_angle": x.fin_angle,
-        "fin_rate": x.fin_rate,
-        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
-        "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
-        "measured_fin_angle": u.measured_fin_angle,
-        "saturated": limited,
-        "at_stop": ops.fabs(x.fin_angle) >= fin_port.stop_edge(p),
-        "piston_position": cylinder.piston_position(ops, p, x.fin_angle),
-        "pressure_1": x.pressure_1,
-        "pressure_2": x.pressure_2,
+        **interface.output_values(ops, p, x, u, limited),
         "valve_reference": u.sampled_reference,
         "valve_position": x.spool_position,
         "supply_flow": drawn,
@@ -231,9 +222,8 @@ ACTUATOR = Actuator(
                          "supply_flow")),),
     rules=(LEVER_RULE, interface.STROKE_RULE),
     provides=frozenset({capabilities.POSITION_LOOP, capabilities.SUPPLY_PRESSURE}),
-    structure=Structure(),
-    as_built=as_built.with_valve,
-    nominal=as_built.nominal(*DEVIATIONS),
+    as_built=with_deviations,
+    nominal={deviation.variable.name: 0.0 for deviation in DEVIATIONS},
     reference="emcas_fmu.reference.electrohydraulic",
     initial=initial,
     sample=sample,

@@ -26,24 +26,27 @@ from ...control import controllers, fluid_power
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
-from ...physics.structure import Structure
 from ...steppers import current_loop, electrical, events
 from ...variables import Terminal, only, parameter, switch, tunable
-from .. import capabilities, fin_port
+from .. import as_built, capabilities
 from ..declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..electromechanical import interface as electromechanical
 from ..electromechanical import nonlinear, plausibility
 from ..electromechanical.rules import LEVER_RULE
-from . import as_built, interface
+from . import interface
 from .electrohydrostatic_faults import FAULTS
 
-DEVIATIONS = (*as_built.LEVER_AND_FRICTION, as_built.MOTOR)
+_ARM, _ANGLE, _FIN, _COULOMB, _VISCOUS = interface.DEVIATIONS
+DEVIATIONS = (_ARM, _ANGLE, _FIN,
+              _COULOMB.scaling(*_COULOMB.scales, "pump.coulomb_friction", "pump.pressure_friction"),
+              _VISCOUS.scaling(*_VISCOUS.scales, "pump.viscous_friction"), as_built.FLUX)
+with_deviations = as_built.plant(*DEVIATIONS)
 _FREE = stick.Slide(1.0, 0.0, 0.0)
 _ROUNDING = 1e-9  # V
 PARAMETERS = (
     *interface.PARAMETERS,
-    *only(nonlinear.PARTS.parameters, "inertia.motor", "motor.", "drive.current_", "drive.k", "drive.reference_limit",
-          "controller.velocity.kp", "controller.speed_limit", "compensation."),
+    *only(nonlinear.COMPOSITION.parameters, "inertia.motor", "motor.", "drive.current_", "drive.k",
+          "drive.reference_limit", "controller.velocity.kp", "controller.speed_limit", "compensation."),
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p",
               sheet="pump: displacement per revolution"),
     parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p",
@@ -65,7 +68,7 @@ PARAMETERS = (
     parameter("oil.cavitation_pressure", "Pa", 0.0, 1e6, "absolute pressure at which a void opens in the oil"),
     parameter("oil.cavitated_modulus", "Pa", 1.0, 1e9, "bulk modulus of a chamber with a void",
               quantity="BulkModulus"),
-    *DEVIATIONS,
+    *(deviation.variable for deviation in DEVIATIONS),
 )
 
 
@@ -151,7 +154,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states: moving without dry friction, valves shut, the drive within its limits."""
-    p = as_built.with_pump(ops, p)
+    p = with_deviations(ops, p)
     smooth = with_values(p, {"pump.coulomb_friction": 0.0, "pump.pressure_friction": 0.0})
     m = Record(linkage=cylinder.linkage(ops, p, x.fin_angle, u)._replace(dry=0.0), fin=_FREE, shaft=_FREE,
                lines=pump.lines(ops, p, pump.SHUT, pump.bypass(ops, p, u.enabled)))
@@ -192,7 +195,7 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
-    p = as_built.with_pump(ops, p)
+    p = with_deviations(ops, p)
     now = electrical.switched(ops, _electrical(x), u.enabled)
     x = x.replace(motor_current=now.current, drive_integral=now.integral)
     moved, used = events.advance(ops, p, _SYSTEM, x, u, electrical.resolved(ops, p, now, u, h))
@@ -201,20 +204,11 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
 
 def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
-    p = as_built.with_pump(ops, p)
+    p = with_deviations(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
     error = drive.current_reference(ops, p, u.reference) - current
     return {
-        "fin_angle": x.fin_angle,
-        "fin_rate": x.fin_rate,
-        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
-        "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
-        "measured_fin_angle": u.measured_fin_angle,
-        "saturated": ops.either(clipped > 0.0, u.limited > 0.0),
-        "at_stop": ops.fabs(x.fin_angle) >= fin_port.stop_edge(p),
-        "piston_position": cylinder.piston_position(ops, p, x.fin_angle),
-        "pressure_1": x.pressure_1,
-        "pressure_2": x.pressure_2,
+        **interface.output_values(ops, p, x, u, ops.either(clipped > 0.0, u.limited > 0.0)),
         "motor_speed": x.motor_speed,
         "motor_current": current,
         "motor_voltage": voltage,
@@ -237,7 +231,7 @@ ACTUATOR = Actuator(
     states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
     outputs=(*interface.OUTPUTS,
-             *only(nonlinear.PARTS.outputs, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
+             *only(nonlinear.COMPOSITION.outputs, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
                    "drive_reference", "supply_power", "current_error")),
     parameters=PARAMETERS,
     supply=electromechanical.SUPPLY,
@@ -255,9 +249,8 @@ ACTUATOR = Actuator(
         capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
         capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER, capabilities.REFERENCE_LIMIT,
         capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.DRIVE_STEP}),
-    structure=Structure(),
-    as_built=as_built.with_pump,
-    nominal=as_built.nominal(*DEVIATIONS),
+    as_built=with_deviations,
+    nominal={deviation.variable.name: 0.0 for deviation in DEVIATIONS},
     initial=initial,
     sample=sample,
     derivatives=derivatives,

@@ -1,15 +1,16 @@
-"""States, variables and rules that the hydraulic actuators share."""
+"""States, variables, deviations, rules and outputs that the hydraulic actuators share."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import cylinder
 from ...rules import SLACK, Rule, when
 from ...variables import only, parameter, real_output
-from .. import fin_port
-from ..declaration import State
+from .. import as_built, fin_port
+from ..declaration import PlantInputs, State, Values
 from ..electromechanical import nonlinear
 
 FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
@@ -28,6 +29,10 @@ OUTPUTS = (
     real_output("piston_position", "m", "piston displacement from its place at fin_angle 0", 0.01),
     *PRESSURES,
 )
+# The controllers know nothing of oil, cylinder and line: these have no deviations, their own values vary.
+DEVIATIONS = (as_built.MOMENT_ARM, as_built.INITIAL_ANGLE, as_built.FIN,
+              as_built.COULOMB.scaling("friction.fin_coulomb", "cylinder.coulomb_friction"),
+              as_built.VISCOUS.scaling("friction.fin_viscous", "cylinder.viscous_friction"))
 CYLINDER = (
     parameter("cylinder.area", "m2", 1e-7, 1.0, "area of the piston on both sides, A",
               sheet="cylinder: effective piston area"),
@@ -50,7 +55,7 @@ TRANSDUCER = parameter("transducer.resolution", "rad", 0.0, 0.1, "step of the tr
 PARAMETERS = (
     *fin_port.described(
         {"kinematics.moment_arm": "distance of the hinge from the piston's axis, d"},
-        only(nonlinear.PARTS.parameters, "kinematics.", "friction.fin_", "drive.transport_delay",
+        only(nonlinear.COMPOSITION.parameters, "kinematics.", "friction.fin_", "drive.transport_delay",
              "controller.position.kp", "controller.position.ki", "controller.position.setpoint_weight")),
     *fin_port.PARAMETERS,
     *CYLINDER,
@@ -68,3 +73,19 @@ def _stroke(ops: Ops, p: Any, share: Value) -> tuple[Value, ...]:
 STROKE_RULE = Rule(_stroke, "cylinder.dead_volume = %.6g m3 must be more than the piston sweeps up to a stop of the "
                             "fin, %.6g m3 with cylinder.area = %.6g m2; raise it, or lower cylinder.area, "
                             "kinematics.moment_arm or fin.stop_angle", scanned=True)
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs, limited: Value) -> Values:
+    """Return the values of :data:`OUTPUTS`, with parameters as built; `limited` says whether a limit is active."""
+    return {
+        "fin_angle": x.fin_angle,
+        "fin_rate": x.fin_rate,
+        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
+        "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
+        "measured_fin_angle": u.measured_fin_angle,
+        "saturated": limited,
+        "at_stop": ops.fabs(x.fin_angle) >= fin_port.stop_edge(p),
+        "piston_position": cylinder.piston_position(ops, p, x.fin_angle),
+        "pressure_1": x.pressure_1,
+        "pressure_2": x.pressure_2,
+    }

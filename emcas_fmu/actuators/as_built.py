@@ -1,0 +1,67 @@
+"""The plant as built, which differs from the nominal parameters that the controllers know.
+
+    actual = nominal (1 + deviation)        the lever's assembly angle: nominal + deviation
+
+Deviations act on the plant only. With all of them 0 the controllers know the plant exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import radians
+from typing import Any, NamedTuple
+
+from ..namespace import value_of, with_values
+from ..ops.base import Ops
+from ..variables import Variable, parameter
+
+
+class Deviation(NamedTuple):
+    """A parameter ``deviation.X``, and the plant's parameters that it scales, or shifts."""
+
+    variable: Variable
+    scales: tuple[str, ...] = ()
+    shifts: tuple[str, ...] = ()
+
+    def scaling(self, *names: str) -> Deviation:
+        """Return the deviation with other parameters that it scales."""
+        return self._replace(scales=names)
+
+
+def _deviation(name: str, minimum: float, maximum: float, description: str, *scales: str) -> Deviation:
+    variable = parameter(f"deviation.{name}", "1", minimum, maximum, f"{description} as built over nominal, less 1")
+    return Deviation(variable, scales)
+
+
+MOMENT_ARM = _deviation("kinematics.moment_arm", -0.5, 0.5, "moment arm", "kinematics.moment_arm")
+INITIAL_ANGLE = Deviation(
+    parameter("deviation.kinematics.initial_angle", "rad", radians(-10.0), radians(10.0),
+              "assembly angle of the lever as built, less nominal"), shifts=("kinematics.initial_angle",))
+LEAD = _deviation("screw.lead", -0.5, 0.5, "screw lead", "screw.lead")
+# The magnets' flux makes both constants.
+FLUX = _deviation("motor.torque_constant", -0.5, 0.5, "torque and back-EMF constant",
+                  "motor.torque_constant", "motor.back_emf_constant")
+FIN = _deviation("mass.fin", -0.9, 10.0, "mass and inertia of the fin", "mass.fin", "inertia.fin")
+COULOMB = _deviation("friction.coulomb", -1.0, 10.0, "Coulomb friction", "friction.coulomb.positive",
+                     "friction.coulomb.negative", "friction.fin_coulomb")
+VISCOUS = _deviation("friction.viscous", -1.0, 10.0, "viscous friction", "friction.viscous.positive",
+                     "friction.viscous.negative", "friction.fin_viscous")
+RATED_FLOW = _deviation("valve.rated_flow", -0.9, 10.0, "rated flow", "valve.rated_flow")
+
+
+def plant(*deviations: Deviation) -> Callable[[Ops, Any], Any]:
+    """Return the function that returns the plant's parameters, without further deviations, from the nominal ones."""
+    def as_built(_: Ops, p: Any) -> Any:
+        changes: dict[str, Any] = {}
+        for variable, scales, shifts in deviations:
+            deviation = value_of(p, variable.name)
+            changes[variable.name] = 0.0
+            for name in scales:
+                nominal = value_of(p, name)
+                changes[name] = (tuple(x * (1.0 + deviation) for x in nominal) if isinstance(nominal, tuple)
+                                 else nominal * (1.0 + deviation))
+            for name in shifts:
+                changes[name] = value_of(p, name) + deviation
+        return with_values(p, changes)
+
+    return as_built
