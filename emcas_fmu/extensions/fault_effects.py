@@ -10,6 +10,7 @@ from ..actuators.declaration import Actuator, PlantFault, PlantInputs
 from ..errors import EmcasError, place
 from ..namespace import Names, Record, with_values
 from ..ops.base import Ops, Value
+from ..physics import mechanics
 from .status import OPERATIONAL
 
 _HEAVY = 1e9  # kg.m2: a rotor, or a fin, that nothing moves
@@ -54,7 +55,7 @@ def faulted(ops: Ops, p: Any, actuator: Actuator, f: Held, declared: Mapping[str
 
 def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
     broken = f.free > 0.0
-    friction = p.friction
+    friction, hinge = p.friction, mechanics.hinge_friction(p)
     return {
         "inertia.motor": ops.where(f.jam > 0.0, _HEAVY, p.inertia.motor),
         "inertia.fin": ops.where(broken, _STUB, 1.0) * p.inertia.fin,
@@ -65,8 +66,8 @@ def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
         "friction.coulomb.negative": tuple(f.friction * c for c in friction.coulomb.negative),
         "friction.viscous.positive": f.friction * friction.viscous.positive,
         "friction.viscous.negative": f.friction * friction.viscous.negative,
-        "friction.fin_viscous": ops.where(broken, 0.0, f.friction * friction.fin_viscous),
-        "friction.fin_coulomb": ops.where(broken, 0.0, f.friction * friction.fin_coulomb),
+        "friction.fin_viscous": ops.where(broken, 0.0, f.friction * hinge.viscous),
+        "friction.fin_coulomb": ops.where(broken, 0.0, f.friction * hinge.dry),
     }
 
 

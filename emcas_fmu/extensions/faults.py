@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 
 from ..actuators import capabilities, fin_port
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values, with_outputs
-from ..namespace import Record, with_values
+from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import free_fin, kinematics
+from ..physics import free_fin, kinematics, mechanics
 from ..physics.loads import NONE
 from ..rules import SLACK, Rule, when
 from ..variables import Variable, integer_output
@@ -267,8 +267,7 @@ class _Faulty:
     def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: PlantInputs, used: Value) -> tuple[Value, ...]:
         """Return that the fin is broken off, and its angle [rad] and rate [rad/s] after the time `used` [s]."""
         f = Held(*_of(u, _HELD))
-        rubbing = with_values(q, {"friction.fin_viscous": f.friction * q.friction.fin_viscous,
-                                  "friction.fin_coulomb": f.friction * q.friction.fin_coulomb})
+        rubbing = mechanics.with_hinge_friction(q, f.friction)
         now = self.actuator.plant_outputs(ops, p, x, u)
         whole = ops.equal(x.fin_broken_off, 0.0)
         return 1.0, *free_fin.advance(ops, rubbing, ops.where(whole, now["fin_angle"], x.broken_fin_angle),

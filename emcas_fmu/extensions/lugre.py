@@ -24,7 +24,7 @@ from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, State, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import friction, mechanics
+from ..physics import mechanics
 from ..rules import SLACK, Rule, when
 from ..steppers.electrical import Plant
 from ..steppers.lugre import advance
@@ -57,7 +57,7 @@ def extend(actuator: Actuator) -> Actuator:
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         built = actuator.plant_parameters(ops, p)
         m = mechanics.coefficients(ops, built, x.motor_angle, u)
-        rate, damping = friction.bristles(ops, built, m.fin, m.ratio, x.motor_speed)
+        rate, damping = mechanics.bristles(ops, built, m, x.motor_speed)
         torque = p.lugre.stiffness * x.bristle_deflection + damping * (x.motor_speed - rate * x.bristle_deflection)
         return {**actuator.output_values(ops, p, x, u), "bristle_deflection": x.bristle_deflection,
                 "friction_torque": torque}

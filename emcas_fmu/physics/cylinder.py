@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from ..namespace import with_values
 from ..ops.base import Ops, Value
-from . import kinematics, loads
+from . import kinematics, loads, mechanics
 
 
 class Linkage(NamedTuple):
@@ -56,7 +56,7 @@ def linkage(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Linkage:
 
 def dry(p: Any, ratio: Value) -> Value:
     """Return the dry friction [N.m] of fin and piston about the hinge at a lever's `ratio` R [m]."""
-    return p.friction.fin_coulomb + ratio * p.cylinder.coulomb_friction
+    return mechanics.hinge_friction(p).dry + ratio * p.cylinder.coulomb_friction
 
 
 def dry_drop(ops: Ops, p: Any, fin_angle: Value) -> Value:
@@ -72,7 +72,7 @@ def pressing(p: Any, c: Linkage, pressure_1: Value, pressure_2: Value) -> Value:
 
 def acceleration(p: Any, c: Linkage, fin_rate: Value, pressure_1: Value, pressure_2: Value, dry: Value) -> Value:
     """Return the fin's acceleration [rad/s2] under dry friction [N.m] against positive motion."""
-    viscous = p.cylinder.viscous_friction * c.ratio * c.ratio + p.friction.fin_viscous
+    viscous = p.cylinder.viscous_friction * c.ratio * c.ratio + mechanics.hinge_friction(p).viscous
     swing = p.cylinder.moving_mass * c.ratio * c.slope * fin_rate
     return (pressing(p, c, pressure_1, pressure_2) - dry - (viscous + swing) * fin_rate) / c.inertia
 

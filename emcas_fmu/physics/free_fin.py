@@ -26,12 +26,12 @@ def moment(ops: Ops, p: Any, angle: Value, u: Record) -> Value:
 
 def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
     """Return the midpoint rule's acceleration [rad/s2] over `h` [s]; none of a fin at rest that friction holds."""
-    dry = p.friction.fin_coulomb
+    dry, viscous = mechanics.hinge_friction(p)
     way = ops.where(rate > 0.0, 1.0, ops.where(rate < 0.0, -1.0, ops.where(torque > 0.0, 1.0, -1.0)))
     net = torque - way * dry
     held = ops.both(ops.equal(rate, 0.0), ops.fabs(torque) <= dry)
-    inertia = p.inertia.fin + p.inertia.shaft + 0.5 * h * p.friction.fin_viscous
-    return ops.where(held, 0.0, net - p.friction.fin_viscous * rate) / inertia
+    inertia = p.inertia.fin + p.inertia.shaft + 0.5 * h * viscous
+    return ops.where(held, 0.0, net - viscous * rate) / inertia
 
 
 def advance(ops: Ops, p: Any, angle: Value, rate: Value, u: Record, h: Value) -> tuple[Value, Value]:

@@ -24,7 +24,6 @@ from typing import Any
 from ..ops.base import Ops, Value
 from ..ops.elementary import polynomial
 
-_LEAST = 1e-12  # N.m, bristles of less are none: they slip at once
 POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLYNOMIAL_SPAN
 
 
@@ -76,18 +75,6 @@ def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) 
         along = ops.maximum(ops.where(direction > 0.0, speed, -speed), 0.0)
         return value * factor * stribeck(ops, curve.static_ratio, curve.speed, along)
     return value * factor
-
-
-def bristles(ops: Ops, p: Any, fin: Value, ratio: Value, speed: Value) -> tuple[Value, Value]:
-    """Return, of LuGre bristles at a motor speed w [rad/s], a = sigma_0 |w|/g [1/s] and sigma_1 [N.m.s/rad].
-
-    g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
-    """
-    bristle, turning = p.lugre, ops.fabs(speed)
-    level = (coulomb(ops, p, speed, fin) * stribeck(ops, bristle.static_ratio, bristle.stribeck_speed, turning)
-             + p.friction.fin_coulomb / ratio)
-    level = ops.maximum(level, _LEAST)
-    return bristle.stiffness * turning / level, bristle.damping / (1.0 + bristle.damping * turning / level)
 
 
 def viscous(ops: Ops, p: Any, direction: Value) -> Value:

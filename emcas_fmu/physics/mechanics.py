@@ -17,9 +17,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from ..namespace import with_values
 from ..ops.base import Ops, Value
 from . import friction, kinematics, loads
 from .loads import fin_inertia as fin_inertia
+
+_LEAST = 1e-12  # N.m: bristles with less friction slip at once
 
 
 class Mechanics(NamedTuple):
@@ -76,14 +79,32 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> M
     )
 
 
+class HingeFriction(NamedTuple):
+    """Friction about the hinge: ``dry`` [N.m], and the coefficient ``viscous`` [N.m.s/rad]."""
+
+    dry: Value
+    viscous: Value
+
+
+def hinge_friction(p: Any) -> HingeFriction:
+    """Return the friction about the hinge: the only equations of it, for every actuator."""
+    return HingeFriction(p.friction.fin_coulomb, p.friction.fin_viscous)
+
+
+def with_hinge_friction(p: Any, factor: Value) -> Any:
+    """Return parameters with `factor` times the friction about the hinge."""
+    hinge = hinge_friction(p)
+    return with_values(p, {"friction.fin_viscous": factor * hinge.viscous, "friction.fin_coulomb": factor * hinge.dry})
+
+
 def hinge_dry(p: Any, m: Mechanics) -> Value:
     """Return the dry friction about the hinge [N.m] at the motor."""
-    return p.friction.fin_coulomb * m.gain
+    return hinge_friction(p).dry * m.gain
 
 
 def hinge_damping(p: Any, m: Mechanics) -> Value:
     """Return the viscous coefficient about the hinge [N.m.s/rad] at the motor (2.17)."""
-    return p.friction.fin_viscous * (m.gain * m.gain)
+    return hinge_friction(p).viscous * (m.gain * m.gain)
 
 
 def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value, speed: Value = 0.0) -> Value:
@@ -94,3 +115,15 @@ def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value, speed: Value = 0
 def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
     """Return viscous coefficient [N.m.s/rad] at the motor, that of the hinge included (2.17)."""
     return friction.viscous(ops, p, direction) + hinge_damping(p, m)
+
+
+def bristles(ops: Ops, p: Any, m: Mechanics, speed: Value) -> tuple[Value, Value]:
+    """Return, of LuGre bristles at a motor speed w [rad/s], a = sigma_0 |w|/g [1/s] and sigma_1 [N.m.s/rad].
+
+    g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
+    """
+    bristle, turning = p.lugre, ops.fabs(speed)
+    motor = (friction.coulomb(ops, p, speed, m.fin)
+             * friction.stribeck(ops, bristle.static_ratio, bristle.stribeck_speed, turning))
+    level = ops.maximum(motor + hinge_friction(p).dry / m.ratio, _LEAST)
+    return bristle.stiffness * turning / level, bristle.damping / (1.0 + bristle.damping * turning / level)

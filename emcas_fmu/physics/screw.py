@@ -18,10 +18,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..namespace import with_values
 from ..ops.base import Ops, Value
 from . import worm
-from .mechanics import Mechanics, fin_inertia, hinge_damping, hinge_dry
+from .mechanics import Mechanics, fin_inertia, hinge_damping, hinge_dry, hinge_friction, with_hinge_friction
 
 
 def lossy(p: Any) -> bool:
@@ -87,16 +86,15 @@ def behind(m: Mechanics) -> Value:
 
 def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
     """Return L_0 [N.m] behind a rigid line at a motor speed [rad/s]."""
-    hinge = direction * p.friction.fin_coulomb * m.gain + hinge_damping(p, m) * speed
+    hinge = direction * hinge_friction(p).dry * m.gain + hinge_damping(p, m) * speed
     return hinge - behind(m) - m.centrifugal * speed * speed
 
 
 def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
     """Return parameters and coefficients with `e` times what is on the load side."""
-    hinge = {"friction.fin_coulomb": e * p.friction.fin_coulomb, "friction.fin_viscous": e * p.friction.fin_viscous}
     inertia = m.inertia + (e - 1.0) * load_inertia(p, m.gain)
     load = e * behind(m) + m.rotor
-    return with_values(p, hinge), m._replace(inertia=inertia, load=load, centrifugal=e * m.centrifugal)
+    return with_hinge_friction(p, e), m._replace(inertia=inertia, load=load, centrifugal=e * m.centrifugal)
 
 
 def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value, direction: Value,

@@ -224,7 +224,7 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
     pressure = side * drive_line.torque(c, deflection, s.speed - s.fin_speed, mode.flank) - drive_line.least(c)
     low_stop, high_stop = stops(ops, p)
     voltage = 1.0 if _ideal(p) else current_loop.reserve(ops, p, mode.drive, s.speed, s.current, s.integral)
-    dry = p.friction.fin_coulomb > 0.0
+    dry = mechanics.hinge_friction(p).dry > 0.0
     return (
         ops.where(c.loose, ops.where(mode.pressed, pressure, c.half_gap - deflection), 1.0),
         ops.where(ops.either(mode.pressed, ops.negate(c.loose)), 1.0, c.half_gap + deflection),

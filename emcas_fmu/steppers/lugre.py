@@ -21,7 +21,7 @@ from typing import Any
 
 from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import drive, friction, mechanics
+from ..physics import drive, mechanics
 from . import electrical, rigid
 from .electrical import Plant
 from .events import PROGRESS
@@ -52,7 +52,7 @@ def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: V
     Torque at rest [N.m] and slope [N.m.s/rad], kept share [1] and gain [s]: their mean torque is at_rest + slope W and
     the deflection at the end kept z + gain W.
     """
-    rate, damping = friction.bristles(ops, p, m.fin, m.ratio, at)
+    rate, damping = mechanics.bristles(ops, p, m, at)
     kept, first, second = shares(ops, rate * h)
     stiffness = p.lugre.stiffness
     fallen = (1.0 - kept) / h  # a f1, with no product of large and small

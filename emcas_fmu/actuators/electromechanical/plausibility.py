@@ -11,6 +11,7 @@ from math import degrees, pi
 from typing import Any
 
 from ...ops.base import Ops, Value
+from ...physics import mechanics
 from ...physics.friction import coulomb
 from ...rules import Rule, in_degrees, when
 from ..composition import with_parameters
@@ -35,7 +36,7 @@ def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 def _friction(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     torque = p.motor.torque_constant * p.drive.current_limit
     dry = ops.maximum(coulomb(ops, p, 1.0, 0.0), coulomb(ops, p, -1.0, 0.0))
-    dry = dry + p.friction.fin_coulomb * p.screw.lead / p.kinematics.moment_arm
+    dry = dry + mechanics.hinge_friction(p).dry * p.screw.lead / p.kinematics.moment_arm
     return when(ops, dry > MOST_FRICTION * torque), dry, torque
 
 

@@ -7,6 +7,7 @@ from math import degrees, radians
 from typing import Any
 
 from ...ops.base import Ops, Value
+from ...physics import mechanics
 from ...physics.friction import coulomb_polynomial
 from ...rules import ANGLE, SLACK, Rule, in_degrees, when
 
@@ -100,7 +101,7 @@ def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
 
     With the hinge's viscous friction in the midpoint rule; R >= d/l.
     """
-    load, rotor = inertias(p, 0.5 * tick * p.friction.fin_viscous)
+    load, rotor = inertias(p, 0.5 * tick * mechanics.hinge_friction(p).viscous)
     return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load
 
 
