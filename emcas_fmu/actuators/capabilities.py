@@ -30,7 +30,7 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     MOTOR_CURRENT: ("motor_current", "motor.resistance", "motor.torque_constant", "motor.back_emf_constant"),
     CURRENT_LOOP: ("drive.kp", "drive.ki", "drive.current_gain"),
     CURRENT_LIMIT: ("drive.current_limit",),
-    VOLTAGE_LIMIT: ("supply_voltage", "motor_voltage"),
+    VOLTAGE_LIMIT: ("supply_voltage", "motor_voltage", "motor.inductance"),
     RETURNS_POWER: ("motor_current", "motor_voltage"),
     COULOMB_FRICTION: ("friction.coulomb.positive[0]", "friction.coulomb.negative[0]"),
     RIGID_DRIVE_LINE: (),
@@ -51,6 +51,8 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
 }
 """Every capability, and the inputs, outputs and parameters by which those that ask for it reach it."""
 NEEDED_STATES: Mapping[str, tuple[str, ...]] = {
+    RIGID_DRIVE_LINE: ("motor_angle",),
+    ENCODER: ("counts",),
     DRIVE_STEP: ("motor_speed", "motor_current", "drive_integral"),
     SCREW_EQUATIONS: ("integral", "velocity_integral"),
 }

@@ -1,12 +1,51 @@
-"""Efficiency of the screw in forward and backward drive (:mod:`emcas_fmu.actuators.electromechanical.lossy_screw`)."""
+"""Efficiency of the screw in forward and backward drive (:mod:`emcas_fmu.physics.screw`), and the output `screw_loss`.
+
+Steps follow from the parameters alone.
+"""
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
+from typing import Any
+
 from ..actuators import capabilities
-from ..actuators.electromechanical import lossy_screw
+from ..actuators.declaration import Actuator, PlantInputs, Values
+from ..actuators.electromechanical import groups
+from ..actuators.electromechanical.rules import jamming_text, jams
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import screw_loss
+from ..rules import Rule, when
+from ..variables import real_output
 from .declaration import Extension
 
+LOSS = real_output("screw_loss", "W", "power that the loaded screw turns into heat", 100.0, minimum=0.0)
+
+
+def extend(actuator: Actuator) -> Actuator:
+    """Return the actuator with losses in its screw."""
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
+        outputs = actuator.output_values(ops, p, x, u)
+        return {**outputs, LOSS.name: screw_loss.loss(ops, actuator.plant_parameters(ops, p), x, u, outputs)}
+
+    return replace(actuator, output_values=output_values, structure=replace(actuator.structure, screw_losses=True))
+
+
+def _rules(actuator: Actuator) -> tuple[Rule, ...]:
+    def jamming(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        return jams(ops, actuator.equation_parameters(ops, p), p.efficiency.backward, actuator.longest_tick(ops, p))
+
+    def jamming_line(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        return when(ops, p.efficiency.backward < 0.0), p.efficiency.backward
+
+    rigid = Rule(jamming, jamming_text("motor and screw"))
+    line = Rule(jamming_line, "efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw "
+                              "that the load cannot drive")
+    return (rigid, line) if actuator.structure.drive_line else (rigid,)
+
+
 EXTENSION = Extension(
-    "efficiency", "efficiency of the screw in forward and backward drive", lossy_screw.with_losses,
-    needs=(capabilities.SCREW_LOAD,), parameters=lambda actuator: lossy_screw.PARAMETERS, outputs=(lossy_screw.LOSS,),
-    rules=lossy_screw.rules, module=lossy_screw)
+    "efficiency", "efficiency of the screw in forward and backward drive", extend,
+    needs=(capabilities.SCREW_LOAD,), parameters=lambda actuator: groups.EFFICIENCY.parameters, outputs=(LOSS,),
+    rules=_rules, module=sys.modules[__name__])

@@ -68,7 +68,7 @@ def extend(actuator: Actuator) -> Actuator:
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     def resolved(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        inertia = p.inertia.motor + p.inertia.screw + p.mass.nut * p.screw.lead * p.screw.lead
+        inertia = mechanics.screw_inertia(actuator.equation_parameters(ops, p))
         tick, stiffness = actuator.longest_tick(ops, p), p.lugre.stiffness
         largest = inertia / (tick * tick)
         return when(ops, stiffness > largest * (1.0 + SLACK)), stiffness, largest, tick

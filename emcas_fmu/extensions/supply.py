@@ -75,7 +75,6 @@ def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
 def extend(actuator: Actuator) -> Actuator:
     """Return `actuator` behind such a supply."""
     has_status = STATUS in actuator.outputs
-    angle, speed = actuator.encoder
 
     def electrical(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Value, Value]:
         """Return motor voltage [V] and current [A]."""
@@ -93,7 +92,7 @@ def extend(actuator: Actuator) -> Actuator:
         """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral."""
         voltage, current = electrical(ops, p, x, u)
         built, mode = mode_of(ops, p, x, u, h)
-        final = (mode.source - drive.back_emf(built, getattr(x, speed))) / mode.loop
+        final = (mode.source - drive.back_emf(built, x.motor_speed)) / mode.loop
         reached = final + (current - final) * ops.exp(-h / mode.tau)
         change = ops.where(u.enabled, reached - current, 0.0)
         falls = (mode.loop - built.motor.resistance) * change  # with the current, where the loop is closed
@@ -102,7 +101,7 @@ def extend(actuator: Actuator) -> Actuator:
     def mode_of(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Any, Any]:
         """Return the parameters of the plant, and the electrical mode that a step of `h` [s] starts in."""
         built = actuator.plant_parameters(ops, p)
-        plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
+        plant = Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)  # at any angle
         return built, electrical_mode(ops, built, plant, u, h)
 
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:

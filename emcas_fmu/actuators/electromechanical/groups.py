@@ -77,6 +77,12 @@ def screw(nut_position: str = "nut displacement from the assembly position") -> 
 SCREW = screw()
 # The motor feels the whole load of the nut: extensions may add losses.
 LOSSLESS = Group(provides=frozenset({capabilities.SCREW_LOAD}))
+EFFICIENCY = Group((
+    parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw where the motor drives the load",
+              sheet="screw: efficiency, turning into thrust"),
+    parameter("efficiency.backward", "1", -10.0, 1.0,
+              "efficiency of the screw where the load drives the motor (0 or less: it cannot)",
+              sheet="screw: efficiency, thrust into turning")))
 
 # -- friction ----------------------------------------------------------------------
 

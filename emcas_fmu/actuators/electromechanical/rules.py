@@ -105,6 +105,12 @@ def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
     return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load
 
 
+def jamming_text(turning: str) -> str:
+    """Return the message for a backward efficiency with which a screw jams; `turning` names what turns with it."""
+    return (f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of {turning} over "
+            "that of the load at the motor, %.6g over %.6g kg.m2")
+
+
 LEVER_RULE = Rule(
     _lever, f"|kinematics.initial_angle| = {ANGLE}, nominal or as built, and fin.stop_angle = {ANGLE} add up to "
             f"{ANGLE}; the sum must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")

@@ -41,7 +41,7 @@ from ...variables import parameter, real_output, tunable
 from .. import capabilities
 from ..composition import Group, Output
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
-from . import clutches, groups, interface, lossy_screw, nonlinear, plausibility, rules
+from . import clutches, groups, interface, nonlinear, plausibility, rules
 from .nonlinear import as_built
 
 STATES = (*clutches.SCREW, *interface.DRIVE, State("coil_current", "A"),
@@ -65,7 +65,7 @@ def _screw_loss(ops: Ops, p: Any, m: Record) -> Value:
     return (m.motion.felt - 1.0) * clutched_screw.transmitted(ops, m.train, m.motion) * m.x.screw_speed
 
 
-_POWERS = Group(lossy_screw.PARAMETERS, (
+_POWERS = Group(groups.EFFICIENCY.parameters, (
     Output(SUPPLY_POWER, lambda ops, p, m: ops.maximum(m.drawn, 0.0)),
     Output(real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor",
                        100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.drawn, 0.0)),
@@ -237,7 +237,7 @@ def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 ACTUATOR = Actuator(
-    **COMPOSITION.declared((Rule(_jams, lossy_screw.jamming_text("clutch and screw")),
+    **COMPOSITION.declared((Rule(_jams, rules.jamming_text("clutch and screw")),
                             *plausibility.of_screw(lambda ops, p: _as_one(p))), "motor, clutch and screw"),
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
