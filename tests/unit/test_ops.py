@@ -64,7 +64,8 @@ STRUCTURED = {kinematics.deviates, loads.motion_loads, loads.level, mechanics.br
               rigid.advance, controllers.sample, electrical.electrical_mode, electrical.resolved, electrical.sign,
               rigid.acceleration, rigid.current_course, rigid.integral_end,
               rigid.stop_time, electrical.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
-              friction.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,
+              mechanics.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,
+              mechanics.hinge_friction, mechanics.with_hinge_friction,
               controllers.at_rest, friction.coulomb_reference, friction.coulomb_polynomial}
 MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, electrical, rigid)
 
