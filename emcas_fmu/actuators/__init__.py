@@ -1,8 +1,8 @@
-"""The actuators there are, by name: those shipped, those of installed packages, and those in a user's own file.
+"""The actuators by name: those shipped, those of installed packages, and those in a user's own file.
 
-A shipped one is a module here with its ACTUATOR, a line in `_MODULES`, and a parameter file in ``models/actuators``.
-Extensions (:mod:`emcas_fmu.extensions`) are laid over any that provides what they need. They are named together:
-``elastic+heat+faults``, ``my_actuator.py+faults``.
+A shipped actuator is a module here with its ACTUATOR, a line in `_MODULES`, and a parameter file in
+``models/actuators``. Extensions (:mod:`emcas_fmu.extensions`) extend any actuator that provides what they need. Names
+combine both: ``elastic+heat+faults``, ``my_actuator.py+faults``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..errors import EmcasError, hint
 from ..support.arguments import checked
 from ..support.files import models_directory
 
-if TYPE_CHECKING:  # the names of models, of which every command's help has need, are no reason to load one
+if TYPE_CHECKING:  # the help of every command lists the names of models without loading any
     from ..extensions.declaration import Extension
     from ..variables import Variable
     from .declaration import Actuator
@@ -35,23 +35,23 @@ _MODULES = {
     "electrohydraulic": "hydraulic.electrohydraulic",
 }
 NAMES = tuple(_MODULES)
-_OVER = {"worm-gear-elastic": "worm-gear"}  # shipped ones whose parameter file goes over that of another
-# In the order in which one is laid over the other, the first next to the actuator.
+_OVER = {"worm-gear-elastic": "worm-gear"}  # shipped actuators whose parameter file overrides that of another
+# In the order in which they extend an actuator.
 EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "supply", "faults")
 _SEPARATOR = "+"
 _NAME = re.compile(r"(.*\.py|[^+]*)((?:\+[^+]*)*)", re.DOTALL)
 
 
 def split(name: str) -> tuple[str, list[str]]:
-    """Return actuator and extensions of a name as they are given; the path of a file may have a + in it."""
-    actuator, extensions = _NAME.fullmatch(name).groups()  # type: ignore[union-attr]  # it matches any text
+    """Return actuator and extensions of a name, as written; the path of a file may contain a +."""
+    actuator, extensions = _NAME.fullmatch(name).groups()  # type: ignore[union-attr]  # every text matches
     return actuator, extensions.split(_SEPARATOR)[1:]
 
 
 def parts(name: str) -> tuple[str, tuple[str, ...]]:
     """Return the actuator and the extensions, in their order, of a name such as ``elastic+faults+heat``.
 
-    Raises EmcasError for one there is not.
+    Raises EmcasError for an unknown one.
     """
     actuator, extensions = split(name)
     if actuator in EXTENSIONS:
@@ -123,7 +123,7 @@ def _extended(actuator: Actuator, extension: Extension, name: str, extensions: t
 
 
 def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = None) -> None:
-    """Raise EmcasError, naming the actuators that have it, where one lacks what some purpose needs."""
+    """Raise EmcasError, with the actuators that qualify, if one lacks a capability that a purpose needs."""
     chosen = get(name) if actuator is None else actuator
     for need in needs:
         if need not in chosen.provides:
@@ -140,7 +140,7 @@ def extension_outputs(name: str) -> tuple[Variable, ...]:
 
 
 def extension_inputs(name: str) -> dict[str, frozenset[str]]:
-    """Return by each Real output that an extension in a name adds the parameters that the extension adds."""
+    """Return, for each Real output that an extension in a name adds, the parameters that the extension adds."""
     actuator, extensions = parts(name)
     layers = [_get(actuator, extensions[:k]) for k in range(len(extensions) + 1)]
     rests: dict[str, frozenset[str]] = {}
@@ -152,7 +152,7 @@ def extension_inputs(name: str) -> dict[str, frozenset[str]]:
 
 
 def default_files(name: str) -> tuple[Path, ...]:
-    """Return the parameter files with the defaults of an actuator, the later over the earlier."""
+    """Return the parameter files with an actuator's defaults; later ones override earlier ones."""
     base, extensions = parts(name)
     folder = models_directory()
     files = get(base).files

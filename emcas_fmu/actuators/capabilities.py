@@ -1,4 +1,4 @@
-"""What an actuator may provide, in words that stand in messages: extensions and tools ask for it by name."""
+"""Capabilities of actuators, in words for messages: extensions and tools name those that they need."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     DRIVE_STEP: ("motor.resistance", "motor.torque_constant", "motor.back_emf_constant"),
     SCREW_EQUATIONS: ("drive.transport_delay", "inertia.motor"),
 }
-"""Every capability, and the inputs, outputs and parameters by which those that ask for it reach it."""
+"""Every capability, with the inputs, outputs and parameters that an actuator with it has."""
 NEEDED_STATES: Mapping[str, tuple[str, ...]] = {
     RIGID_DRIVE_LINE: ("motor_angle",),
     ENCODER: ("counts",),
     DRIVE_STEP: ("motor_speed", "motor_current", "drive_integral"),
     SCREW_EQUATIONS: ("integral", "velocity_integral"),
 }
-"""States, too."""
+"""States that an actuator with the capability has."""

@@ -1,4 +1,4 @@
-"""Actuators that are not shipped: in a user's own Python file, or in an installed package."""
+"""Actuators that are not shipped: from a user's Python file, or from an installed package."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 
 @cache
 def installed() -> Mapping[str, EntryPoint]:
-    """Return the entry points of installed packages that give an actuator, by the actuator's name."""
+    """Return the entry points of installed packages that provide an actuator, by the actuator's name."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def load_module(path: Path) -> ModuleType:
-    """Import a Python file. Raises EmcasError naming file and line where it cannot be."""
+    """Import a Python file. Raises EmcasError with file and line if that fails."""
     name = f"emcas_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
@@ -46,9 +46,9 @@ def load_module(path: Path) -> ModuleType:
 
 
 def load(path: Path) -> Actuator:
-    """Return the actuator that a Python file declares as ACTUATOR, with the parameter file beside it.
+    """Return the actuator that a Python file declares as ACTUATOR, with the parameter file in the same folder.
 
-    Raises EmcasError naming file and line where it cannot be used.
+    Raises EmcasError with file and line if the file cannot be used.
     """
     if not path.is_file():
         raise EmcasError(f"{path}: there is no such file; --model takes an actuator's name or a Python file with its "
@@ -71,7 +71,7 @@ def load(path: Path) -> Actuator:
 
 
 def _check_name(actuator: Actuator, path: Path) -> None:
-    """Raise EmcasError for a name that cannot stand in the FMU's, or that is taken."""
+    """Raise EmcasError for a name that cannot be part of the FMU's, or that is used already."""
     if not _NAME.fullmatch(actuator.name):
         raise EmcasError(f"{path}: name {actuator.name!r}: use letters, digits, _ and -, a letter first: the FMU's "
                          "name is made of it")
@@ -92,7 +92,7 @@ def _check_units(actuator: Actuator) -> None:
 
 
 def refusal(error: Exception, path: Path) -> EmcasError:
-    """Return an error in a user's file as one that names file, line and, where there is one, the remedy."""
+    """Return an error in a user's file as one with file, line and, if known, the remedy."""
     what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
     if isinstance(error, TypeError) and "Expr" in what:
         what += "; equations are traced: take functions from ops, as in ops.sin(x)"
@@ -100,7 +100,7 @@ def refusal(error: Exception, path: Path) -> EmcasError:
 
 
 def located(error: BaseException, path: Path) -> str:
-    """Return file and line of the last place of an error's traceback that is in a file, or the file alone."""
+    """Return the file, with the last line of it in an error's traceback, if any."""
     if isinstance(error, SyntaxError) and error.filename == str(path):
         return f"{path}, line {error.lineno}"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]

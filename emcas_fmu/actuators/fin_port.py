@@ -1,7 +1,7 @@
-"""The fin port: what every actuator shows a flight simulation, so that one can be exchanged for another.
+"""The fin port: the interface of every actuator to a flight simulation, so that actuators are interchangeable.
 
-Command, hinge moment, vehicle motion and enable in; angle, rate, moment, error and flags out; and the parameters that
-go with them: limits of command and travel, the parts that gravity acts on, sampling.
+Inputs are command, hinge moment, vehicle motion and enable; outputs are angle, rate, moment, error and flags. Their
+parameters are limits of command and travel, masses and inertias, sampling.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ OUTPUTS = (FIN_ANGLE, FIN_RATE, HINGE_TORQUE, TRACKING_ERROR, MEASURED_FIN_ANGLE
 
 
 def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = OUTPUTS) -> tuple[Variable, ...]:
-    """Return outputs, the port's unless given, with other descriptions by name."""
+    """Return outputs, by default the port's, with other descriptions by name."""
     return tuple(replace(v, description=descriptions.get(v.name, v.description)) for v in outputs)
 
 
@@ -67,8 +67,7 @@ def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = O
 
 
 def turning(fork: str = "fork") -> tuple[Variable, ...]:
-    """Return inertias, masses and centres of mass of what turns about the hinge: fin, shaft and a `fork`, as it is
-    called."""
+    """Return inertias, masses and centres of mass of fin, shaft and fork, which is called `fork`."""
     there = (("fin", "fin", "fin"), ("shaft", "fin shaft", "fin shaft"), ("fork", "fork", fork))
     return (
         *(parameter(f"inertia.{part}", "kg.m2", 1e-9 if part == "fin" else 0.0, 1e3, f"{name} inertia about the hinge",
@@ -110,7 +109,7 @@ MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick"
 
 
 def parameters(fork: str = "fork") -> tuple[Variable, ...]:
-    """Return the parameters of every actuator with a fin on its shaft; `fork` names what drives the shaft."""
+    """Return the parameters of the port; `fork` names the part that turns the fin's shaft."""
     return (*turning(fork), SAMPLE_TIME, *TRAVEL, *MOUNTING, *BUS, MAX_TICK)
 
 
@@ -124,18 +123,18 @@ TERMINALS = (
     Terminal("vehicle", "motion of the vehicle, for gravity and inertia", tuple(v.name for v in MOTION)),
 )
 
-_AT = 1.0 - 1e-12  # of an angle or a rate: as close to a limit as rounding comes
-LONGEST_DELAY = 64  # of the transport delay, in sample times
-MOST_TICKS = 20_000  # in a sample time; beyond it one would cost seconds
+_AT = 1.0 - 1e-12  # ratio of an angle or a rate to its limit at which it is at the limit, despite rounding
+LONGEST_DELAY = 64  # longest transport delay in sample times
+MOST_TICKS = 20_000  # in a sample time; with more, one sample time would take seconds
 
 
 def max_tick(ops: Ops, p: Any) -> Value:
-    """Return solver.max_tick [s], the bound of the tick of an actuator that has no other."""
+    """Return solver.max_tick [s], by default the longest tick of an actuator."""
     return p.solver.max_tick
 
 
 def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -> tuple[Variable, ...]:
-    """Return the inputs of an actuator, the supply's among them where it has one, and its further ones."""
+    """Return the inputs of an actuator: the port's, the supply if it has one, and its further ones."""
     return (COMMAND, AERO_TORQUE, *MOTION, *(() if supply is None else (supply,)), ENABLE, *further)
 
 
@@ -143,24 +142,24 @@ def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -
 
 
 def motion_loads(ops: Ops, p: Any, *motion: Value) -> tuple[Value, ...]:
-    """Return what the vehicle's motion makes of the actuator, loads.MotionLoads, from the inputs MOTION."""
+    """Return the loads.MotionLoads of the vehicle's motion, the inputs MOTION."""
     a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
     return loads.motion_loads(ops, p, (a_x, a_y, a_z), roll, pitch, (w_x, w_y, w_z), (d_x, d_y, d_z))
 
 
 def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> Value:
-    """Return the command [rad] of one of several fins with the mixing inputs' share.
+    """Return the command [rad] of one of several fins, with its share of the mixing inputs.
 
-    A positive deflection of a panel at mounting.azimuth turns its leading edge up as seen with the hinge
-    pointing out to the right; behind the centre of mass its lift then makes negative moments about the body
-    axes, in proportion 1 : cos(azimuth) : sin(azimuth). So positive mixing inputs ask for positive moments.
+    A positive deflection of a panel at mounting.azimuth turns its leading edge up, seen with the hinge pointing to the
+    right. Behind the centre of mass its lift causes negative moments about the body axes, in proportion
+    1 : cos(azimuth) : sin(azimuth). Positive mixing inputs therefore command positive moments.
     """
     azimuth = p.mounting.azimuth
     return command - (roll + pitch * ops.cos(azimuth) + yaw * ops.sin(azimuth))
 
 
 def stop_edge(p: Any) -> Value:
-    """Return the fin angle [rad] from which on the fin counts as at a mechanical stop, either side."""
+    """Return the absolute fin angle [rad] beyond which the fin counts as at a mechanical stop."""
     return p.fin.stop_angle * _AT
 
 
@@ -170,7 +169,7 @@ def hinge_inertia(p: Any) -> Value:
 
 
 def hinge_torque(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
-    """Return the external moment about the hinge [N.m] at a fin angle [rad] under what acts, `u`."""
+    """Return the external moment about the hinge [N.m] at a fin angle [rad] under plant inputs `u`."""
     return u.aero_torque + loads.hinge_moment_at(ops, p, fin_angle, u)
 
 
@@ -182,7 +181,8 @@ def _travel(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, limit > stop * (1.0 + SLACK)), stop, in_degrees(stop), limit, in_degrees(limit)
 
 
-# Of command.limit, the accuracy that Table 2 asks for over its range: a stop nearer hides an overshoot that counts.
+# Least distance of the stop from command.limit, relative to it: Table 2's accuracy over its range. A nearer stop hides
+# an overshoot that matters.
 LEAST_ROOM = 0.01
 
 
@@ -212,7 +212,7 @@ RULES = (
 
 
 def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
-    """Return the rules for sampling, with an actuator's bound of the tick [s] and its delay [s], None without."""
+    """Return the rules for sampling, from functions of an actuator's longest tick [s] and delay [s], None without."""
     def delayed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         delay, period = transport_delay(ops, p), p.controller.sample_time
         fits = ops.both(delay >= 0.0, delay <= LONGEST_DELAY * period * (1.0 + SLACK))
@@ -221,7 +221,7 @@ def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[R
     def ticks(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         longest, period = tick(ops, p), p.controller.sample_time
         fits = ops.both(period <= MOST_TICKS * longest, longest <= sys.float_info.max)
-        return when(ops, ops.negate(fits)), period, longest  # a NaN fits nowhere
+        return when(ops, ops.negate(fits)), period, longest  # a NaN does not fit
 
     most = Rule(ticks, f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or "
                        "lower controller.sample_time")

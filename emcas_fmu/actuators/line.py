@@ -1,7 +1,7 @@
-"""The lines that several fins may share: a bus of voltage, or a line of pressure.
+"""The supplies that several fins may share: a voltage bus, or a pressure line.
 
-A line has one scalar state. It is stepped every update time, its last parameter, and held in between; with its first
-parameter at 0 it is stiff: it is not stepped, and each fin has the source's voltage or pressure.
+A line has one scalar state. It is stepped every update time, its last parameter, and constant in between. If its first
+parameter is 0, it is stiff: it is not stepped, and each fin has the source's voltage or pressure.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from ..variables import Variable, parameter, real_output
 
 @dataclass(frozen=True)
 class Line:
-    """What kind of line feeds an actuator, and what several on it show, take and do to it.
+    """A kind of line: its parameters, outputs and equations for several actuators.
 
-    `level(ops, source, state)` is what the actuators get; `following(ops, p, source, state, drawn, inverse_inductance)`
-    the state from an instant on, where they draw `drawn` together and the line's parameters are `p`; the last is the
-    sum of :meth:`.declaration.Supply.within`.
+    `level(ops, source, state)` returns the actuators' voltage [V] or pressure [Pa]; `following(ops, p, source, state,
+    drawn, inverse_inductance)` returns the next state, from the line's parameters `p`, the current [A] or flow [m3/s]
+    that all actuators draw, and the sum of their :meth:`.declaration.Supply.within`.
     """
 
     name: str  # in messages
     group: str  # of its parameters; the name of its terminal
     supply: str  # description of the terminal
-    source: str  # descriptions of the fins' common input and of the power they draw together
+    source: str  # descriptions of the fins' common input and of the power that they draw together
     power: str
-    outputs: tuple[Variable, Variable]  # what the actuators get, and what they draw together
+    outputs: tuple[Variable, Variable]  # the actuators' level, and what they draw together
     parameters: tuple[Variable, ...]
-    values: Mapping[str, float]  # of the parameters, unless they are given
+    values: Mapping[str, float]  # defaults of the parameters
     start: float  # of the state
-    sags: bool  # whether the state comes off the source: where that ramps, the actuators get a ramp
+    sags: bool  # whether the level is the source's minus the state: a ramp of the source is a ramp of the level
     level: Callable[[Ops, Value, Value], Value]
     following: Callable[[Ops, Any, Value, Value, Value, Value], Value]
     equations: ModuleType
 
 
 def drawn(ops: Ops, power: Value, level: Value) -> Value:
-    """Return current [A] or flow [m3/s] that makes a power [W] at a voltage [V] or pressure [Pa]; none at 0."""
+    """Return the current [A] or flow [m3/s] of a power [W] at a voltage [V] or pressure [Pa]; 0 at 0."""
     return ops.branch(level > 0.0, lambda: (power / level,), lambda: (0.0,))[0]
 
 
@@ -98,4 +98,4 @@ PRESSURE_LINE = Line(
     equations=pressure_line,
 )
 LINES: Mapping[str, Line] = {"V": BUS, "Pa": PRESSURE_LINE}
-"""By the unit of the supply's input."""
+"""The kinds of line by the unit of the supply's input."""

@@ -1,6 +1,6 @@
-"""What an actuator declares of the faults of its kind: parameters of the plant that are others while one acts.
+"""Faults that an actuator declares for its kind: parameters of the plant with other values while a fault is active.
 
-The extension ``faults`` (:mod:`emcas_fmu.extensions.faults`) offers them beside those that every actuator has.
+The extension ``faults`` (:mod:`emcas_fmu.extensions.faults`) offers them in addition to those of every actuator.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ SCHEDULE = ("active", "begin", "end")
 
 @dataclass(frozen=True)
 class PlantFault:
-    """One fault of an actuator's kind: ``fault.NAME.active``, ``.begin``, ``.end``, and a parameter for each amount.
+    """A fault of an actuator's kind: ``fault.NAME.active``, ``.begin``, ``.end``, and a parameter for each amount.
 
-    `changes(ops, p, amounts)` gives the plant's parameters that are others while it acts, by their dotted names, an
-    array as a tuple; `p` has them under the faults that are declared before it, ``amounts.X`` is fault.NAME.X. A
-    `lasting` one does not heal: it acts until reset. One with the name of a general fault takes that one's place.
+    `changes(ops, p, amounts)` returns the plant's parameters that change while the fault is active, by their dotted
+    names, arrays as tuples. `p` has the changes of the faults that are declared before; ``amounts.X`` is fault.NAME.X.
+    A `lasting` fault does not heal: it is active until reset. One with the name of a general fault replaces that.
     """
 
     name: str

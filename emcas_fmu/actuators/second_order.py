@@ -2,9 +2,9 @@
 
     d2(delta)/dt2 = w_n^2 (delta_c - delta) - 2 zeta w_n d(delta)/dt        |d(delta)/dt| <= r    |delta| <= stop
 
-No load moves it. Between the limits it is solved exactly; at the rate limit it moves at that rate until the
-linear equation takes it off, and a stop takes its speed away. ``drive.transport_delay`` delays the command, which
-is taken at the samples.
+No load moves the fin. Between the limits the solution is exact; at the rate limit the fin moves at that rate until the
+linear equation slows it down, and a stop brings it to rest. The command is sampled, and delayed by
+``drive.transport_delay``.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ PARAMETERS = (
     parameter("second_order.rate_limit", "rad/s", 1e-6, 1e6, "largest fin rate",
               sheet="specification: largest fin rate"),
 )
-# Of the damping from 1, relative: closer the two roots are one to the closed form.
+# Distance of the squared damping from 1 below which the closed form has a double root.
 _DOUBLE = 1e-9
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the command [rad] on its way; a disabled fin's is where it stands."""
+    """Return the command [rad] that is delayed; of a disabled actuator the fin angle."""
     command = fin_port.clipped_command(ops, p, inputs.command)
     limited = ops.where(ops.fabs(inputs.command) > p.command.limit, 1.0, 0.0)
     return {"reference": ops.where(inputs.enable, command, x.fin_angle),
@@ -42,7 +42,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) -> tuple[Value, ...]:
-    """Return angle and rate after h [s] without limits, exactly."""
+    """Return angle [rad] and rate [rad/s] after `h` [s] without limits, exactly."""
     w, zeta = p.second_order.natural_frequency, p.second_order.damping
     x = angle - target
     split = 1.0 - zeta * zeta
@@ -54,7 +54,7 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
         return decay * ops.cos(root * h), decay * ops.sin(root * h) / root
 
     def creeping() -> tuple[Value, ...]:
-        # Each exponential apart: their product with the decay would overflow first.
+        # Two exponentials: their product with the decay would overflow first.
         slow, fast = ops.exp((root - zeta * w) * h), ops.exp(-(root + zeta * w) * h)
         return 0.5 * (slow + fast), 0.5 * (slow - fast) / root
 
@@ -63,9 +63,9 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return angle and rate after h [s], and h: events within a step are met to its order, the second.
+    """Return angle [rad] and rate [rad/s] after `h` [s], and `h`: events within a step have second order, as the step.
 
-    Disabled, the fin stands at once and stays, whatever command is on its way.
+    A disabled fin comes to rest at once and stays, whatever delayed command arrives.
     """
     angle, rate = ops.branch(u.enabled, lambda: _driven(ops, p, x.fin_angle, x.fin_rate, u.reference, h),
                              lambda: (x.fin_angle, 0.0))
@@ -77,7 +77,7 @@ def _driven(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, h: Va
     free_angle, free_rate = _free(ops, p, angle, rate, reference, h)
     slewing = ops.fabs(free_rate) > limit
     new_rate = ops.clip(free_rate, -limit, limit)
-    # The mean rate, with the time at the limit as the line between both rates has it.
+    # The mean rate: the time at the limit follows from a line between both rates.
     share = ops.where(slewing, ops.clip((ops.fabs(free_rate) - limit)
                                         / ops.maximum(ops.fabs(free_rate - rate), 1e-300), 0.0, 1.0), 0.0)
     mean = (1.0 - share) * 0.5 * (rate + new_rate) + share * new_rate

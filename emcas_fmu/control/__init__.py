@@ -1,1 +1,1 @@
-"""The sampled controllers and what they measure."""
+"""The sampled controllers and their sensors."""

@@ -1,10 +1,10 @@
-"""The command from the bus to the controllers: late, taken now and then, in whole steps.
+"""The data bus between flight computer and controllers: latency, update time and resolution of the command.
 
-    arrived_k = command_k-L                                                   L samples of `latency`
-    taken_k = q round(arrived_k/q)  every `update_time`, else taken_k-1       q = `resolution`, 0: as it is
+    arrived_k = command_k-L                                                         L samples of `latency`
+    delivered_k = q round(arrived_k/q)  every `update_time`, else delivered_k-1     q = `resolution`; 0: not rounded
 
-Latency and update time count in whole samples, rounded. The first command is the one of the first sample; before it has
-arrived it is the start angle. The runtime delays (:mod:`emcas_fmu.runtime.core`), the rest is here.
+Latency and update time are rounded to whole samples. The first command is that of the first sample; until it has
+arrived the command is the start angle. The delay is in the runtime (:mod:`emcas_fmu.runtime.core`), the rest is here.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 from ..ops.base import Ops, Value
 
 LONGEST = 20  # samples of latency
-# Samples until the next command is taken, and the one that was [rad].
+# States: samples until the next update, and the command [rad] of the last one.
 STATES = ("command_wait", "command_taken")
 
 
@@ -23,24 +23,24 @@ def _whole(ops: Ops, p: Any, time: Value) -> Value:
 
 
 def late(ops: Ops, p: Any) -> Value:
-    """Return the samples by which commands are late."""
+    """Return the latency of commands in samples."""
     return _whole(ops, p, p.command.latency)
 
 
 def interval(ops: Ops, p: Any) -> Value:
-    """Return the time [s] from one command that is taken to the next."""
+    """Return the time [s] between two updates of the command."""
     return p.controller.sample_time * ops.maximum(_whole(ops, p, p.command.update_time), 1.0)
 
 
 def start(ops: Ops, p: Any, fin_angle: Value) -> dict[str, Value]:
-    """Return STATES at a start at a fin angle [rad], by name."""
+    """Return STATES by name at the start, at a fin angle [rad]."""
     return dict(zip(STATES, (late(ops, p), fin_angle), strict=True))
 
 
-def taken(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> tuple[Value, Value, Value]:
-    """Return the command [rad] that the controllers have at a sample, and STATES after it.
+def delivered(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> tuple[Value, Value, Value]:
+    """Return the command [rad] that the controllers use at a sample, and STATES after it.
 
-    `arrived` [rad] is the command that has come over the bus, `wait` and `before` are STATES of the sample before.
+    `arrived` [rad] is the command after the latency, `wait` and `before` are STATES of the sample before.
     """
     every, resolution = _whole(ops, p, p.command.update_time), p.command.resolution
 
@@ -51,7 +51,7 @@ def taken(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> tuple
         now = ops.where(due, rounded, before)
         return now, ops.where(due, ops.maximum(every, 1.0), wait) - 1.0, now
 
-    # True too of operations whose floor does nothing (linear analysis).
+    # Also true for operations whose floor does nothing (linear analysis).
     direct = ops.both(ops.both(late(ops, p) < 1.0, every < 2.0), ops.equal(resolution, 0.0))
     now, next_wait, kept = ops.branch(direct, lambda: (arrived, wait, before), over_the_bus)
     return now, next_wait, kept

@@ -8,22 +8,22 @@
     V+     = V + T_s (Ki_vel (w_ref - w_measured) + min(K_d, Ki_vel/Kp_vel) (u_drive - u_raw))
     s+     = s + T_s/T_c (r - s)
 
-The setpoint weight b makes two degrees of freedom of the position loop (Astrom & Hagglund, "Advanced PID Control",
-section 3.4): the answer to a load does not depend on it. The command's rate is that behind a lag s of its update time
-T_c, which is T_s where a command comes at every sample: between updates it decays, instead of a pulse and nothing. At
-rest I is Kp_pos (1 - b) theta_measured and s is r, with which they start, and start again when the drive is enabled.
-u_drive is what the drive can follow of u_raw: within the DAC's and the current's limit. An integral is unwound only
-where its gain brings it back: I where Ki_pos > 0, and V no faster than its integral time (ibid., section 3.5), hence
-never where Ki_vel = 0. Otherwise every saturation would leave an offset behind. What the controllers know of the
-mechanism and the motor are the nominal parameters.
+With the setpoint weight b the position loop has two degrees of freedom (Astrom & Hagglund, "Advanced PID Control",
+section 3.4): the response to a load does not depend on b. The command's rate follows from a lag s with the update time
+T_c, which is T_s if a command arrives at every sample: between updates the rate decays, and is not a pulse. At rest I
+is Kp_pos (1 - b) theta_measured and s is r; these are also the values at the start and when the drive is enabled.
+u_drive is the part of u_raw that the drive can follow, within the limits of DAC and current. An integral is unwound
+only if its gain brings it back: I if Ki_pos > 0, and V no faster than its integral time (ibid., section 3.5), hence
+never if Ki_vel = 0. Otherwise every saturation would leave an offset behind. The controllers use the nominal parameters
+of mechanism and motor.
 
-T_l is the load at the motor besides the friction that is fed forward, by an observer of the momentum (De Luca &
-Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005), of first order:
+T_l is the load at the motor except the friction that is fed forward, by a first-order observer of the momentum (De Luca
+& Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005):
 
     T_l    = L (J w_measured - m)               m+ = m + T_s (K_t i + T_l - K_t K_v u_fc)
 
-It takes the measured current, so that a controller's reference, as long as the model is right, shows in T_l not at
-all: the observer leaves the loop's margins nearly alone.
+It uses the measured current, so that the controllers' reference does not affect T_l as long as the model is right: the
+observer hardly changes the loop's margins.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from .sensors import Measurement
 
 
 class Loops(NamedTuple):
-    """What the loops keep between samples: integrals of position [rad/s] and velocity [V], lagged target s [rad], and
-    the observer's momentum m [N.m.s]."""
+    """States of the loops: integrals of position [rad/s] and velocity [V], lagged target s [rad], and the observer's
+    momentum m [N.m.s]."""
 
     integral: Value
     velocity_integral: Value
@@ -47,8 +47,8 @@ class Loops(NamedTuple):
 
 
 class Output(NamedTuple):
-    """A sample's result: DAC value [V], speed reference before its limit [rad/s], whether a limit was met, and the
-    loops' states for the next."""
+    """Result of a sample: DAC value [V], speed reference before its limit [rad/s], whether a limit is active, and the
+    states of the loops after the sample."""
 
     reference: Value
     speed_raw: Value
@@ -62,7 +62,7 @@ def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
 
 
 def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference: Value) -> Value:
-    """Return reference [V] that cancels Coulomb friction in the direction asked for.
+    """Return the reference [V] that cancels Coulomb friction in the direction of the speed reference [rad/s].
 
     The controller knows the friction identified at 24 degC, not the temperature.
     """
@@ -76,7 +76,7 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
 
 
 def fed_forward(ops: Ops, p: Any, dry: Value, speed_reference: Value) -> Value:
-    """Return reference [V] for a Coulomb friction at the motor [N.m], faded in with the speed asked for [rad/s]."""
+    """Return the reference [V] for a Coulomb friction at the motor [N.m], faded in with the speed reference [rad/s]."""
     per_volt = drive.stall_torque(p, 1.0)
     share = ops.clip(speed_reference / p.compensation.speed_band, -1.0, 1.0)
     return p.compensation.gain / per_volt * dry * share
@@ -88,25 +88,25 @@ def _momentum(ops: Ops, p: Any, measured: Measurement) -> Value:
 
 
 def resting_integral(p: Any, target: Value) -> Value:
-    """Return the position loop's integral [rad/s] that asks for no speed at a target [rad] that is reached."""
+    """Return the position loop's integral [rad/s] with a speed reference of 0 at rest at a target [rad]."""
     position = p.controller.position
     return position.kp * (1.0 - position.setpoint_weight) * target
 
 
 def target_angle(ops: Ops, p: Any, command: Value) -> Value:
-    """Return the motor angle [rad] that a command [rad] asks for, within its limit."""
+    """Return the motor angle [rad] of a command [rad] within its limit."""
     return kinematics.motor_angle(ops, p, clipped_command(ops, p, command))
 
 
 def at_rest(ops: Ops, p: Any, measured: Measurement, command: Value) -> Loops:
-    """Return the loops' states that ask for no speed where the motor is measured, without load, at a command [rad]."""
+    """Return the loops' states with a speed reference of 0 at the measured position, without load; `command` [rad]."""
     (momentum,) = ops.branch(p.controller.load_observer > 0.0, lambda: (_momentum(ops, p, measured),), lambda: (0.0,))
     return Loops(resting_integral(p, measured.motor_angle), 0.0, target_angle(ops, p, command), momentum)
 
 
 def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current: Value, compensation: Value
               ) -> tuple[Value, ...]:
-    """Return the reference [V] against the load at a measured motor current [A], and the momentum for the next."""
+    """Return the reference [V] against the load at a measured motor current [A], and the momentum after the sample."""
     load = p.controller.load_observer * (_momentum(ops, p, measured) - momentum)
     per_volt = drive.stall_torque(p, 1.0)
     net = drive.torque(p, current) + load - per_volt * compensation
@@ -114,7 +114,7 @@ def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current:
 
 
 def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value) -> Output:
-    """Return a sample of the controllers at a motor current [A]; `command` [rad] before its limit."""
+    """Return the result of a sample at a motor current [A]; `command` [rad] before its limit."""
     position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
                                          p.controller.sample_time)
     target = target_angle(ops, p, command)

@@ -1,12 +1,12 @@
-"""Position loop of a cylinder: PI, on the piston that the transducer of the fin angle stands for.
+"""Position loop of a cylinder: PI on the piston's position, computed from the transducer of the fin angle.
 
     r    = x(clip(command))        y = x(fin_measured)        e = r - y
     v_raw = Kp (b r - y) + I        v_ref = clip(v_raw, +-v_max)
     I+   = I + T_s Ki e            or, while the limit is met and e drives it further, I + Kp (1 - b) (y - y_before)
 
-x is the lever's (:mod:`emcas_fmu.physics.cylinder`): the loop's gain is then the same at every angle. The integral of a
-loop at rest is Kp (1 - b) y. At limits what is held is I less this share, so that large steps, too, end without the
-tail that a weight below 1 would leave; back-calculation would leave one of its time constant.
+x(angle) is that of the lever (:mod:`emcas_fmu.physics.cylinder`), so that the loop's gain is the same at every angle.
+At rest the integral is Kp (1 - b) y. At a limit I less this share is held, so that large steps also end without the
+tail that a weight below 1 would leave; back-calculation would leave a tail with its time constant.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from .controllers import clipped_command, resting_integral
 
 
 class Output(NamedTuple):
-    """Reference of the piston's speed [m/s], whether a limit was met, the integral [m/s] for the next sample, and what
-    it is where it is held."""
+    """Reference of the piston's speed [m/s], 1 where a limit is active, else 0, and the integral [m/s] after the
+    sample: normally, and if it is held."""
 
     speed: Value
     limited: Value
@@ -36,15 +36,15 @@ def measured(ops: Ops, p: Any, fin_angle: Value) -> Value:
 
 
 def at_rest(ops: Ops, p: Any, fin_measured: Value) -> Value:
-    """Return the integral [m/s] that asks for no speed at a measured fin angle [rad]."""
+    """Return the integral [m/s] with a speed reference of 0 at rest at a measured fin angle [rad]."""
     return resting_integral(p, cylinder.piston_position(ops, p, fin_measured))
 
 
 def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value, command: Value, limit: Value
            ) -> Output:
-    """Return a sample of the loop within a speed of the piston [m/s]; `command` [rad] before its limit.
+    """Return the result of a sample; the speed reference is within +-`limit` [m/s].
 
-    `before` is where the piston was read at the last sample [m].
+    `before` is the piston's position [m] at the last sample, `command` [rad] is that before its limit.
     """
     position = p.controller.position
     target = cylinder.piston_position(ops, p, clipped_command(ops, p, command))

@@ -3,9 +3,9 @@
     n_k = floor(angle/q)    measured angle = n_k q    measured speed = (n_k - n_k-1) q/T_s
     q = 2 pi/(pulses multiplier)
 
-Speed is always that of the motor's encoder. The position is too, or with ``encoder.on_fin`` it is that of an encoder
-on the fin shaft, of as many pulses. An incremental encoder knows no zero of its own: `offset` are counts added to those
-of the position from the true zero, None where its zero is the true one.
+The speed is always that of the motor's encoder. So is the position, unless ``encoder.on_fin`` selects an encoder with
+as many pulses on the fin shaft. The zero of an incremental encoder is arbitrary: `offset` [counts] is added to the
+position's counts from the true zero; None if its zero is the true one.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from ..physics import kinematics
 
 
 class Measurement(NamedTuple):
-    """What the controllers see: motor angle [rad] and speed [rad/s], fin angle [rad].
+    """Measured motor angle [rad] and speed [rad/s], fin angle [rad], and counts of the encoders.
 
-    And counts [-] of the encoder of position, with its offset, and of the motor's; 0 and those before where the
-    encoders are off.
+    `counts` [-] are those of the encoder of position, with its offset, `motor_counts` [-] those of the motor's; with
+    the encoders off 0, and the motor's counts of the sample before.
     """
 
     motor_angle: Value
@@ -32,27 +32,27 @@ class Measurement(NamedTuple):
 
 
 def resolution(p: Any) -> Value:
-    """Return angle of one count [rad]."""
+    """Return the angle of one count [rad]."""
     return 2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)
 
 
 def _shifted(value: Value, offset: Value | None, unit: Value) -> Value:
-    """Return `value` with an offset whose counts are of `unit`."""
+    """Return `value` with an offset of counts of size `unit`."""
     return value if offset is None else value + offset * unit
 
 
 def motor_counts(ops: Ops, p: Any, motor_angle: Value) -> Value:
-    """Return whole counts of the motor's encoder at a motor angle [rad]."""
+    """Return the whole counts of the motor's encoder at a motor angle [rad]."""
     return ops.floor(motor_angle / resolution(p))
 
 
 def measure(ops: Ops, p: Any, plant: Any, position: Value, motor_angle: Value, motor_speed: Value, before: Value,
             offset: Value | None = None) -> Measurement:
-    """Return a sample of true angles [rad] and speed [rad/s].
+    """Return the measurement of true angles [rad] and speed [rad/s].
 
-    `position` is the motor angle at which the encoder of position stands: the motor's or, referred to it, the fin's.
-    `before` are the motor's counts at the sample before. `p` are the parameters that the controllers know, `plant`
-    those of the unit as built.
+    `position` is the angle that the encoder of position reads: the motor's or, referred to the motor, the fin's.
+    `before` are the motor's counts at the sample before. `p` are the nominal parameters, which the controllers know,
+    `plant` those as built.
     """
 
     def true_values() -> tuple[Value, ...]:

@@ -15,8 +15,9 @@ from types import MappingProxyType
 from typing import Any
 
 from ..actuators import NONLINEAR, fin_port, get
-from ..actuators.declaration import Actuator, identifier
+from ..actuators.declaration import Actuator
 from ..actuators.line import Line
+from ..actuators.positional import identifier
 from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
 from ..support.arguments import checked

@@ -8,8 +8,9 @@ from importlib.resources import files
 
 from .. import rules
 from ..actuators import NONLINEAR, fin_port, get
-from ..actuators.declaration import Actuator, identifier
+from ..actuators.declaration import Actuator
 from ..actuators.fin_port import LONGEST_DELAY
+from ..actuators.positional import identifier
 from ..control import command as bus
 from ..physics.loads import LOADS
 from ..trace import elementary

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, lru_cache, partial
 from typing import Any
 
-from ..actuators import NONLINEAR, fin_port, get
-from ..actuators.declaration import Actuator, Supply, identifier
+from ..actuators import NONLINEAR, fin_port, get, positional
+from ..actuators.declaration import Actuator, Supply
 from ..actuators.external import refusal
 from ..actuators.line import drawn
 from ..errors import EmcasError
@@ -36,7 +36,8 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
     """
     one: tuple[Traced, ...] = (
         ("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),
-        ("locate", ("time",), lambda ops, p, time: schedule.locate(ops, p, actuator, time)), *actuator.functions)
+        ("locate", ("time",), lambda ops, p, time: schedule.locate(ops, p, actuator, time)),
+        *positional.functions(actuator))
     mixing: tuple[Traced, ...] = (
         ("mixed_command", ("command", "roll", "pitch", "yaw"),
          lambda ops, p, *commands: (fin_port.mixed_command(ops, p, *commands),)),)
@@ -57,7 +58,8 @@ def _of_line(supply: Supply) -> tuple[Traced, ...]:
     return (
         ("line_level", ("source", "state"), lambda ops, p, source, state: (line.level(ops, source, state),)),
         ("line_drawn", ("power", "level"), lambda ops, p, power, level: (drawn(ops, power, level),)),
-        ("line_following", (*map(identifier, names), "source", "state", "drawn", "inverse_inductance"), following),
+        ("line_following",
+         (*map(positional.identifier, names), "source", "state", "drawn", "inverse_inductance"), following),
         ("inverse_inductance", ("interval",),
          lambda ops, p, interval: (supply.within(ops, p, interval),)))
 

@@ -13,7 +13,8 @@ from typing import Any
 import casadi as ca
 
 from ...actuators import get
-from ...actuators.declaration import Actuator, identifier
+from ...actuators.declaration import Actuator
+from ...actuators.positional import identifier
 from ...namespace import Record
 from ...ops.base import Value
 from ...ops.floats import FLOATS

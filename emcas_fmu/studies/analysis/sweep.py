@@ -180,7 +180,7 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
     wait, before = (begun[name] for name in bus.STATES)
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
-        arrived, wait, before = bus.taken(ARRAYS, p, sent[k], wait, before)
+        arrived, wait, before = bus.delivered(ARRAYS, p, sent[k], wait, before)
         measured = sensors.measure(ARRAYS, p, plant, angle[k], angle[k], speed[k], turned)
         out = controllers.sample(ARRAYS, p, loops, measured, current[k], arrived)
         loops, turned = out.loops, measured.motor_counts

@@ -1,0 +1,89 @@
+"""The equations of an actuator as functions of positional arguments, which are traced: names become positions here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
+
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics.loads import LOADS
+from ..variables import Variable
+from . import fin_port
+from .results import complete
+
+if TYPE_CHECKING:
+    from .declaration import Actuator, Parameters
+
+Function = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
+"""A name, the names of the arguments behind ops and p, and the function."""
+
+
+def identifier(name: str) -> str:
+    """Return a variable's name as an identifier: ``acceleration.x`` gives acceleration_x."""
+    return re.sub(r"\W+", "_", name)
+
+
+def identifiers(variables: Iterable[Variable]) -> tuple[str, ...]:
+    """Return the names of variables as identifiers."""
+    return tuple(identifier(v.name) for v in variables)
+
+
+def functions(actuator: Actuator) -> tuple[Function, ...]:
+    """Return the five functions of an actuator.
+
+    initial() returns states, controller states, measured angle and sampled states; sample() the reference, controller
+    states, measured angle, whether a limit was met, and sampled states; motion_loads() the fields of MotionLoads;
+    step() the states and the time it took; outputs() every output.
+    """
+    plant, controllers, sampled = (tuple(s.name for s in states) for states in (
+        actuator.states, actuator.controller_states, actuator.sampled_states))
+    held_inputs = (*LOADS, "supply", "enable", *identifiers(actuator.acting_inputs))
+
+    def acting(sampled_values: Iterable[Value], reference: Value, values: Iterable[Value]) -> dict[str, Value]:
+        """Return the plant inputs by name."""
+        names = (*sampled, "reference", *LOADS, "supply", "enabled", *identifiers(actuator.acting_inputs))
+        return {**dict(zip(names, (*sampled_values, reference, *values), strict=True)), "rated_current_limit": None}
+
+    def initial(ops: Ops, p: Parameters) -> tuple[Value, ...]:
+        start = actuator.start(ops, p)
+        return tuple(start[name] for name in (*plant, *controllers, "measured_fin_angle", *sampled))
+
+    def sample(ops: Ops, p: Parameters, *arguments: Value) -> tuple[Value, ...]:
+        names = (*plant, *controllers, *sampled)
+        x = Record(**dict(zip(names, arguments, strict=False)))
+        command, supply, enable, *further = arguments[len(names):]
+        inputs = Record(command=command, supply=supply, enable=enable, encoder_offset=None,
+                        position=actuator.position(ops, p, x),
+                        **dict(zip(identifiers(actuator.further_inputs), further, strict=True)))
+        values = actuator.commanded(ops, p, x, inputs)
+        return tuple(values[name] for name in ("reference", *controllers, "measured_fin_angle", "limited", *sampled))
+
+    def step(ops: Ops, p: Parameters, *arguments: Value) -> tuple[Value, ...]:
+        x = Record(**dict(zip(plant, arguments, strict=False)))
+        split = len(plant) + len(sampled)
+        reference, *values, h = arguments[split:]
+        u = Record(**acting(arguments[len(plant):split], reference, values))
+        moved, used = actuator.step(ops, p, x, u, h)
+        moved = {**vars(x), **complete(actuator.step, moved, (), plant)}
+        return (*(moved[name] for name in plant), used)
+
+    def outputs(ops: Ops, p: Parameters, *arguments: Value) -> tuple[Value, ...]:
+        x = Record(**dict(zip(plant, arguments, strict=False)))
+        reference, sampled_reference, measured, limited, *rest = arguments[len(plant):]
+        sampled_values, (command, *values) = rest[:len(sampled)], rest[len(sampled):]
+        u = Record(**acting(sampled_values, reference, values), command=command, sampled_reference=sampled_reference,
+                   measured_fin_angle=measured, limited=limited)
+        names = tuple(v.name for v in actuator.outputs)
+        shown = complete(actuator.output_values, actuator.output_values(ops, p, x, u), names)
+        return tuple(shown[name] for name in names)
+
+    return (
+        ("initial", (), initial),
+        ("sample", (*plant, *controllers, *sampled, "command", "supply", "enable",
+                    *identifiers(actuator.further_inputs)), sample),
+        ("motion_loads", identifiers(fin_port.MOTION), fin_port.motion_loads),
+        ("step", (*plant, *sampled, "active", *held_inputs, "h"), step),
+        ("outputs", (*plant, "active", "reference", "measured", "limited", *sampled, "command", *held_inputs), outputs),
+    )

@@ -1,0 +1,31 @@
+"""Checks of what an actuator's functions return."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import isnan
+from typing import Any
+
+from ..errors import EmcasError, place
+from ..ops.base import Value
+
+
+def complete(function: Callable[..., Any], values: Any, names: Iterable[str], optional: Iterable[str] = ()
+             ) -> Mapping[str, Value]:
+    """Return the `values` that a function has returned, if they are numbers for all `names` and no undeclared one.
+
+    Raises EmcasError, with the function's location, if they are not.
+    """
+    if not isinstance(values, Mapping):
+        raise EmcasError(f"{place(function)} gives {type(values).__name__}; a mapping of names to values is needed")
+    needed = list(names)
+    known = {*needed, *optional}
+    if missing := [name for name in needed if name not in values]:
+        raise EmcasError(f"{place(function)} gives no {', '.join(missing)}")
+    if unknown := [name for name in values if name not in known]:
+        raise EmcasError(f"{place(function)} gives {', '.join(map(str, unknown))}, which is not declared; there is "
+                         f"{', '.join(sorted(known))}")
+    for name, value in values.items():
+        if value is None or isinstance(value, (str, Sequence, Mapping)) or (isinstance(value, float) and isnan(value)):
+            raise EmcasError(f"{place(function)} gives {name} = {value!r}; a number is needed")
+    return values
