@@ -45,7 +45,7 @@ _SPRING = "- p.spring.stiffness * x.fin_angle"
     (("    clipped = ops", "    ops.tanh(demand)\n    clipped = ops"), "    clipped = ops",
      "ops has no tanh; did you mean tan?"),
     (("    clipped = ops", "    demand ** 2\n    clipped = ops"), "    clipped = ops", "write x * x"),
-    (('State("current", "A")', 'State("replace", "A")'), None, "what a method of x is called"),
+    (('State("current", "A")', 'State("replace", "A")'), None, "the name of a method of x"),
     (("lambda ops, p: 1.0", "lambda p: 1.0"), "    supply=Supply(",
      "inverse_inductance takes 1 argument; give a function of (ops, p) or of (ops, p, interval)"),
     (("MOTOR_CURRENT = real_output(\"motor_current\"", "MOTOR_CURRENT = real_output(\"motor.inertia\""),
