@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import EmcasError
+from ..namespace import value_of
 from ..ops.base import Ops, Value
 from ..variables import Variable
 
@@ -31,6 +32,15 @@ class PlantFault:
     changes: Callable[[Ops, Any, Any], Mapping[str, Value]]
     amounts: tuple[Variable, ...] = ()
     lasting: bool = False
+
+    @classmethod
+    def scaling(cls, name: str, description: str, amount: Variable, *parameters: str, lasting: bool = False
+                ) -> PlantFault:
+        """Return a fault that multiplies parameters by its amount."""
+        def changes(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
+            return {parameter: getattr(amounts, amount.name) * value_of(p, parameter) for parameter in parameters}
+
+        return cls(name, description, changes, (amount,), lasting)
 
     def __post_init__(self) -> None:
         for name in (self.name, *(v.name for v in self.amounts)):

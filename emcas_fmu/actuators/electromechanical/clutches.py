@@ -67,21 +67,18 @@ def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tup
     `jammed` says what the motor does behind a blocked screw; `opened` is the parameter that an open coil sets to 0,
     with the clutch of that coil; `shares` are the parameters of the clutches' torque.
     """
-    def weaker(p: Any, left: Value) -> Mapping[str, Value]:
-        return {name: left * value_of(p, name) for name in shares}
-
     def shorted(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
         return {"coil.resistance": amounts.share * p.coil.resistance,
-                "coil.inductance": amounts.share * amounts.share * p.coil.inductance, **weaker(p, amounts.share)}
+                "coil.inductance": amounts.share * amounts.share * p.coil.inductance,
+                **{name: amounts.share * value_of(p, name) for name in shares}}
 
     return (
         PlantFault("jam", f"the screw is blocked; {jammed}", lambda ops, p, amounts: {
             "friction.fin_coulomb": _BLOCKED}),
         PlantFault("drag", "an open clutch drags", lambda ops, p, amounts: {"clutch.residual": amounts.share}, (
             tunable("share", "1", 0.0, 0.9, "of the rated torque that is left without current"),)),
-        PlantFault("powder_loss", "friction surfaces are worn, or powder is lost, for good", lambda ops, p, amounts:
-                   weaker(p, amounts.share), (tunable("share", "1", 0.0, 1.0, "of the torque that is left"),),
-                   lasting=True),
+        PlantFault.scaling("powder_loss", "friction surfaces are worn, or powder is lost, for good",
+                           tunable("share", "1", 0.0, 1.0, "of the torque that is left"), *shares, lasting=True),
         PlantFault("coil_open", f"the coil of {opened[1]} is open: its residual torque is left",
                    lambda ops, p, amounts: {opened[0]: 0.0}),
         PlantFault("coil_short", "turns of every coil are shorted", shorted, (

@@ -74,18 +74,14 @@ def geared(_: Ops, p: Any) -> Any:
 # -- faults ------------------------------------------------------------------------
 
 
-def _shaken(ops: Ops, p: Any, amounts: Any) -> Values:
-    return {"worm.friction": amounts.share * p.worm.friction}
-
-
 def _dry(ops: Ops, p: Any, amounts: Any) -> Values:
     """Return a higher friction, with which the motor still turns the loaded worm."""
     return {"worm.friction": ops.minimum(amounts.factor * p.worm.friction, _most(ops, p) / p.worm.static_ratio)}
 
 
 FAULTS = (
-    PlantFault("lost_lock", "vibration takes a share of the flanks' friction: a load may drive the worm", _shaken, (
-        tunable("share", "1", 0.01, 1.0, "of the friction coefficient that is left"),)),
+    PlantFault.scaling("lost_lock", "vibration takes a share of the flanks' friction: a load may drive the worm",
+                       tunable("share", "1", 0.01, 1.0, "of the friction coefficient that is left"), "worm.friction"),
     PlantFault("dry_flanks", "the flanks have lost their oil, for good: friction rises", _dry, (
         tunable("factor", "1", 1.0, 3.0, "by which it rises"),), lasting=True),
 )

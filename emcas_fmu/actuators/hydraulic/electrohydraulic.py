@@ -1,13 +1,13 @@
 """Electrohydraulic actuator: pressure line, servovalve, cylinder, lever and fin.
 
-Cylinder :mod:`emcas_fmu.physics.cylinder`, valve :mod:`emcas_fmu.physics.servovalve`, position loop
-:mod:`emcas_fmu.control.fluid_power`: the speed it asks for, over that of the open valve at its rated pressure, is the
-valve's command. Without `enable` the valve centres itself, and the fin is held by what is in the chambers. A chamber
-below the tank's pressure is refilled through a check valve. What that cannot refill in time is void: the pressure stays
-0, and the void is gone, rather than filled first, where more flows in than the piston sweeps.
+Cylinder: :mod:`emcas_fmu.physics.cylinder`, valve: :mod:`emcas_fmu.physics.servovalve`, position loop:
+:mod:`emcas_fmu.control.fluid_power`. The loop's speed reference, relative to the speed with the open valve at its rated
+pressure, is the valve's command. Without `enable` the valve centres itself, and the oil in the chambers holds the fin.
+A check valve refills a chamber below the tank's pressure. Where it cannot do so in time, a void forms: the pressure
+stays 0, until more oil flows in than the piston sweeps; the void's volume is then neglected.
 
-Events (:mod:`emcas_fmu.steppers.events`): the fin starts, rests or meets a stop, the spool meets its stroke or its
-largest speed, a check valve opens or closes, a chamber is void. Where a void ends, nothing jumps: the next step sees.
+Events (:mod:`emcas_fmu.steppers.events`): the fin starts, comes to rest or meets a stop, the spool meets its stroke or
+its largest speed, a check valve opens or closes, a void forms. The end of a void is no event, as nothing jumps there.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from typing import Any
 from ...control import fluid_power
 from ...namespace import Record
 from ...ops.base import Ops, Value
-from ...physics import cylinder, servovalve, stick
+from ...physics import cylinder, servovalve
 from ...steppers import events
 from ...variables import Terminal, parameter, real_input, real_output, tunable
 from .. import as_built, capabilities, fin_port
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from ..electromechanical.interface import transport_delay
 from ..electromechanical.rules import LEVER_RULE
-from . import interface
+from . import fin, interface
 
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
                              maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure",
@@ -64,31 +64,26 @@ FAULTS = (
         "valve.null_shift": p.valve.null_shift + amounts.shift, "valve.lap": amounts.lap}, (
             tunable("shift", "1", -2.0, 2.0, "shift of the null, of the stroke"),
             tunable("lap", "1", 0.0, 1.0, "valve.lap that is left"))),
-    PlantFault("internal_leakage", "the seal of the piston leaks more", lambda ops, p, amounts: {
-        "cylinder.internal_leakage": amounts.factor * p.cylinder.internal_leakage}, (
-            tunable("factor", "1", 1.0, 1e4, "of the leakage across the piston"),)),
-    PlantFault("air", "air in the oil makes it softer", lambda ops, p, amounts: {
-        "oil.bulk_modulus": amounts.share * p.oil.bulk_modulus}, (
-            tunable("share", "1", 1e-3, 1.0, "of the bulk modulus that is left"),)),
+    PlantFault.scaling("internal_leakage", "the seal of the piston leaks more",
+                       tunable("factor", "1", 1.0, 1e4, "of the leakage across the piston"),
+                       "cylinder.internal_leakage"),
+    PlantFault.scaling("air", "air in the oil makes it softer", interface.AIR, "oil.bulk_modulus"),
 )
-_AT = 1.0 - 1e-12  # of the spool's largest speed: as close as rounding comes
+_AT = 1.0 - 1e-12  # ratio to the spool's largest speed at which it is at the limit, despite rounding
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
-    """Return plant and controller at rest at a fin angle."""
-    measured = fluid_power.measured(ops, p, start.fin_angle)
-    return {"fin_angle": start.fin_angle, "pressure_1": p.cylinder.start_pressure,
-            "pressure_2": p.cylinder.start_pressure, "integral": fluid_power.at_rest(ops, p, measured),
-            "piston": cylinder.piston_position(ops, p, measured), "measured_fin_angle": measured}
+    """Return the states of plant and controller at rest at a fin angle."""
+    return interface.initial(ops, p, start, p.cylinder.start_pressure)
 
 
 def full_speed(ops: Ops, p: Any) -> Value:
-    """Return the piston's speed [m/s] with the open valve at its rated pressure, by which the loop's are scaled."""
+    """Return the piston's speed [m/s] with the open valve at its rated pressure."""
     return p.valve.rated_flow / p.cylinder.area
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return a sample of the controller; it is held in reset while disabled."""
+    """Return the reference and states of the controller after a sample; it is held in reset while disabled."""
     measured = fluid_power.measured(ops, p, inputs.position)
     full = full_speed(ops, p)
     out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command, full)
@@ -100,20 +95,17 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def spool_command(ops: Ops, p: Any, u: PlantInputs) -> Value:
-    """Return where [of the stroke] the valve is driven: centred while disabled."""
+    """Return the command of the spool position [of the stroke]; 0 and the null shift while disabled."""
     return ops.clip(ops.where(u.enabled, u.reference, 0.0) + p.valve.null_shift, -1.0, 1.0)
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
-    """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
-    stop = p.fin.stop_angle
-    c = cylinder.linkage(ops, p, ops.clip(x.fin_angle + 0.5 * h * x.fin_rate, -stop, stop), u)
-    torque = cylinder.pressing(p, c, x.pressure_1, x.pressure_2)
-    slide = stick.slide(ops, x.fin_rate, torque, c.dry, x.fin_angle, stop)
+    """Return the mode of a step of `h` [s]; its linkage is that of mid-step."""
+    linkage, motion = fin.mode(ops, p, x, u, h)
     command = spool_command(ops, p, u)
     faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, command) * x.spool_speed > 0.0
     at_speed = ops.both(ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT, faster)
-    m = Record(linkage=c, slide=slide, command=command, at_speed=at_speed,
+    m = Record(linkage=linkage, fin=motion, command=command, at_speed=at_speed,
                refill_1=x.pressure_1 < p.tank.pressure, refill_2=x.pressure_2 < p.tank.pressure,
                void_1=False, void_2=False)
     rates = _rates(ops, p, x, u, m)
@@ -127,33 +119,29 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     flow_1 = flow_1 + cylinder.makeup(ops, p, x.pressure_1, tank, m.refill_1)
     flow_2 = flow_2 + cylinder.makeup(ops, p, x.pressure_2, tank, m.refill_2)
     rise_1, rise_2 = cylinder.pressure_rates(p, c, x.fin_rate, x.pressure_1, x.pressure_2, flow_1, flow_2)
-    dry = m.slide.direction * c.dry
-    rate = cylinder.acceleration(p, c, x.fin_rate, x.pressure_1, x.pressure_2, dry)
     spool = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, m.command)
-    return {"fin_angle": x.fin_rate, "fin_rate": stick.moves(ops, m.slide, rate),
+    return {**fin.rates(ops, p, x, m),
             "pressure_1": ops.where(m.void_1, 0.0, rise_1), "pressure_2": ops.where(m.void_2, 0.0, rise_2),
             "spool_position": x.spool_speed, "spool_speed": ops.where(m.at_speed, 0.0, spool)}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states: of a fin that moves without dry friction, a valve within its limits."""
+    """Return d/dt of the states, with a fin that moves without dry friction, and a valve within its limits."""
     p = with_deviations(ops, p)
     c = cylinder.linkage(ops, p, x.fin_angle, u)
-    return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), slide=stick.Slide(1.0, 0.0, 0.0),
+    return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), fin=fin.FREE,
                                        command=u.reference + p.valve.null_shift, at_speed=False, refill_1=False,
                                        refill_2=False, void_1=False, void_2=False))
 
 
 def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
-    torque = cylinder.pressing(p, m.linkage, x.pressure_1, x.pressure_2)
     tank, fastest = p.tank.pressure, servovalve.fastest(p)
     faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, m.command) * x.spool_speed
 
     def refilling(pressure: Value, open_: Value) -> Value:
         return ops.where(open_, tank - pressure, pressure - tank)
 
-    return {"fin": stick.margin(ops, m.slide, x.fin_rate, torque),
-            "stop": stick.stop_margin(ops, m.slide, x.fin_angle, p.fin.stop_angle),
+    return {**fin.margins(ops, p, x, m),
             "speed": ops.where(m.at_speed, faster, fastest - ops.fabs(x.spool_speed)),
             "stroke": 1.0 - ops.fabs(x.spool_position),
             "refill_1": refilling(x.pressure_1, m.refill_1), "refill_2": refilling(x.pressure_2, m.refill_2),
@@ -161,15 +149,13 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
-    angle, rate = stick.landed(ops, m.slide, p.fin.stop_angle, (begin.fin_angle, begin.fin_rate),
-                               (x.fin_angle, x.fin_rate), events["fin"], events["stop"])
     fastest, side = servovalve.fastest(p), ops.where(x.spool_position > 0.0, 1.0, -1.0)
     at_end = ops.fabs(x.spool_position) >= 1.0
     end = ops.either(events["stroke"], at_end)
     outward = ops.either(events["stroke"], x.spool_speed * side > 0.0)
     met = ops.both(events["speed"], ops.negate(m.at_speed))
     speed = ops.where(met, ops.where(x.spool_speed > 0.0, fastest, -fastest), x.spool_speed)
-    return {"fin_rate": rate, "fin_angle": angle,
+    return {**fin.landed(ops, p, begin, x, m, events),
             "pressure_1": ops.where(events["void_1"], 0.0, ops.maximum(x.pressure_1, 0.0)),
             "pressure_2": ops.where(events["void_2"], 0.0, ops.maximum(x.pressure_2, 0.0)),
             "spool_position": ops.where(end, side, x.spool_position),
@@ -180,7 +166,7 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant after h [s] or at the first event before, and the time that took."""
+    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
     moved, used = events.advance(ops, with_deviations(ops, p), _SYSTEM, x, u, h)
     return vars(moved), used
 

@@ -1,20 +1,21 @@
 """Electrohydrostatic actuator: servomotor with its drive, pump, valves and reservoir, cylinder, lever and fin.
 
-Pump and valves :mod:`emcas_fmu.physics.pump`, cylinder :mod:`emcas_fmu.physics.cylinder`, motor and drive
-:mod:`emcas_fmu.physics.drive`. The position loop (:mod:`emcas_fmu.control.fluid_power`) works on the transducer of the
-fin, as a leaking pump turns on under load; the speed that it asks of the piston is that of a pump without leakage. The
-velocity loop works on the motor's speed, of a resolver taken as exact:
+Pump and valves: :mod:`emcas_fmu.physics.pump`, cylinder: :mod:`emcas_fmu.physics.cylinder`, motor and drive:
+:mod:`emcas_fmu.physics.drive`. The position loop (:mod:`emcas_fmu.control.fluid_power`) uses the transducer of the fin,
+as a pump that leaks keeps turning under load; its speed reference of the piston is that of a pump without leakage. The
+velocity loop uses the motor's speed from an ideal resolver:
 
     w_ref = A/D v_ref        u = clip(K_v (w_ref - w) + u_fc, +-u_max)
 
-The position loop's integral is also held where the drive cannot follow u. u_fc feeds forward the Coulomb friction of
-pump, piston and fin as it is at the motor without load (:func:`emcas_fmu.control.controllers.fed_forward`): no pressure
-is measured.
+The position loop's integral is also held while the drive cannot follow u. u_fc feeds forward the Coulomb friction of
+pump, piston and fin at the motor without load (:func:`emcas_fmu.control.controllers.fed_forward`), as no pressure is
+measured.
 
-Without `enable` the bridge opens, and the fin is held by friction and leakage of the pump, unless the bypass opens.
+Without `enable` the bridge opens, and friction and leakage of the pump hold the fin, unless the bypass valve opens.
 
-Events (:mod:`emcas_fmu.steppers.events`): the fin starts, rests or meets a stop, the pump starts or rests, a check
-valve or a relief valve opens or closes, a void begins or ends, the drive's voltage meets or leaves its limit.
+Events (:mod:`emcas_fmu.steppers.events`): the fin starts, comes to rest or meets a stop, the pump starts or comes to
+rest, a check valve or a relief valve opens or closes, a void begins or ends, the drive's voltage reaches or leaves its
+limit.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from ..declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..electromechanical import interface as electromechanical
 from ..electromechanical import nonlinear, plausibility
 from ..electromechanical.rules import LEVER_RULE
-from . import interface
+from . import fin, interface
 from .electrohydrostatic_faults import FAULTS
 
 _ARM, _ANGLE, _FIN, _COULOMB, _VISCOUS = interface.DEVIATIONS
@@ -41,7 +42,6 @@ DEVIATIONS = (_ARM, _ANGLE, _FIN,
               _COULOMB.scaling(*_COULOMB.scales, "pump.coulomb_friction", "pump.pressure_friction"),
               _VISCOUS.scaling(*_VISCOUS.scales, "pump.viscous_friction"), as_built.FLUX)
 with_deviations = as_built.plant(*DEVIATIONS)
-_FREE = stick.Slide(1.0, 0.0, 0.0)
 _ROUNDING = 1e-9  # V
 PARAMETERS = (
     *interface.PARAMETERS,
@@ -73,15 +73,12 @@ PARAMETERS = (
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
-    """Return plant and controller at rest at a fin angle, both chambers at the reservoir's pressure."""
-    measured, filled = fluid_power.measured(ops, p, start.fin_angle), pump.at_rest(ops, p)
-    return {"fin_angle": start.fin_angle, "pressure_1": filled, "pressure_2": filled,
-            "integral": fluid_power.at_rest(ops, p, measured),
-            "piston": cylinder.piston_position(ops, p, measured), "measured_fin_angle": measured}
+    """Return the states of plant and controller at rest at a fin angle, both chambers at the reservoir's pressure."""
+    return interface.initial(ops, p, start, pump.at_rest(ops, p))
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return a sample of the controllers; they are held in reset while disabled."""
+    """Return the reference and states of the controllers after a sample; they are held in reset while disabled."""
     measured = fluid_power.measured(ops, p, inputs.position)
     at_rest = fluid_power.at_rest(ops, p, measured)
 
@@ -94,7 +91,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         raw = p.controller.velocity.kp * (asked_speed - x.motor_speed) + compensation
         largest = p.drive.reference_limit
         reference = ops.clip(raw, -largest, largest)
-        # What the drive cannot follow: beyond the DAC's or the current's limit.
+        # The part of the reference beyond the limits of DAC or current.
         beyond = raw - drive.followed(ops, p, reference)
         held = ops.both(ops.fabs(beyond) > _ROUNDING, beyond * (out.integral - x.integral) > 0.0)
         limited = ops.either(out.limited > 0.0, ops.fabs(raw) > largest)
@@ -106,7 +103,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:
-    """Return the Coulomb friction [N.m] at the motor of pump, piston and fin that move without load."""
+    """Return the Coulomb friction [N.m] of pump, piston and fin at the motor, without load."""
     drop = cylinder.dry_drop(ops, p, fin_angle)
     return p.pump.displacement * drop + pump.dry(ops, p, drop)
 
@@ -116,12 +113,9 @@ def _electrical(x: Record) -> electrical.Plant:
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
-    """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
-    stop = p.fin.stop_angle
-    c = cylinder.linkage(ops, p, ops.clip(x.fin_angle + 0.5 * h * x.fin_rate, -stop, stop), u)
+    """Return the mode of a step of `h` [s]; its linkage is that of mid-step."""
+    linkage, motion = fin.mode(ops, p, x, u, h)
     drop = x.pressure_1 - x.pressure_2
-    fin = stick.slide(ops, x.fin_rate, cylinder.pressing(p, c, x.pressure_1, x.pressure_2), c.dry, x.fin_angle,
-                      stop)
     driving, dry = pump.driving(p, x.motor_current, drop), pump.dry(ops, p, drop)
     shaft = stick.slide(ops, x.motor_speed, driving, dry, 0.0, stick.WALL)
     valves = pump.valves(ops, p, x.pressure_1, x.pressure_2)
@@ -129,7 +123,7 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     def accelerating() -> Value:
         return stick.moves(ops, shaft, pump.acceleration(p, x.motor_speed, driving - shaft.direction * dry))
 
-    return Record(linkage=c, fin=fin, shaft=shaft, valves=valves,
+    return Record(linkage=linkage, fin=motion, shaft=shaft, valves=valves,
                   lines=pump.lines(ops, p, valves, pump.bypass(ops, p, u.enabled)),
                   drive=electrical.electrical_mode(ops, p, _electrical(x), u, h, accelerating))
 
@@ -139,10 +133,9 @@ def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
     one, two, drop = x.pressure_1, x.pressure_2, x.pressure_1 - x.pressure_2
     flow_1, flow_2 = pump.flows(p, m.lines, x.motor_speed, one, two)
     rise_1, rise_2 = cylinder.pressure_rates(p, m.linkage, x.fin_rate, one, two, flow_1, flow_2)
-    fin = cylinder.acceleration(p, m.linkage, x.fin_rate, one, two, m.fin.direction * m.linkage.dry)
     torque = pump.driving(p, x.motor_current, drop) - m.shaft.direction * pump.dry(ops, p, drop)
     shaft = pump.acceleration(p, x.motor_speed, torque)
-    return {"fin_angle": x.fin_rate, "fin_rate": stick.moves(ops, m.fin, fin),
+    return {**fin.rates(ops, p, x, m),
             "pressure_1": m.lines.share_1 * rise_1, "pressure_2": m.lines.share_2 * rise_2,
             "motor_speed": stick.moves(ops, m.shaft, shaft)}
 
@@ -153,10 +146,10 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states: moving without dry friction, valves shut, the drive within its limits."""
+    """Return d/dt of the states, moving without dry friction, with closed valves and the drive within its limits."""
     p = with_deviations(ops, p)
     smooth = with_values(p, {"pump.coulomb_friction": 0.0, "pump.pressure_friction": 0.0})
-    m = Record(linkage=cylinder.linkage(ops, p, x.fin_angle, u)._replace(dry=0.0), fin=_FREE, shaft=_FREE,
+    m = Record(linkage=cylinder.linkage(ops, p, x.fin_angle, u)._replace(dry=0.0), fin=fin.FREE, shaft=fin.FREE,
                lines=pump.lines(ops, p, pump.SHUT, pump.bypass(ops, p, u.enabled)))
     rise, integral = drive.rates(p, u.reference, x.motor_speed, x.motor_current, x.drive_integral)
     return {**_mechanical(ops, smooth, x, m), "motor_current": rise, "drive_integral": integral}
@@ -164,12 +157,10 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
 
 def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     drop = x.pressure_1 - x.pressure_2
-    # The friction of the shaft moves with the pressure.
+    # The friction of the shaft changes with the pressure.
     dry = pump.dry(ops, p, drop)
     shaft = m.shaft._replace(high=dry, low=-dry)
-    return {"fin": stick.margin(ops, m.fin, x.fin_rate,
-                                cylinder.pressing(p, m.linkage, x.pressure_1, x.pressure_2)),
-            "stop": stick.stop_margin(ops, m.fin, x.fin_angle, p.fin.stop_angle),
+    return {**fin.margins(ops, p, x, m),
             "shaft": stick.margin(ops, shaft, x.motor_speed, pump.driving(p, x.motor_current, drop)),
             **pump.margins(ops, p, m.valves, x.pressure_1, x.pressure_2),
             "voltage": current_loop.reserve(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)}
@@ -177,13 +168,11 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     def borne(pressure: Value, void: Value) -> Value:
-        # A void begins with nothing: under its modulus what a step is beyond that would be thousands of times as much.
+        # A void begins at no volume: with its modulus an overshoot of the pressure would be thousands of times as much.
         return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
 
-    angle, rate = stick.landed(ops, m.fin, p.fin.stop_angle, (begin.fin_angle, begin.fin_rate),
-                               (x.fin_angle, x.fin_rate), events["fin"], events["stop"])
     shaft = ops.both(ops.negate(ops.equal(m.shaft.direction, 0.0)), events["shaft"])
-    return {"fin_rate": rate, "fin_angle": angle,
+    return {**fin.landed(ops, p, begin, x, m, events),
             "pressure_1": borne(x.pressure_1, m.valves.void_1), "pressure_2": borne(x.pressure_2, m.valves.void_2),
             "motor_speed": stick.speed_after(ops, m.shaft, begin.motor_speed, x.motor_speed, shaft),
             "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
@@ -194,7 +183,7 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant after h [s] or at the first event before, and the time that took."""
+    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
     p = with_deviations(ops, p)
     now = electrical.switched(ops, _electrical(x), u.enabled)
     x = x.replace(motor_current=now.current, drive_integral=now.integral)

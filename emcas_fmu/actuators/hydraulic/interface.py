@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...control import fluid_power
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import cylinder
 from ...rules import SLACK, Rule, when
-from ...variables import only, parameter, real_output
+from ...variables import only, parameter, real_output, tunable
 from .. import as_built, fin_port
 from ..declaration import PlantInputs, State, Values
 from ..electromechanical import nonlinear
@@ -48,6 +49,7 @@ CYLINDER = (
     parameter("oil.bulk_modulus", "Pa", 1e6, 1e11, "effective bulk modulus of oil, air and walls, beta",
               sheet="oil: bulk modulus, with the air and the walls", quantity="BulkModulus"),
 )
+AIR = tunable("share", "1", 1e-3, 1.0, "of the bulk modulus that is left")  # amount of the fault `air`
 CHECK_VALVE = parameter("check_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6,
                         "conductance of the check valve that refills a chamber, K_cv")
 TRANSDUCER = parameter("transducer.resolution", "rad", 0.0, 0.1, "step of the transducer of the fin angle (0: none)",
@@ -73,6 +75,14 @@ def _stroke(ops: Ops, p: Any, share: Value) -> tuple[Value, ...]:
 STROKE_RULE = Rule(_stroke, "cylinder.dead_volume = %.6g m3 must be more than the piston sweeps up to a stop of the "
                             "fin, %.6g m3 with cylinder.area = %.6g m2; raise it, or lower cylinder.area, "
                             "kinematics.moment_arm or fin.stop_angle", scanned=True)
+
+
+def initial(ops: Ops, p: Any, start: Record, pressure: Value) -> Values:
+    """Return the states of fin, chambers and controller at rest at a fin angle, with a `pressure` [Pa]."""
+    measured = fluid_power.measured(ops, p, start.fin_angle)
+    return {"fin_angle": start.fin_angle, "pressure_1": pressure, "pressure_2": pressure,
+            "integral": fluid_power.at_rest(ops, p, measured),
+            "piston": cylinder.piston_position(ops, p, measured), "measured_fin_angle": measured}
 
 
 def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs, limited: Value) -> Values:
