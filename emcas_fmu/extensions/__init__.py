@@ -1,1 +1,1 @@
-"""What may be laid over an actuator, in its name behind a +: a module each, with its EXTENSION."""
+"""Extensions of actuators, in the model's name behind a +: each is a module with its EXTENSION."""

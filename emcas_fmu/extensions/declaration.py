@@ -1,4 +1,4 @@
-"""What an extension declares: what it needs of an actuator, what it adds, and the actuator it makes of another."""
+"""The declaration of an extension: what it needs of an actuator, what it adds, and how it extends the actuator."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from ..variables import Variable
 
 @dataclass(frozen=True)
 class Extension:
-    """Something laid over an actuator; its default values are in ``models/extensions/NAME.toml``.
+    """An extension of actuators; the defaults of its parameters are in ``models/extensions/NAME.toml``.
 
-    It `needs` these capabilities of the actuator (:mod:`emcas_fmu.actuators.capabilities`), and `replaces` some, which
-    those laid over it then miss. `parameters(actuator)` and `outputs` come behind those there are; `extend` gives the
-    actuator with further states and other equations. `replaces`, `parameters`, `outputs` and `rules` are added to what
-    it gives.
+    It `needs` capabilities of the actuator (:mod:`emcas_fmu.actuators.capabilities`); those that it `replaces` are not
+    available to later extensions. `extend(actuator)` returns the actuator with further states and other equations, to
+    which `parameters(actuator)`, `outputs` and `rules(actuator)` are appended.
     """
 
     name: str
@@ -32,7 +31,7 @@ class Extension:
     module: Any = None
 
     def over(self, actuator: Actuator) -> Actuator:
-        """Return the actuator with this extension laid over it."""
+        """Return the extended actuator."""
         extended = self.extend(actuator)
         return replace(
             extended,

@@ -1,14 +1,14 @@
-"""Heat: winding and case get warm, resistance and torque constant follow, the drive folds its current back (I2t).
+"""Heat: winding and case warm up, resistance and torque constant follow, the drive folds its current back (I2t).
 
-The equations are :mod:`emcas_fmu.physics.heat`'s. Over a step the motor is that of the temperatures at its middle,
-which the current at its start leads to, and the heat is what the current's own equation loses in that resistance: of
-second order. The current limit errs to the safe side instead, by less than a tick of its folding back. The controllers
-do not know of any of it: friction compensation keeps the torque constant of the parameters.
+The equations are those of :mod:`emcas_fmu.physics.heat`. During a step the motor has the temperatures of mid-step,
+predicted from the current at the start; the heat is the loss of the current in that resistance. Both have second order.
+The current limit instead errs to the safe side, by less than one tick of its folding back. The controllers do not know
+the temperatures: friction compensation uses the torque constant of the parameters.
 
-The mean of i^2 follows the course :mod:`emcas_fmu.steppers.rigid` gives the current between the ends of a step, an
-exponential. Actuators with another current loop (linear, ristanovic, ozkan) have the same ends and a course a
-little different from it. Of an actuator whose motor is not stepped so, the course is the line between the ends: of
-second order in the tick too, which must resolve the winding's time constant.
+The mean of i^2 follows from the exponential course of the current between the ends of a step
+(:mod:`emcas_fmu.steppers.rigid`). With another current loop (linear, ristanovic, ozkan) the ends are the same, the
+course slightly different. If the motor is not stepped by these equations, the course is a line between the ends: also
+of second order in the tick, which must resolve the winding's time constant.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ PARAMETERS = in_group(
               "nothing acts on it in the simulation", sheet="motor: permitted winding temperature"),
 )
 AMBIENT = replace(tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), start=24.0)
-"""Of an actuator that depends on none."""
+"""The ambient temperature of an actuator that has none."""
 I2T_PARAMETERS = in_group(
     "heat",
     parameter("continuous_current", "A", 1e-3, 1e4, "current the drive allows for any time (I2t); that and above "
@@ -77,7 +77,7 @@ def _limits_current(actuator: Actuator) -> bool:
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return `actuator` with heat, and with the I2t limit where it limits its current."""
+    """Return the actuator with heat, and with the I2t limit if it limits its current."""
     limits = _limits_current(actuator)
     ambient = () if capabilities.AMBIENT_TEMPERATURE in actuator.provides else (AMBIENT,)
     stepped = capabilities.DRIVE_STEP in actuator.provides
@@ -88,10 +88,10 @@ def extend(actuator: Actuator) -> Actuator:
             warm, {"drive.current_limit": heat.current_limit(ops, p, load, u.rated_current_limit)})
 
     def through(ops: Ops, p: Any, x: Record, u: PlantInputs, current: Value, h: Value) -> Any:
-        """Return parameters through a step of `h` [s] that starts with a current [A].
+        """Return the parameters for a step of `h` [s] that starts with a current [A].
 
-        Temperatures are those of its middle. The limit is that of its end if all of the limit at its start flowed: so
-        the reference is never above what the limit is at any time of the step.
+        Temperatures are those of mid-step. The limit is that of the step's end for a current at the limit of its
+        start, so that the reference never exceeds the limit at any time of the step.
         """
         winding, case, later = x.winding_temperature, x.case_temperature, None
         loss = heat.resistance(ops, p, winding) * current * current
@@ -107,7 +107,7 @@ def extend(actuator: Actuator) -> Actuator:
                 "case_temperature": ambient + p.heat.case_start_rise}
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-        """Return a sample of the controllers, whose anti-windup knows the limit in force."""
+        """Return the result of a sample of the controllers, whose anti-windup knows the present limit."""
         limit = heat.current_limit(ops, p, x.i2t_load)
         return actuator.sample(ops, with_values(p, {"drive.current_limit": limit}), x, inputs)
 
@@ -137,7 +137,7 @@ def extend(actuator: Actuator) -> Actuator:
         return moved, used
 
     def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        """Return d/dt of the states of a motor whose temperatures stay: seconds pass before they do not."""
+        """Return d/dt of the states at constant temperatures, which change over seconds only."""
         return actuator.rates(ops, heat.at_temperatures(ops, p, x.winding_temperature, x.case_temperature), x, u)
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:

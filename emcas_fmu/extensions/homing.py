@@ -1,13 +1,14 @@
-"""Homing on the hard stops: a drive with an incremental encoder finds out where its fin stands.
+"""Homing on the hard stops: a drive with an incremental encoder determines the angle of its fin.
 
-At power-on the controllers believe the fin at zero, wherever it is: their counts are the true ones plus an offset
-that is -(those of fin.start_angle). A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
+At power-on the controllers assume that the fin is at zero: their counts are the true ones plus an offset, minus those of
+fin.start_angle. A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
 
     unreferenced -> seeking (one stop) -> crossing (to the other) -> returning (to zero) -> ready
-                    any of them -> failed (not the travel there is, no way back, too late) or unreferenced (disabled)
+                    any of them -> failed (wrong travel, no way back, too late) or unreferenced (disabled)
 
-Only a ready actuator follows its command. Unreferenced or failed, the drive's bridge is open, as it is while disabled,
-whatever is on its way in the drive. The thesis (section 5.3.1, Figure 5.12) homes its actuator too; the steps are lost.
+Only a ready actuator follows its command. While it is unreferenced or failed, the drive's bridge is open as if it were
+disabled, whatever reference is delayed in the drive. The thesis also homes its actuator (section 5.3.1, Figure 5.12),
+but does not describe the steps.
 """
 
 from __future__ import annotations
@@ -46,14 +47,14 @@ PARAMETERS = in_group(
 )
 HOME = boolean_input("home", "a rising edge while enabled and not homing starts a homing run", False)
 HOMED = boolean_output("homed", "the controllers know the fin's angle and follow the command when enabled")
-# To start, to turn and to settle at zero [s]: an estimate, three times what a clear way takes.
+# Time to start, to turn and to settle at zero [s]: an estimate, three times that of a free fin.
 SETTLES = 0.3
 PROGRESS = tuple(f"homing_{name}" for name in run.Progress._fields)
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return `actuator` with the offset of its encoder, and the state machine that finds it, before its controllers."""
-    has_status = STATUS in actuator.outputs  # by an extension below
+    """Return the actuator with an offset of its encoder, and the state machine that determines it."""
+    has_status = STATUS in actuator.outputs  # of an earlier extension
 
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         x = Record(**actuator.start(ops, p, start.fin_angle))
@@ -66,7 +67,7 @@ def extend(actuator: Actuator) -> Actuator:
         edge = ops.both(inputs.home, ops.negate(x.home_before))
         progress = run.Progress(*(getattr(x, name) for name in PROGRESS))
         now = run.sample(ops, p, actuator, x, inputs, edge, x.homing_phase, progress)
-        return {**now.given, "home_before": ops.where(inputs.home, 1.0, 0.0),
+        return {**now.values, "home_before": ops.where(inputs.home, 1.0, 0.0),
                 **dict(zip(PROGRESS, now.progress, strict=True)), "homing_phase": now.phase}
 
     def powered(ops: Ops, u: PlantInputs) -> PlantInputs:
@@ -97,8 +98,8 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         return when(ops, limit > most * (1.0 + SLACK)), limit, most
 
     def time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        # From one stop to the other, back to the first and to zero, each held for the time of a stall. At a constant
-        # motor speed zero is not the middle in time. A way may be longer than between the stops by the tolerance.
+        # From one stop to the other, back to the first and to zero, each followed by the time of a stall. At a constant
+        # motor speed zero is not the middle in time. Each way may be longer than the travel by the tolerance.
         stop, initial = p.fin.stop_angle, actuator.equation_parameters(ops, p).kinematics.initial_angle
         zero, high, low = ops.tan(initial), ops.tan(initial + stop), ops.tan(initial - stop)
         back = ops.maximum(high - zero, zero - low) / (high - low)
@@ -107,9 +108,9 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         return when(ops, p.homing.timeout <= least), p.homing.timeout, least
 
     def stall(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        """Check that the push, less friction at a stop, brings the motor to homing.speed after the drive's delay.
+        """Check that the push minus friction at a stop accelerates the motor to homing.speed within homing.stall_time.
 
-        Till then it stands still as at a stop. Of the lever the least ratio, d/l: the least time.
+        Until then the motor is at rest, as at a stop. The lever's ratio is the smallest, d/l: the shortest time.
         """
         p = actuator.equation_parameters(ops, p)
         push, stop, coulomb = drive.stall_torque(p, p.homing.reference_limit), p.fin.stop_angle, p.friction.coulomb
@@ -133,8 +134,8 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 
 EXTENSION = Extension(
     "homing", "homing on the hard stops", extend,
-    # The rule for a stall takes the push against a stop for that of a motor's current; the run steers the cascade's
-    # integrals, by the motor angle that screw and lever give.
+    # The rule for a stall assumes that a motor current pushes against the stop; the run sets the cascade's integrals,
+    # with the motor angle that follows from screw and lever.
     needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER, capabilities.MOTOR_CURRENT, capabilities.CASCADE,
            capabilities.SCREW_EQUATIONS),
     parameters=lambda actuator: PARAMETERS, outputs=(STATUS, HOMED), rules=_rules, module=sys.modules[__name__])

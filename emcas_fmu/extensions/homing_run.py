@@ -1,15 +1,16 @@
-"""A homing run, sample by sample. Positions are the encoder's, in counts (with its encoder off: of the true angle).
+"""A homing run, sample by sample. Positions are encoder readings in counts (with the encoder off, of the true angle).
 
-While it runs, the controllers see the encoder from a target that moves at homing.speed, and are asked for zero: their
-own loops, with their own gains, then follow the target whatever the fin's angle is, which nobody knows yet, and
-command.limit does not matter. The target's speed is fed forward through the position loop's integral, which itself
-keeps only what balances loads: it is the one that goes on in closed loop, so that nothing jumps.
+During a run the position is measured from a target that moves at homing.speed, and the command is zero. The loops, with
+their normal gains, then follow the target whatever the fin's unknown angle is, and command.limit does not matter. The
+target's speed is fed forward through the position loop's integral. The rest of this integral balances the loads and is
+kept for closed loop, so that nothing jumps.
 
-    seeking    towards one stop until a stall: the reference at its limit, and no motion to speak of, for stall_time
-    crossing   towards the other until a stall; the way between them must be 2 stop_angle, or it failed
-    returning  the offset is set so that both stops are equally far off, then to zero
+    seeking    towards one stop until a stall: the reference is at its limit and the fin hardly moves for stall_time
+    crossing   towards the other until a stall; the run fails unless the travel is 2 stop_angle
+    returning  the offset is set so that both stops are at the same distance, then the fin moves to zero
 
-A symmetric error, the give and the gap of an elastic drive line pushed against its stops, cancels out of the zero.
+A symmetric error, such as the compliance and the gap of an elastic drive line that is pushed against its stops, does
+not affect the zero.
 """
 
 from __future__ import annotations
@@ -23,16 +24,14 @@ from ..ops.base import Ops, Value
 from ..physics import kinematics
 
 UNKNOWN, SEEKING, CROSSING, RETURNING, READY, FAILED = (float(i) for i in range(6))
-# Of the target's way within the time of a stall: less is none. Of that time: how long the target moves on without the
-# fin. Of a limit, relative: what counts as at it.
-_STILL, _WAITS = 0.1, 0.25
-_EDGE = 1.0 - 1e-9
+_STILL = 0.1  # of the target's way within homing.stall_time: a fin that moves less is at rest
+_WAITS = 0.25  # of homing.stall_time: how long the target moves on while the fin is at rest
+_EDGE = 1.0 - 1e-9  # ratio to a limit at which a value is at the limit, despite rounding
 
 
 class Progress(NamedTuple):
-    """What samples hand on: the encoder's `offset`, the `target`, where the present way begins (`origin`), for how
-    long it has stalled [s] and where that began (`mark`), and for how long it has run (`elapsed`) [s]. All but
-    times in counts."""
+    """States of a run: the encoder's `offset`, the `target`, where the present way began (`origin`), for how long the
+    fin has `stalled` [s] and where that began (`mark`), and the time `elapsed` [s]. All but times in counts."""
 
     offset: Value
     target: Value
@@ -43,16 +42,16 @@ class Progress(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """What a sample of the controllers gave, by name, the phase after it, and what is handed on."""
+    """Values of a sample of the controllers by name, the phase after it, and the states of the run."""
 
-    given: dict[str, Value]
+    values: dict[str, Value]
     phase: Value
     progress: Progress
 
 
 class _Way(NamedTuple):
-    """From stop to stop: `span` [counts], the reading expected of their `middle` and of the stop sought `first`,
-    counts per fin angle [1/rad], motor angle per count [rad]."""
+    """The travel: its `span` [counts], the readings expected in its `middle` and at the stop sought `first`, counts
+    `per_angle` of the fin [1/rad], `motor` angle per count [rad]."""
 
     span: Value
     middle: Value
@@ -62,19 +61,19 @@ class _Way(NamedTuple):
 
 
 def moving(ops: Ops, phase: Value) -> Value:
-    """Return whether a run is under way."""
+    """Return whether a run is in progress."""
     return ops.both(phase >= SEEKING, phase <= RETURNING)
 
 
 def driven(ops: Ops, phase: Value) -> Value:
-    """Return whether the drive's bridge may work."""
+    """Return whether the drive's bridge may be closed."""
     return ops.both(phase >= SEEKING, phase <= READY)
 
 
 def reading(ops: Ops, p: Any, angle: Value, counts: Value, offset: Value = 0.0) -> Value:
     """Return the reading [counts] of the encoder of position at the state of angle [rad] that it reads.
 
-    `offset` is that of true angles, whole counts have theirs in them.
+    `offset` is added to true angles; whole `counts` include it.
     """
     return ops.where(p.encoder.enabled, counts, angle / sensors.resolution(p) + offset)
 
@@ -84,7 +83,7 @@ def _whole(ops: Ops, p: Any, x: Value) -> Value:
 
 
 def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
-    """Return what the actuator's encoder reads from stop to stop, whatever its kinematics."""
+    """Return the travel as the encoder reads it, for any kinematics."""
     stop = p.fin.stop_angle
     high, low = (Record(**actuator.start(ops, p, angle)) for angle in (stop, -stop))
     top, bottom = (reading(ops, p, actuator.position(ops, p, x), x.counts) for x in (high, low))
@@ -96,9 +95,9 @@ def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
 
 def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs, edge: Value, phase: Value,
            progress: Progress) -> Sampled:
-    """Return one sample: `edge` is whether home has risen, `phase` and `progress` are as they were.
+    """Return the result of a sample; `edge` says whether home has risen, `phase` and `progress` are those before.
 
-    Outside a run it is the actuator's sample, disabled unless ready, with the encoder's offset.
+    Outside a run it is the actuator's sample with the encoder's offset, disabled unless ready.
     """
     running = moving(ops, phase)
     starts = ops.both(ops.both(edge, inputs.enable), ops.negate(running))
@@ -110,7 +109,7 @@ def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs
 
     def homing() -> tuple[Value, ...]:
         run = _homing(ops, p, actuator, x, inputs, seen, starts, phase, progress)
-        return *(run.given[name] for name in names), run.phase, *run.progress
+        return *(run.values[name] for name in names), run.phase, *run.progress
 
     values = ops.branch(moving(ops, phase), homing, lambda: (*(seen[name] for name in names), phase, *progress))
     count = len(names)
@@ -126,7 +125,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
     seeks, crosses, returns = (ops.equal(phase, x) for x in (SEEKING, CROSSING, RETURNING))
 
-    # The target waits while the fin does not follow: let go, the fin does not run after one that is far ahead.
+    # The target waits while the fin does not follow, so that a fin that comes free does not chase a distant target.
     speed = p.homing.speed * way.per_angle
     first = ops.where(p.homing.positive_first, speed, -speed)
     rate = ops.where(seeks, first, ops.where(crosses, -first, ops.clip(-target / period, -speed, speed)))
@@ -134,7 +133,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     frame = _whole(ops, p, target)
     forward = rate * way.motor
     inputs = inputs.replace(command=0.0, encoder_offset=g.offset - frame)
-    # A weight of 1: the frame moves, and the loop must not see where it stands.
+    # A weight of 1, as the loop must not depend on the moving origin.
     pushing = with_values(p, {"drive.reference_limit": limit, "controller.position.setpoint_weight": 1.0,
                               "controller.position.velocity_feedforward": 0.0})
     at_motor = kinematics.motor_angle(ops, actuator.equation_parameters(ops, p), seen["measured_fin_angle"])
@@ -144,7 +143,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
 
     pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time
-    # A count to and fro is none either.
+    # One count to and fro is no motion.
     window = ops.where(p.encoder.enabled, ops.maximum(window, 1.0), window)
     still = ops.both(pressed, ops.fabs(at - mark) <= window)
     back = ops.both(returns, ops.both(ops.equal(target, 0.0),
@@ -165,7 +164,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     fails = ops.either(ops.either(lost, elapsed > p.homing.timeout), ops.equal(after, FAILED))
     after = ops.where(fails, FAILED, after)
 
-    # What is added to the offset, in whole counts; at a turn everything begins anew from there.
+    # The change of the offset, in whole counts; at a turn everything starts again from there.
     wrong = ops.where(seeks, way.first - at, way.middle - 0.5 * (at + origin))
     shift = ops.where(sets, ops.where(p.encoder.enabled, ops.floor(wrong + 0.5), wrong), 0.0)
     here = at + shift

@@ -1,17 +1,17 @@
-"""LuGre bristles instead of exact stick at the motor: presliding, frictional lag, breakaway that depends on the rate.
+"""LuGre bristles instead of exact stick at the motor: presliding, frictional lag, rate-dependent breakaway.
 
     dz/dt = w - sigma_0 |w| z/g(w)            g = C_m (1 + (s - 1) exp(-(w/w_s)^2)) + C_f/R
     torque = sigma_0 z + sigma_1(w) dz/dt     sigma_1(w) = sigma_1/(1 + sigma_1 |w|/g)
 
 after Canudas de Wit, Olsson, Astrom and Lischinsky (1995), "A new model for control of systems with friction", IEEE
-Transactions on Automatic Control 40 (3), 419-425, besides the viscous friction there is; C_f is that about the hinge.
-Friction's power less the rate of sigma_0 z^2/2 is a quadratic form of dz/dt and z that is never negative where
-sigma_1 |w| <= 4 g. A damping that fades with speed keeps to q = sigma_1(w) |w|/g < 1 for any sigma_1, and then
+Transactions on Automatic Control 40 (3), 419-425, in addition to the viscous friction; C_f is the dry friction about the
+hinge. The power of friction minus the rate of sigma_0 z^2/2 is a quadratic form of dz/dt and z, which is never negative
+if sigma_1 |w| <= 4 g. With a damping that fades with speed q = sigma_1(w) |w|/g < 1 for any sigma_1, and then
 
     torque = (1 - q) sigma_0 z + q g sgn w
 
-lies between the bristles' spring and sliding friction: no larger than the largest g on the way, at a reversal too.
-Without friction, g = 0, bristles slip at once and carry nothing. Solved in :mod:`emcas_fmu.steppers.lugre`.
+is between the bristles' spring torque and sliding friction: it never exceeds the largest g on the way, not even at a
+reversal. Without friction, g = 0, bristles slip at once and transmit nothing. :mod:`emcas_fmu.steppers.lugre` solves it.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ OUTPUTS = (
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return `actuator` on bristles, one more state."""
+    """Return the actuator with bristles, one further state."""
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         plant = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
         moved, deflection, used = advance(ops, actuator.plant_parameters(ops, p), plant, x.bristle_deflection, u, h)
@@ -73,7 +73,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         largest = inertia / (tick * tick)
         return when(ops, stiffness > largest * (1.0 + SLACK)), stiffness, largest, tick
 
-    # 1 rad of the rotor's swing on its bristles in a tick: the period is 8 % long there.
+    # The rotor's oscillation on its bristles then advances 1 rad in a tick: the period is 8 % too long.
     return (Rule(resolved, "lugre.stiffness = %.6g N.m/rad must be at most %.6g N.m/rad, the motor's inertia over the "
                            "square of the tick of %.6g s; lower it or solver.max_tick"),)
 

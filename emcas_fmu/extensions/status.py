@@ -1,4 +1,4 @@
-"""The output `status`: every extension that has something to say about it gives the same one, the later overriding."""
+"""The output `status`, which several extensions have in common; a later one overrides an earlier one."""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-Stick stays exact, up to s C_m. The integrators take the friction of the speed predicted for mid-step: of second order
-where a tick is short beside J w_s/((s - 1) C_m), in which a motor of inertia J passes the excess. Dry friction about
-the hinge stays as it is, and so does what the controller feeds forward: it knows the friction identified.
+Stick remains exact, up to s C_m. The integrators use the friction at the speed predicted for mid-step: they have second
+order if a tick is short compared with J w_s/((s - 1) C_m), the time in which a motor of inertia J passes the excess. Dry
+friction about the hinge does not change, nor does the feedforward of the controller, which knows the identified friction.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PARAMETERS = (
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return `actuator` under this friction."""
+    """Return the actuator with this friction."""
     return replace(actuator, structure=replace(actuator.structure, stribeck=True))
 
 

@@ -1,9 +1,9 @@
 """Supply: a source with resistance, a DC link with brake chopper, losses of the inverter, and an under-voltage trip.
 
-The equations are :mod:`emcas_fmu.physics.supply`'s. The drive's voltage limit is the link's voltage: through a step
-that of its middle, which the power at its start leads to. What the link then gives is the mean power of the step, of
-voltage and current that follow the same exponential. Of second order in the tick; the trip is seen at the end of a
-tick. While it is tripped the bridge is open and the controllers are reset, as if enable were false.
+The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the link's voltage, during a step
+that of mid-step, predicted from the power at the start. The link then supplies the mean power of the step, from voltage
+and current that follow the same exponential. This has second order in the tick; the trip acts at the end of a tick.
+While it is tripped the bridge is open and the controllers are reset, as if enable were false.
 
 The link starts at the source's voltage.
 """
@@ -28,7 +28,7 @@ from .status import DISABLED, OPERATIONAL, STATUS
 STATES = (State("link_voltage", "V", "voltage of the DC link; below 0 before it has taken the source's"),
           State("supply_tripped", "1", "1 where the under-voltage trip holds the bridge open"))
 _UNCHARGED = -1.0  # V
-# Of winding and link as an oscillating circuit, which a motor at its voltage limit makes of them.
+# Largest phase [rad] in a tick of the oscillation of winding and link while the motor is at its voltage limit.
 _PHASE = 0.25
 
 PARAMETERS = in_group(
@@ -61,19 +61,19 @@ OUTPUTS = (
 
 
 def _link(ops: Ops, p: Any, x: Record, source: Value, enable: Value) -> tuple[Value, Value]:
-    """Return the link's voltage [V], that of the source [V] where it starts, and whether the bridge works."""
+    """Return the link's voltage [V], at the start that of the source [V], and whether the bridge is closed."""
     link = ops.where(x.link_voltage < 0.0, ops.maximum(source, 0.0), x.link_voltage)
     return link, ops.both(enable, ops.negate(supply.tripped(ops, p, link, x.supply_tripped)))
 
 
 def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
-    """Return what the line's voltage drives through R_s in an interval [s], with C as load, as an inductance would."""
+    """Return 1/L [1/H] that is equivalent to R_s and C for the line within an interval [s]."""
     resistance = p.supply.source_resistance
     return ops.exp(-interval / (resistance * p.supply.capacitance)) / (resistance * interval)
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return `actuator` behind such a supply."""
+    """Return the actuator with this supply."""
     has_status = STATUS in actuator.outputs
 
     def electrical(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Value, Value]:
@@ -134,7 +134,7 @@ def extend(actuator: Actuator) -> Actuator:
         return ops.minimum(actuator.longest_tick(ops, p), resolved)
 
     line = actuator.supply
-    assert line is not None  # it limits the voltage
+    assert line is not None  # VOLTAGE_LIMIT
     return replace(
         actuator, states=(*actuator.states, *STATES), initial=initial, sample=sample, step=step,
         output_values=output_values, longest_tick=longest_tick,
@@ -147,7 +147,7 @@ def extend(actuator: Actuator) -> Actuator:
 def _mean_power(ops: Ops, p: Any, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
     """Return the mean power [W] of motor and inverter over a step, from motor voltage [V] and current [A] at its ends.
 
-    Both follow an exponential; `ratio` is that of the step to its time constant.
+    Both follow an exponential; `ratio` is the step over its time constant.
     """
     (_, first), (_, last) = start, end
     magnitude, _ = course.shares(ops, ratio)

@@ -4,17 +4,17 @@
     F_1 = C_1 sgn(m - w)       F_2 = -C_2 sgn(m + w)        i_m = max(V - K_e m, 0)/R
     i_1,ref = I_b + max(i_ref, 0)                            i_2,ref = I_b + max(-i_ref, 0)
 
-One clutch turns the screw with the motor, the other, by a gear, against it. The loops of
-:mod:`emcas_fmu.control.controllers` ask for a net coil current, K_v u within +-I_max: the torque that slipping clutches
-make of it is that of a motor of so much torque per ampere. A bias I_b in both keeps their magnets off the dead band.
-The motor is open loop at the supply, through a diode, and its winding without inductance. Rotor and screw are two
-bodies with four dry frictions (:mod:`emcas_fmu.physics.coupled`), of which each clutch is one: it slips or is locked,
-with the two speeds the same to the bit. Without `enable` both coils are off, and the motor goes on turning: the fin is
-moved by its loads and friction, and the residual torques of both clutches cancel. Nothing returns power to the supply:
-the motor's diode and the coils' suppressors take it.
+One clutch turns the screw with the motor, the other, by a gear, against it. The reference of the loops of
+:mod:`emcas_fmu.control.controllers` is a net coil current, K_v u within +-I_max: for the loops the slipping clutches
+are a motor with a constant torque per ampere. A bias I_b in both coils keeps their magnets out of the dead band. The
+motor runs open loop at the supply, through a diode, with a winding without inductance. Rotor and screw are two bodies
+with four dry frictions (:mod:`emcas_fmu.physics.coupled`), two of them the clutches: a clutch slips or is locked, with
+both speeds equal to the bit. Without `enable` both coils are off, and the motor keeps turning: loads and friction move
+the fin, and the residual torques of the clutches cancel. No power returns to the supply: the motor's diode blocks it,
+and the coils' suppressors dissipate it.
 
-Events (:mod:`emcas_fmu.steppers.events`): a clutch locks or slips, screw or motor rests or starts, the fin meets a
-stop, a coil's amplifier meets a limit, the motor's diode opens.
+Events (:mod:`emcas_fmu.steppers.events`): a clutch locks or slips, screw or motor comes to rest or starts, the fin
+meets a stop, a coil's amplifier reaches a limit, the motor's diode opens.
 """
 
 from __future__ import annotations
@@ -86,15 +86,15 @@ MODULES = (coupled, clutch, kinematics, mechanics, friction, loads, sensors, con
 
 
 def _screw_side(p: Any) -> Any:
-    """Return parameters in which the driven halves of the clutches are what turns with the screw, in place of a rotor,
-    and the clutches what makes torque of a current, as screw and loops see them."""
+    """Return the parameters of screw and loops: the driven halves of the clutches are the rotor, the clutches' torque
+    per ampere is the torque constant."""
     return with_values(p, {"inertia.motor": p.clutch.driven_inertia,
                            "motor.torque_constant": clutch.torque_per_ampere(p)})
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
-    """Return plant and controller with the fin at rest at an angle, the motor at its start speed, the coils at their
-    bias."""
+    """Return the states of plant and controllers with the fin at rest, the motor at its start speed, and the bias
+    current in both coils."""
     begun = dict(nonlinear.initial(ops, _screw_side(p), start))
     angle, bias = begun.pop("motor_angle"), p.clutch.bias_current
     return {**begun, "screw_angle": angle, "motor_speed": p.motor.start_speed,
@@ -103,16 +103,16 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return a sample of the controllers. While disabled they are held in reset."""
-    # The net current of both coils is what makes torque, as a motor's.
+    """Return the reference and states of the controllers after a sample; they are held in reset while disabled."""
+    # The net current of both coils makes the torque, as a motor's current does.
     cascade = clutches.as_cascade(x, x.coil_current_1 - x.coil_current_2)
     return nonlinear.sample(ops, _screw_side(p), cascade, inputs)
 
 
 def coil_references(ops: Ops, p: Any, u: PlantInputs) -> tuple[Value, Value]:
-    """Return the currents [A] asked of both coils: the net one split by its sign, with the bias; 0 while disabled."""
+    """Return the current references [A] of both coils: the net one split by its sign, plus the bias; 0 if disabled."""
     net = drive.current_reference(ops, p, u.reference)
-    # |net| and not a maximum: its slope at 0 is the mean of both sides', so that the two add up in linear analysis.
+    # |net| and not a maximum: its slope at 0 is the mean of both sides, so that linear analysis adds up both coils.
     larger, bias = 0.5 * ops.fabs(net), p.clutch.bias_current
     return (ops.where(u.enabled, p.coil.connected_1 * (bias + (larger + 0.5 * net)), 0.0),
             ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0))
@@ -125,7 +125,7 @@ def _coils(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[clutch.Coil, cl
 
 
 def _surplus(ops: Ops, p: Any, speed: Value, u: PlantInputs) -> Value:
-    """Return the voltage [V] that drives the motor's current at a speed [rad/s]; below 0 its diode blocks."""
+    """Return supply minus back-EMF [V] at a motor speed [rad/s]; below 0 the diode blocks."""
     return ops.maximum(u.supply, 0.0) - drive.back_emf(p, speed)
 
 
@@ -144,7 +144,7 @@ def _bodies(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Bodies:
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
-    """Return what a mode has before it is known what sticks; the linkage is that at a screw angle [rad]."""
+    """Return the mode without the directions of sliding, for the mechanics at a screw angle [rad]."""
     side = _screw_side(p)
     c = mechanics.coefficients(ops, side, angle, u)
     low, high = rigid.stops(ops, p)
@@ -157,13 +157,13 @@ def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> 
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
-    """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
+    """Return the mode of a step of `h` [s]; its mechanics are those of mid-step."""
     m = _surroundings(ops, p, x, u, x.screw_angle + 0.5 * h * x.screw_speed)
     return m.replace(signs=coupled.directions(ops, _bodies(ops, p, x, u, m), x.screw_speed, x.motor_speed))
 
 
 def _slip_powers(ops: Ops, b: Bodies, signs: tuple[Value, ...], x: Record) -> tuple[Value, Value]:
-    """Return the heat of slip [W] of both clutches."""
+    """Return the powers [W] that both clutches dissipate."""
     speeds = coupled.slips(x.screw_speed, x.motor_speed)
     powers = [b.dry[k].high * signs[k] * speeds[k] for k in (coupled.WITH, coupled.AGAINST)]
     return powers[0], powers[1]
@@ -181,7 +181,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states: of clutches that slip, amplifiers within their limits and a constant temperature;
+    """Return d/dt of the states with clutches that slip, amplifiers within their limits and a constant temperature;
     viscous friction is the mean of both directions."""
     p = as_built(ops, p)
     m = _surroundings(ops, p, x, u, x.screw_angle)
@@ -210,7 +210,7 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant after h [s] or at the first event before, and the time that took."""
+    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
     moved, used = events.advance(ops, as_built(ops, p), _SYSTEM, x, u, h)
     return vars(moved), used
 

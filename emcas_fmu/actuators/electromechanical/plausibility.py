@@ -1,7 +1,7 @@
-"""Warnings where values of a file contradict one another: a unit mistaken, a winding of another motor, a slow drive.
+"""Warnings about parameters that contradict one another: a wrong unit, another motor's winding, a slow drive.
 
-Their limits are rules of thumb, far from the shipped actuators. What needs the supply is no rule of the equations,
-to which it is an input: it is judged where a set of parameters is loaded.
+The limits are rules of thumb, far from the values of the shipped actuators. Rules with the supply are no rules of the
+equations, which have it as an input: they are checked when a set of parameters is loaded.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from ...rules import Rule, in_degrees, when
 from ..composition import with_parameters
 from .rules import inertias
 
-# Of a servo drive the load is seldom beyond 30 times the rotor at the motor; a rotor of a thousand loads is a mistake.
+# In a servo drive the load's inertia is rarely beyond 30 times the rotor's; a rotor with 1000 times the load's is
+# wrong.
 MOST_LOAD, MOST_ROTOR = 100.0, 1000.0
-# L/R of servo motors is from a twentieth to twenty times J R/K_t^2; mH read as H make a thousand times that.
+# L/R of servo motors is 0.05 to 20 times J R/K_t^2; with mH entered as H it would be 1000 times as long.
 MOST_WINDING = 30.0
 MOST_FRICTION = 0.5  # of the motor's torque at its current limit
-COARSEST_COUNT = 0.01  # of command.limit: the accuracy that Table 2 asks for, over its range
-MOST_JUMP = 0.1  # of the current limit, asked for by a count in a sample
-# Phase [rad] that delay and sampling may take at the velocity loop's crossover: 30 deg of margin are left.
+COARSEST_COUNT = 0.01  # of command.limit: Table 2's accuracy over its range
+MOST_JUMP = 0.1  # of the current limit: reference after one count in a sample
+# Largest phase lag [rad] of delay and sampling at the velocity loop's crossover: 30 deg of margin are left.
 MOST_LAG = pi / 3.0
 
 
@@ -41,9 +42,9 @@ def _friction(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def winding_rule(inertia: Callable[[Any], Value]) -> Rule:
-    """Return the rule for the winding's time constant; `inertia` gives what the motor turns [kg.m2].
+    """Return the rule for the winding's time constant; `inertia(p)` returns the inertia at the motor [kg.m2].
 
-    It is judged against the motor's mechanical time constant J R/K_t^2, or a sample where that is longer.
+    It is compared with the motor's mechanical time constant J R/K_t^2, or the sample time if that is longer.
     """
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         electrical = p.motor.inductance / p.motor.resistance
@@ -57,13 +58,13 @@ def winding_rule(inertia: Callable[[Any], Value]) -> Rule:
                 warning=True)
 
 
-def _asked(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+def _reachable(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     most = p.drive.current_gain * p.drive.reference_limit
     return when(ops, most < p.drive.current_limit), p.drive.current_limit, most
 
 
 def count(p: Any) -> Value:
-    """Return what a count of the encoder is [rad]."""
+    """Return the angle of a count of the encoder [rad]."""
     return 2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)
 
 
@@ -81,10 +82,10 @@ def _jump(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def velocity_rule(inertia: Callable[[Any], Value]) -> Rule:
-    """Return the rule for the velocity loop's crossover; `inertia` gives what the motor turns [kg.m2].
+    """Return the rule for the velocity loop's crossover; `inertia(p)` returns the inertia at the motor [kg.m2].
 
-    The gain falls as 1/s from an ideal current loop: w_c = K_v k_p K_t/J; delay and sample time take w_c (t_d + T) of
-    phase, half a sample time for the hold and half for a speed that is a difference.
+    With an ideal current loop the gain falls as 1/s: w_c = K_v k_p K_t/J. The phase lag of delay and sample time is
+    w_c (t_d + T), half a sample time for the hold and half for the speed, which is a difference.
     """
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         crossover = p.controller.velocity.kp * p.drive.current_gain * p.motor.torque_constant / inertia(p)
@@ -110,7 +111,8 @@ FRICTION_RULE = Rule(
     _friction, "dry friction at the motor, %.6g N.m at fin angle 0, takes over half of motor.torque_constant times "
                "drive.current_limit = %.6g N.m: little is left for a load", warning=True)
 CURRENT_RULE = Rule(
-    _asked, "drive.current_limit = %.6g A is never asked for: drive.current_gain times drive.reference_limit is %.6g A",
+    _reachable,
+    "drive.current_limit = %.6g A is never asked for: drive.current_gain times drive.reference_limit is %.6g A",
     warning=True)
 COUNT_RULE = Rule(
     _counts, f"a count of the encoder is %.6g deg of the fin, over {COARSEST_COUNT:g} of command.limit = %.6g deg: "
@@ -126,7 +128,7 @@ RULES = (*UNWOUND_RULES, WINDING_RULE)
 
 
 def of_screw(change: Callable[[Ops, Any], Any]) -> tuple[Rule, ...]:
-    """Return these rules for an actuator whose parameters `change` makes those of a screw and lever."""
+    """Return these rules for an actuator for which `change` returns parameters of a screw and lever."""
     return tuple(rule._replace(check=with_parameters(rule.check, change)) for rule in RULES)
 
 

@@ -12,7 +12,7 @@ from ...physics.friction import coulomb_polynomial
 from ...rules import ANGLE, SLACK, Rule, in_degrees, when
 
 TABLE_POINTS = 5
-# The lever's tangent grows without bound towards 90 deg.
+# The tangent of the lever's angle grows without bound towards 90 deg.
 LARGEST_LEVER_ANGLE = radians(85.0)
 
 
@@ -50,7 +50,7 @@ def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def _stable(name: str, share: float) -> Rule:
-    """Check that what a gain [1/s] takes off in a sample is no more than there is."""
+    """Return the rule that a gain [1/s] removes at most the whole of its quantity in a sample, times `share`."""
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         gain, fastest = getattr(p.controller, name), share / p.controller.sample_time
         return when(ops, gain > fastest * (1.0 + SLACK)), gain, fastest
@@ -83,23 +83,23 @@ def _weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
-    """Return inertias at the motor [kg.m2]: of nut and hinge, and of motor and screw, with the ratio d/l.
+    """Return inertias at the motor [kg.m2] with the ratio d/l: of nut and hinge, and of motor and screw.
 
-    `viscous` [kg.m2] counts beside the hinge's.
+    `viscous` [kg.m2] is added to the inertia about the hinge.
     """
     lead, lever = p.screw.lead, p.screw.lead / p.kinematics.moment_arm
     fin = p.inertia.fork + p.inertia.shaft + p.inertia.fin + viscous
     return p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
 
 
-# Of the rotor's inertia, that of the load side times minus the backward efficiency: the rest is left to accelerate.
+# Largest ratio of the load's inertia, times minus the backward efficiency, to the rotor's: the rest accelerates.
 MOST_JAMMING = 0.9
 
 
 def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
-    """Return how far J_r + e J_l > 0 is broken within ticks [s], and `backward`, J_r and J_l [kg.m2].
+    """Return 1 if J_r + e J_l > 0 is violated for a tick [s], else 0, and `backward`, J_r and J_l [kg.m2].
 
-    With the hinge's viscous friction in the midpoint rule; R >= d/l.
+    J_l includes the hinge's viscous friction in the midpoint rule; R >= d/l.
     """
     load, rotor = inertias(p, 0.5 * tick * mechanics.hinge_friction(p).viscous)
     return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load
@@ -116,7 +116,7 @@ LEVER_RULE = Rule(
             f"{ANGLE}; the sum must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
 FRICTION_RULES = (_friction("positive"), _friction("negative"))
 OBSERVER_RULE = _stable("load_observer", 1.0)
-# The drive's unwinds two integrals at once.
+# The drive's anti-windup unwinds two integrals at once.
 ANTIWINDUP_RULES = (_stable("antiwindup", 1.0), _stable("drive_antiwindup", 0.5))
 WEIGHT_RULE = Rule(
     _weight, "controller.position.setpoint_weight = %.6g with controller.position.ki = %.6g 1/s2: without an integral "

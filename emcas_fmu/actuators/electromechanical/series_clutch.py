@@ -1,27 +1,28 @@
-"""Clutch actuator, series: the nonlinear actuator's motor, one electromagnetic clutch, a screw with a no-back.
+"""Series clutch actuator: the nonlinear actuator's motor, one electromagnetic clutch, and a screw with a no-back.
 
     J_m m' = K_t i - C_m sgn m - b_m m - F              |F| <= C(phi), F = C sgn(m - w) while the clutch slips
     J_s w' = F - C_s sgn w - b_s w - e L                e = 1/forward where L w > 0, else backward = 0
 
-The motor in its current loop turns the screw through one friction clutch (:mod:`emcas_fmu.physics.clutch`), whose coil
-has its rated current while the drive is enabled and none while it is not. The clutch is the torque limiter: a shock
-from stop, jam or load slips it, and the rotor keeps its speed. What stands between the load and the motor is another
-device, a load-proportional no-back as on the screws of flaps and stabilisers: the nut's axial force presses friction
-discs between screw and housing, and a ratchet lets them turn freely where the load opposes the motion. They take the
-torque of a load that acts with the motion, at once and without power; to the motor that is a screw of a backward
-efficiency of 0 (:mod:`emcas_fmu.physics.screw`). With that, "loads which act with the motor return no energy", as the
-thesis asks. A fin without power holds any load.
+The motor with its current loop turns the screw through a friction clutch (:mod:`emcas_fmu.physics.clutch`). The coil
+has its rated current while the drive is enabled, otherwise none. The clutch limits the torque: it slips under a shock
+from stop, jam or load, and the rotor keeps its speed. Another device keeps the load from driving the motor: a
+load-proportional no-back as on the screws of flaps and stabilisers. The nut's axial force presses friction discs
+between screw and housing, and a ratchet lets them turn freely while the load opposes the motion. They bear the torque
+of a load that acts with the motion, at once and without power; for the motor this is a screw with a backward efficiency
+of 0 (:mod:`emcas_fmu.physics.screw`). Thus "loads which act with the motor return no energy", as the thesis requires.
+Without power the fin holds any load.
 
-The drive is fed through a diode: what motor and coil do not draw together, a resistor brakes, by a chopper that holds
-the link at the supply's voltage,
+The drive is fed through a diode. A resistor dissipates the power that motor and coil return; its chopper keeps the link
+at the supply's voltage,
 
     supply_power = max(v i + v_c i_c, 0)                braking_power = max(-(v i + v_c i_c), 0)
 
-A link without capacitance needs no parameter, and neither changes a trajectory. Encoder and loops are the nonlinear
-actuator's, with the screw in place of its motor.
+A link without capacitance needs no parameter, and diode and chopper change no trajectory. Encoder and loops are the
+nonlinear actuator's, with the screw instead of the motor.
 
-Events (:mod:`emcas_fmu.steppers.events`): the clutch locks or slips, screw or rotor rests or starts, the load comes to
-drive the screw or to oppose it, the fin meets a stop, the coil's amplifier or the drive's voltage meets a limit.
+Events (:mod:`emcas_fmu.steppers.events`): the clutch locks or slips, screw or rotor comes to rest or starts, the load
+begins to drive the screw or to oppose it, the fin meets a stop, the coil's amplifier or the drive's voltage reaches a
+limit.
 """
 
 from __future__ import annotations
@@ -82,12 +83,12 @@ MODULES = (clutched_screw, screw, clutch, kinematics, mechanics, friction, loads
 
 
 def _screw_side(p: Any) -> Any:
-    """Return parameters in which the driven side of the clutch is what turns with the screw, in place of a rotor."""
+    """Return the parameters of the screw, with the driven side of the clutch as its rotor."""
     return with_values(p, {"inertia.motor": p.clutch.driven_inertia})
 
 
 def _as_one(p: Any) -> Any:
-    """Return parameters of a motor with all that turns with it behind a clutch that holds: what the loops know."""
+    """Return the parameters of motor, clutch and screw as one rotor, for the loops: the clutch is locked."""
     dry, wet, one = p.friction.coulomb, p.friction.viscous, p.motor
     return with_values(p, {
         "inertia.motor": p.inertia.motor + p.clutch.driving_inertia + p.clutch.driven_inertia,
@@ -96,7 +97,7 @@ def _as_one(p: Any) -> Any:
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
-    """Return plant and controller at rest at a fin angle, the clutch engaged."""
+    """Return the states of plant and controllers at rest at a fin angle, with the clutch engaged."""
     begun = dict(nonlinear.initial(ops, _as_one(p), start))
     angle, current = begun.pop("motor_angle"), p.coil.connected * p.clutch.rated_current
     return {**begun, "screw_angle": angle, "coil_current": current, "flux": current,
@@ -104,13 +105,13 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return a sample of the controllers. While disabled they are held in reset."""
+    """Return the reference and states of the controllers after a sample; they are held in reset while disabled."""
     return nonlinear.sample(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), inputs)
 
 
 def _coil(ops: Ops, p: Any, x: Record, u: PlantInputs) -> clutch.Coil:
-    asked = ops.where(u.enabled, p.coil.connected * p.clutch.rated_current, 0.0)
-    return clutch.coil(ops, p, asked, p.coil.kp, x.coil_current, u.supply)
+    reference = ops.where(u.enabled, p.coil.connected * p.clutch.rated_current, 0.0)
+    return clutch.coil(ops, p, reference, p.coil.kp, x.coil_current, u.supply)
 
 
 def _electrical(x: Record) -> electrical.Plant:
@@ -118,7 +119,7 @@ def _electrical(x: Record) -> electrical.Plant:
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
-    """Return what a mode has before it is known what sticks; the linkage is that at a screw angle [rad]."""
+    """Return the mode without the directions of sliding, for the mechanics at a screw angle [rad]."""
     c = mechanics.coefficients(ops, _screw_side(p), angle, u)
     high, low = (way * mechanics.breakaway(ops, p, c, way) for way in (1.0, -1.0))
     high, low = screw.held(ops, p, c, high, low)
@@ -144,7 +145,7 @@ def _train(ops: Ops, p: Any, x: Record, m: Record) -> Train:
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
-    """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
+    """Return the mode of a step of `h` [s]; its mechanics are those of mid-step."""
     m = _surroundings(ops, p, x, u, x.screw_angle + 0.5 * h * x.screw_speed)
     t = _train(ops, p, x, m)
     motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
@@ -172,11 +173,11 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, (2.17), (2.46), (2.47): of a clutch that holds, without no-back and dry friction;
+    """Return d/dt of the states, (2.17), (2.46), (2.47), with a locked clutch, without no-back and dry friction;
     viscous friction is the mean of both directions."""
-    given = dict(nonlinear.derivatives(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), u))
-    angle = given.pop("motor_angle")
-    return {**given, "screw_angle": angle, "screw_speed": given["motor_speed"]}
+    rates = dict(nonlinear.derivatives(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), u))
+    angle = rates.pop("motor_angle")
+    return {**rates, "screw_angle": angle, "screw_speed": rates["motor_speed"]}
 
 
 def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
@@ -189,7 +190,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     turning, rotor = clutched_screw.landed(ops, m.motion, (begin.screw_speed, begin.motor_speed),
                                            (x.screw_speed, x.motor_speed), events)
-    # Another event may be placed a rounding behind that of the stop.
+    # Another event may be located just behind that of the stop, by rounding.
     way, (least, most) = m.motion.screw, m.stops
     beyond = ops.either(ops.both(way > 0.0, x.screw_angle >= most), ops.both(way < 0.0, x.screw_angle <= least))
     struck = ops.either(events["stop"], beyond)
@@ -202,7 +203,7 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant after h [s] or at the first event before, and the time that took."""
+    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
     p = as_built(ops, p)
     now = electrical.switched(ops, _electrical(x), u.enabled)
     x = x.replace(motor_current=now.current, drive_integral=now.integral)

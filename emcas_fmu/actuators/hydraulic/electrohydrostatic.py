@@ -86,9 +86,9 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         per_speed = p.pump.displacement / p.cylinder.area
         out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command,
                                  p.controller.speed_limit * per_speed)
-        asked_speed = out.speed / per_speed
-        compensation = controllers.fed_forward(ops, p, _dry_at_motor(ops, p, measured), asked_speed)
-        raw = p.controller.velocity.kp * (asked_speed - x.motor_speed) + compensation
+        speed_reference = out.speed / per_speed
+        compensation = controllers.fed_forward(ops, p, _dry_at_motor(ops, p, measured), speed_reference)
+        raw = p.controller.velocity.kp * (speed_reference - x.motor_speed) + compensation
         largest = p.drive.reference_limit
         reference = ops.clip(raw, -largest, largest)
         # The part of the reference beyond the limits of DAC or current.
