@@ -1,7 +1,7 @@
-"""The faults there are: names, parameters, what each needs, when it is active. Their order gives `fault_word`.
+"""All faults: names, parameters, needed capabilities, and when they are active. Their order is that in `fault_word`.
 
-First the general ones, then those of its kind that an actuator declares
-(:class:`emcas_fmu.actuators.declaration.PlantFault`); one with the name of a general fault takes that one's place.
+The general ones come first, then those that an actuator declares for its kind
+(:class:`emcas_fmu.actuators.declaration.PlantFault`); one with the name of a general fault replaces that.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from ..errors import EmcasError
 from ..ops.base import Ops, Value
 from ..variables import Variable, in_group, tunable
 
-# Of a late command, in sample times: each is a state.
+# Longest delay of a command, in sample times: each needs a state.
 LONGEST_COMMAND_DELAY = 50
 MOST = 31  # bits of an Integer
-_SLACK = 1e-6  # of a sample time: a fault that begins at a sample begins with it, whatever rounding says
+_SLACK = 1e-6  # of a sample time: rounding does not delay a fault that begins at a sample
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A general fault: what it is, how much of it, in parameters, and what it needs: any of these capabilities, and
-    one of a supply a supply."""
+    """A general fault: its description, the parameters of its amount, and its needs: one of these capabilities, and a
+    supply for one `of_supply`."""
 
     name: str
     description: str
@@ -68,7 +68,7 @@ FAULTS = (
 
 
 def general(actuator: Actuator) -> tuple[Fault, ...]:
-    """Return the general faults that an actuator can have and declares none of its own kind for."""
+    """Return the general faults that an actuator can have and does not replace by one of its kind."""
     declared = {fault.name for fault in actuator.faults}
     return tuple(fault for fault in FAULTS if fault.name not in declared
                  and (not fault.needs or actuator.provides.intersection(fault.needs))
@@ -94,7 +94,7 @@ def bits(actuator: Actuator) -> tuple[str, ...]:
 
 
 def parameters(fault: Fault | PlantFault) -> tuple[Variable, ...]:
-    """Return a fault's switch, its schedule, and how much of it there is."""
+    """Return the parameters of a fault: its switch, its schedule and its amounts."""
     return in_group(
         f"fault.{fault.name}",
         Variable("active", "Boolean", "parameter", "tunable", "", fault.description, start=False),
@@ -105,7 +105,7 @@ def parameters(fault: Fault | PlantFault) -> tuple[Variable, ...]:
 
 
 def active(ops: Ops, p: Any, faults: Iterable[Fault | PlantFault], time: Value) -> dict[str, Value]:
-    """Return whether each fault is active at a sample at `time` [s] from the start: switched on, or scheduled."""
+    """Return by name whether a fault is active at a sample at `time` [s] from the start: switched on, or scheduled."""
     late = time + _SLACK * p.controller.sample_time
 
     def now(name: str) -> Value:
@@ -116,6 +116,6 @@ def active(ops: Ops, p: Any, faults: Iterable[Fault | PlantFault], time: Value) 
 
 
 def word(ops: Ops, names: tuple[str, ...], on: Mapping[str, Value]) -> Value:
-    """Return a bit for each active fault of those that an actuator can have, by :func:`bits`."""
+    """Return the word with a bit, by :func:`bits`, for each active fault that the actuator can have."""
     return reduce(lambda total, name: total + ops.where(on[name], float(2**names.index(name)), 0.0),
                   (name for name in names if name in on), 0.0)

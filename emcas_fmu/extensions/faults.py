@@ -1,16 +1,16 @@
-"""Faults of an actuator, switched while running or scheduled, and a built-in test that looks for them.
+"""Faults of an actuator, switched while running or scheduled, and a built-in test that detects them.
 
-A fault begins and ends with a sample of the controllers (:mod:`emcas_fmu.extensions.fault_list`). Without one the
-trajectories are those of the actuator, bit for bit. What the encoder counts is
+A fault begins and ends with a sample of the controllers (:mod:`emcas_fmu.extensions.fault_list`). Without a fault the
+trajectories are those of the actuator, bit for bit. The encoder reads
 
     seen = angle + offset + bias        offset += gain (moved - share max(moved, 0)) - moved
 
-with `moved` since the sample before, gain 0 while it is frozen and -1 reversed, and a share of the counts of positive
-motion dropped: motion that was missed stays missed, as in an incremental encoder. A jam holds the rotor; with an
-elastic drive line the fin may still give. A broken shaft (:mod:`emcas_fmu.physics.free_fin`) and a grown gap do not
-heal: they last until reset. The faults of its kind that an actuator declares
-(:class:`emcas_fmu.actuators.declaration.PlantFault`) are other values of the plant's parameters, from the sample with
-which they begin; how much of them there is may change between samples.
+with the motion `moved` since the sample before, a gain of 0 while it is frozen and -1 while it is reversed, and a share
+of the counts of positive motion that is lost. Motion that the encoder has missed remains missing, as in an incremental
+encoder. A jam blocks the rotor; behind an elastic drive line the fin may still move. A broken shaft
+(:mod:`emcas_fmu.physics.free_fin`) and a grown gap do not heal: they last until reset. The faults that an actuator
+declares for its kind (:class:`emcas_fmu.actuators.declaration.PlantFault`) change the plant's parameters from the
+sample with which they begin; their amounts may change between samples.
 """
 
 from __future__ import annotations
@@ -42,14 +42,15 @@ def _word(name: str, description: str, bits: tuple[str, ...]) -> Variable:
 FAULT_WORD = "fault_word"
 BUILT_IN_TEST = _word("built_in_test", "monitors tripped", tuple(monitor.name for monitor in monitors.MONITORS))
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
-# Faults that act on the plant and heal.
+# Faults that act on the plant and end with their cause.
 _OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise")
 _HELD = tuple(f"fault_{name}" for name in Held._fields)
 _WAITING = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAND_DELAY))
 
 
 class _Kept(NamedTuple):
-    """What samples keep: their number; of the last the encoder's angle and offset, command, angle, modelled angle."""
+    """States of the samples: their number, and of the last one the encoder's angle and offset, command, measured angle
+    and the angle of the model."""
 
     samples: Value
     angle: Value
@@ -67,7 +68,7 @@ def _fin(ops: Ops, p: Any, motor: Value) -> Value:
 
 
 def _picked(ops: Ops, samples: Value, values: Sequence[Value]) -> Value:
-    """Return the value that was so many samples ago; `values` from now on back."""
+    """Return the value of so many samples ago; `values` begin with the present one."""
     chosen = values[-1]
     for i in reversed(range(len(values) - 1)):
         chosen = ops.where(samples < i + 0.5, values[i], chosen)
@@ -92,12 +93,12 @@ class _Faulty:
 
     def __init__(self, actuator: Actuator) -> None:
         self.actuator, self.has_status = actuator, STATUS in actuator.outputs
-        # Its encoder may be on motor or fin, and its fin may break off.
+        # The encoder may be on motor or fin, and the fin may break off.
         self.geared = capabilities.SCREW_DRIVE in actuator.provides
         self.broken = _BROKEN if self.geared else ()
         self.faults, self.watched = fault_list.general(actuator), monitors.possible(actuator)
         self.bits = fault_list.bits(actuator)
-        # Names of states: whether each fault of the actuator's kind acts; counter and flag of each monitor.
+        # Names of states: whether a fault of the actuator's kind is active; counter and flag of each monitor.
         self.of_kind = {fault.name: f"plant_fault_{fault.name}" for fault in actuator.faults}
         self.counters, self.flags = (tuple(f"{monitor.name}_{kind}" for monitor in self.watched)
                                      for kind in ("counter", "flag"))
@@ -112,7 +113,7 @@ class _Faulty:
         return {**begun, **_named(_KEPT, kept), **dict.fromkeys(_WAITING, p.fin.start_angle), **_named(_HELD, SOUND)}
 
     def sample(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-        """Return reference and states after a sample: of the controllers with what is faulty, and of the monitors."""
+        """Return reference and states of the controllers, with their faults, and of the monitors after a sample."""
         actuator = self.actuator
         q = actuator.equation_parameters(ops, p)
         k, before, line = _Kept(*_of(x, _KEPT)), Held(*_of(x, _HELD)), _of(x, _WAITING)
@@ -137,36 +138,36 @@ class _Faulty:
         shown = {**there, **{name: still for name, still in lasting.items() if name in there}, **kinds}
 
         supply = now.supply * inputs.supply
-        given = actuator.sampled(ops, p, x.replace(**turned),
+        sampled = actuator.sampled(ops, p, x.replace(**turned),
                                  inputs.replace(command=command, supply=supply, position=seen))
-        reference = given["reference"]
+        reference = sampled["reference"]
         if any(fault.name == "hard_over" for fault in self.faults):
             limited = capabilities.REFERENCE_LIMIT in actuator.provides
             full = p.drive.reference_limit if limited else p.fin.stop_angle
             reference = ops.where(ops.both(on["hard_over"], inputs.enable), p.fault.hard_over.share * full, reference)
 
-        # An actuator that is not in closed loop follows no command.
+        # The monitors are active only in closed loop.
         here = Record(reference=0.0, **vars(NONE), supply=supply, enabled=inputs.enable, rated_current_limit=None,
                       **{v.name: 0.0 for v in actuator.acting_inputs},
-                      **{s.name: given[s.name] for s in actuator.sampled_states})
+                      **{s.name: sampled[s.name] for s in actuator.sampled_states})
         watching = ops.both(inputs.enable, ops.equal(self._status(ops, p, x, here), OPERATIONAL))
         has_current = capabilities.MOTOR_CURRENT in actuator.provides
         seen_by = monitors.Watched(
-            command, given["measured_fin_angle"], k.measured, k.modelled, reference,
+            command, sampled["measured_fin_angle"], k.measured, k.modelled, reference,
             actuator.motor_current(ops, p, x, here) if has_current else 0.0, supply, watching)
         response = monitors.response(p, actuator)
         counted, tripped = monitors.judged(ops, q, self.watched, response, _of(x, self.counters), _of(x, self.flags),
                                            seen_by)
         now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, self.bits, shown),
                            built_in_test=monitors.word(self.watched, tripped), verdict=monitors.verdict(ops, tripped))
-        kept = _Kept(k.samples + 1.0, angle, offset, command, given["measured_fin_angle"],
+        kept = _Kept(k.samples + 1.0, angle, offset, command, sampled["measured_fin_angle"],
                      monitors.modelled(ops, p, response, seen_by))
-        return {**given, "reference": reference, **_named(_KEPT, kept), **_named(self.counters, counted),
+        return {**sampled, "reference": reference, **_named(_KEPT, kept), **_named(self.counters, counted),
                 **_named(self.flags, tripped), **_named(_WAITING, (inputs.command, *line[:-1])), **_named(_HELD, now),
                 **{self.of_kind[name]: ops.where(kind, 1.0, 0.0) for name, kind in kinds.items()}}
 
     def step(self, ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-        """Return the plant's states after at most `h` [s], and the time [s] that this took."""
+        """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
         actuator, f = self.actuator, Held(*_of(u, _HELD))
         names, broken = [s.name for s in actuator.states], [s.name for s in self.broken]
 
@@ -189,7 +190,7 @@ class _Faulty:
         return _named((*names, *broken), moved), used
 
     def output_values(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        """Return the outputs, those of faults and monitors among them."""
+        """Return the outputs, with those of faults and monitors."""
         actuator, f = self.actuator, Held(*_of(u, _HELD))
         q = actuator.plant_parameters(ops, p)
         under, around = self._under(ops, q, f, u), acting(ops, p, actuator, f, u)
@@ -206,11 +207,11 @@ class _Faulty:
         return {**outputs, STATUS.name: verdict, FAULT_WORD: f.faults, BUILT_IN_TEST.name: f.built_in_test}
 
     def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
-        """Return the angle [rad] of what the encoder of position turns with, motor or fin, from the state it reads."""
+        """Return the angle [rad] of the encoder of position, on motor or fin, from the state that it reads."""
         return ops.where(p.encoder.on_fin, _fin(ops, p, angle), angle) if self.geared else angle
 
     def _read(self, ops: Ops, p: Any, counted: Value, bias: Value) -> Value:
-        """Return the angle [rad] that an encoder's counts mean, and too much by `bias` [rad] of the fin."""
+        """Return the position [rad] for an encoder's counted angle [rad] with a `bias` [rad] of the fin."""
         if not self.geared:
             return counted + bias
         fin = ops.where(p.encoder.on_fin, counted, _fin(ops, p, counted)) + bias
@@ -219,7 +220,7 @@ class _Faulty:
 
     def _seen(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs, k: _Kept, on: Mapping[str, Value],
               ) -> tuple[Value, Value, Value, Values]:
-        """Return the encoder's angle and offset [rad], the position [rad] that it shows, and the states as shown."""
+        """Return the encoder's angle and offset [rad], the position [rad] that it reads, and the states as read."""
         plant = self.actuator.plant_parameters(ops, p)
         angle_name, rate_name = self.actuator.encoder
         angle, speed = self._encoder(ops, plant, inputs.position), getattr(x, rate_name)
@@ -233,9 +234,9 @@ class _Faulty:
         counting = gain * (1.0 - ops.where(speed > 0.0, missed, 0.0))
         wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
         bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
-        # Where nothing is wrong the angle goes through as it is, to the bit.
+        # Without a fault the angle is unchanged, to the bit.
         (seen,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),), lambda: (inputs.position,))
-        # The motor's encoder counts the speed: one on the fin takes no part in that.
+        # The speed is that of the motor's encoder, even if another is on the fin.
         turned = {angle_name: seen, rate_name: counting * speed}
         if self.geared:
             turned = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)
@@ -243,10 +244,10 @@ class _Faulty:
         return angle, offset, seen, turned
 
     def _amounts(self, ops: Ops, p: Any, before: Held, on: Mapping[str, Value]) -> Held:
-        """Return how much of each fault of the plant acts from this sample on; `before` it acted so."""
+        """Return the amounts of the plant's faults from this sample on; `before` are those of the sample before."""
         def amount(fault: str, name: str, without: float) -> Value:
-            given = on[fault]
-            return without if given is False else ops.where(given, getattr(getattr(p.fault, fault), name), without)
+            active = on[fault]
+            return without if active is False else ops.where(active, getattr(getattr(p.fault, fault), name), without)
 
         grows = capabilities.BACKLASH in self.actuator.provides
         return SOUND._replace(
@@ -257,15 +258,15 @@ class _Faulty:
             gap=ops.maximum(before.gap, amount("backlash_growth", "gap", 0.0)) if grows else 0.0)
 
     def _status(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Value:
-        """Return what the actuator says of itself where it is sound; the bridge open by a fault is unknown to it."""
+        """Return the status of the actuator without faults; it does not know of a bridge that a fault opens."""
         return self.actuator.plant_outputs(ops, p, x, u)[STATUS.name] if self.has_status else OPERATIONAL
 
     def _under(self, ops: Ops, q: Any, f: Held, u: PlantInputs) -> Any:
-        """Return the plant's parameters `q` under the faults that act."""
+        """Return the plant's parameters `q` with the active faults."""
         return faulted(ops, q, self.actuator, f, {name: getattr(u, state) for name, state in self.of_kind.items()})
 
     def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: PlantInputs, used: Value) -> tuple[Value, ...]:
-        """Return that the fin is broken off, and its angle [rad] and rate [rad/s] after the time `used` [s]."""
+        """Return 1, as the fin is broken off, and its angle [rad] and rate [rad/s] after the time `used` [s]."""
         f = Held(*_of(u, _HELD))
         rubbing = mechanics.with_hinge_friction(q, f.friction)
         now = self.actuator.plant_outputs(ops, p, x, u)
@@ -284,7 +285,7 @@ def _of(holder: PlantInputs | Record, names: Iterable[str]) -> list[Value]:
 
 
 def _off_shaft(ops: Ops, q: Any, x: Record, u: PlantInputs, outputs: Values) -> Values:
-    """Return the outputs that are of a fin that is broken off, where it is."""
+    """Return the outputs of the fin: those of a broken fin, if it is broken off."""
     fin, broken = x.broken_fin_angle, x.fin_broken_off > 0.0
     values = {
         "fin_angle": fin, "fin_rate": x.broken_fin_rate,
@@ -301,7 +302,7 @@ def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
 
 
 def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    """Check a delay that is switched on or scheduled; others may wait for a longer sample time."""
+    """Check a delay that is switched on or scheduled; others may become valid with a longer sample time."""
     late, period = p.fault.command_delay, p.controller.sample_time
     used = ops.either(late.active, late.end > late.begin)
     longest = fault_list.LONGEST_COMMAND_DELAY * period * (1.0 + SLACK)

@@ -1,7 +1,7 @@
 """Homing on the hard stops: a drive with an incremental encoder determines the angle of its fin.
 
-At power-on the controllers assume that the fin is at zero: their counts are the true ones plus an offset, minus those of
-fin.start_angle. A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
+At power-on the controllers assume that the fin is at zero: their counts are the true ones plus an offset, minus those
+of fin.start_angle. A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
 
     unreferenced -> seeking (one stop) -> crossing (to the other) -> returning (to zero) -> ready
                     any of them -> failed (wrong travel, no way back, too late) or unreferenced (disabled)

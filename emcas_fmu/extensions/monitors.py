@@ -1,13 +1,13 @@
-"""The built-in test: what an actuator detects by itself, from what it measures. It knows nothing of faults.
+"""The built-in test: failures that an actuator detects by its own measurements, without knowledge of the faults.
 
-A monitor trips when its condition has held without a break for ``monitor.persistence``, and clears when it has been
-gone for as long. Those of an actuator that does not follow its command, disabled or homing, are reset. Tracking is
-judged against a model of what the command asks for,
+A monitor trips when its condition has held without interruption for ``monitor.persistence``, and clears when it has not
+held for as long. The monitors are reset while the actuator does not follow its command, as it is disabled or homing.
+Tracking is compared with a model of the response to the command,
 
     dm/dt = clip(K (command - m), +-rate)
 
-with the gain K of the position loop, or of monitor.response, so that the lag of a loop that follows, v/K, and the
-time of a large step trip nothing.
+with the gain K of the position loop, or monitor.response, so that neither the lag v/K of a normal loop nor the duration
+of a large step trips the monitor.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SLACK = 1e-6  # of a sample: whole numbers of samples are counted whole
 
 @dataclass(frozen=True)
 class Monitor:
-    """A condition that is watched: what it says, its parameters, and the capabilities it needs, all of them."""
+    """A monitored condition: its description, its parameters, and the capabilities that it needs."""
 
     name: str
     description: str
@@ -78,7 +78,7 @@ def parameters(actuator: Actuator) -> tuple[Variable, ...]:
 
 
 class Watched(NamedTuple):
-    """What the monitors see at a sample: `command` [rad] as received, `measured` angle [rad] now and before, the
+    """Inputs of the monitors at a sample: `command` [rad] as received, `measured` angle [rad] and the one `before`, the
     `modelled` one of the sample before, `reference` of the drive, motor `current` [A], `supply` [V or Pa], `enabled`.
     """
 
@@ -93,19 +93,17 @@ class Watched(NamedTuple):
 
 
 def modelled(ops: Ops, p: Any, response: Value, w: Watched) -> Value:
-    """Return where [rad] the command should have taken the fin by now; of one that is not watched, where it is.
-
-    `response` [1/s] is that of the model.
-    """
+    """Return the angle [rad] of the model with a `response` [1/s]; of an actuator that is not monitored, the measured
+    angle."""
     period = p.controller.sample_time
     share = ops.minimum(response * period, 1.0)
-    asked = share * (fin_port.clipped_command(ops, p, w.command) - w.modelled)
+    change = share * (fin_port.clipped_command(ops, p, w.command) - w.modelled)
     most = p.monitor.rate * period
-    return ops.where(w.enabled, w.modelled + ops.clip(asked, -most, most), w.measured)
+    return ops.where(w.enabled, w.modelled + ops.clip(change, -most, most), w.measured)
 
 
 def response(p: Any, actuator: Actuator) -> Value:
-    """Return K [1/s] of the model of an actuator's response: the position loop's gain where that is one in cascade."""
+    """Return K [1/s] of the model of the response: the position loop's gain in a cascade, or monitor.response."""
     return p.controller.position.kp if capabilities.CASCADE in actuator.provides else p.monitor.response
 
 
@@ -118,9 +116,9 @@ def _conditions(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, w: 
         pushing = ops.fabs(w.reference) >= p.monitor.stall_share * p.drive.reference_limit
         conditions["stall"] = ops.both(pushing, rate < p.monitor.stall_rate)
     if "drive" in names:
-        # The reference that the drive has is a transport delay older: persistence covers it.
-        asked = drive.current_reference(ops, p, w.reference)
-        conditions["drive"] = ops.fabs(asked - w.current) > p.monitor.current_limit
+        # The reference in the drive is older by the transport delay, which persistence covers.
+        reference = drive.current_reference(ops, p, w.reference)
+        conditions["drive"] = ops.fabs(reference - w.current) > p.monitor.current_limit
     conditions["tracking"] = error > p.monitor.tracking_limit
     if "supply" in names:
         conditions["supply"] = w.supply < p.monitor.minimum_supply
@@ -134,7 +132,7 @@ def judged(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, counters
            tripped: Sequence[Value], w: Watched) -> tuple[tuple[Value, ...], tuple[Value, ...]]:
     """Return counters and flags (1 tripped, 0 clear) of the monitors after a sample.
 
-    A counter says for how many samples on end the condition has not been what the flag says.
+    A counter is the number of successive samples in which the condition has differed from the flag.
     """
     most = p.monitor.persistence / p.controller.sample_time - _SLACK
     most = ops.maximum(-ops.floor(-most), 1.0)
@@ -148,7 +146,7 @@ def judged(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, counters
 
 
 def word(watched: tuple[Monitor, ...], tripped: Sequence[Value]) -> Value:
-    """Return a bit for each monitor that has tripped, the first in MONITORS the least."""
+    """Return the word with a bit for each tripped monitor, the first in MONITORS the least."""
     bits = (float(2**MONITORS.index(monitor)) for monitor in watched)
     return reduce(lambda total, pair: total + pair[0] * pair[1], zip(bits, tripped, strict=True), 0.0)
 

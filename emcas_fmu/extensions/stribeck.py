@@ -3,8 +3,9 @@
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
 Stick remains exact, up to s C_m. The integrators use the friction at the speed predicted for mid-step: they have second
-order if a tick is short compared with J w_s/((s - 1) C_m), the time in which a motor of inertia J passes the excess. Dry
-friction about the hinge does not change, nor does the feedforward of the controller, which knows the identified friction.
+order if a tick is short compared with J w_s/((s - 1) C_m), the time in which a motor of inertia J passes the excess.
+Dry friction about the hinge does not change, nor does the feedforward of the controller, which knows the identified
+friction.
 """
 
 from __future__ import annotations

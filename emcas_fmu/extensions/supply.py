@@ -1,9 +1,9 @@
 """Supply: a source with resistance, a DC link with brake chopper, losses of the inverter, and an under-voltage trip.
 
-The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the link's voltage, during a step
-that of mid-step, predicted from the power at the start. The link then supplies the mean power of the step, from voltage
-and current that follow the same exponential. This has second order in the tick; the trip acts at the end of a tick.
-While it is tripped the bridge is open and the controllers are reset, as if enable were false.
+The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the link's voltage, during a
+step that of mid-step, predicted from the power at the start. The link then supplies the mean power of the step, from
+voltage and current that follow the same exponential. This has second order in the tick; the trip acts at the end of a
+tick. While it is tripped the bridge is open and the controllers are reset, as if enable were false.
 
 The link starts at the source's voltage.
 """
