@@ -1,6 +1,6 @@
-"""An FMU of FMI 3.0 behind the calls of fmpy's FMI 2.0 slave, so that studies know one way to run an FMU.
+"""An FMU of FMI 3.0 with the calls of fmpy's FMI 2.0 slave, so that studies run either version in the same way.
 
-The elements of its arrays go by the names they have in FMI 2.0, and by places instead of value references.
+The elements of its arrays have their names of FMI 2.0, and indices instead of value references.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ _ACCESS = {"Enumeration": "Int64"}
 
 @dataclass(frozen=True)
 class Element:
-    """An element of an array, or a scalar: its name, kind and causality as in FMI 2.0, its start value (text), and
-    where it is: value reference, place in the array, number of elements there, and the array's name."""
+    """An element of an array, or a scalar: name, kind and causality as in FMI 2.0, start value (text), value reference,
+    index in the array, number of elements of the array, and the array's name."""
 
     name: str
     type: str
@@ -27,20 +27,20 @@ class Element:
     causality: str
     start: str | None
     reference: int
-    place: int
+    index: int
     count: int
     array: str
 
     @property
     def in_files(self) -> str:
-        """Its name in tables and parameter sets: of an array its place there, from 0 on."""
-        return self.array if self.count == 1 else f"{self.array}[{self.place}]"
+        """Its name in tables and parameter sets: an element of an array has its index there, from 0."""
+        return self.array if self.count == 1 else f"{self.array}[{self.index}]"
 
 
 def elements(description: Any, structured: Mapping[str, str]) -> tuple[Element, ...]:
-    """Return the variables of fmpy's model description, of arrays their elements, in order; neither time nor clocks.
+    """Return the variables of fmpy's model description in order, arrays by element, without time and clocks.
 
-    `structured` gives the structured names of variables that have others.
+    `structured` maps the names of variables with other names to the structured ones.
     """
     return tuple(e for v in description.modelVariables if v.causality != "independent" and v.type in _KINDS
                  for e in _elements(v, structured.get(v.name, v.name)))
@@ -60,7 +60,7 @@ def _elements(v: Any, structured: str) -> Iterator[Element]:
 
 
 class Fmi3Slave:
-    """fmpy's FMI 3.0 slave `slave` with FMI 2.0's calls; variables go by their place among `listed`."""
+    """fmpy's FMI 3.0 slave `slave` with the calls of FMI 2.0; variables have their index in `listed` as reference."""
 
     def __init__(self, slave: Any, listed: Sequence[Element]) -> None:
         self._slave, self._listed, self._start = slave, listed, 0.0
@@ -86,17 +86,17 @@ class Fmi3Slave:
         values: list[Any] = getattr(self._slave, f"get{_ACCESS.get(e.type, e.type)}")([e.reference], e.count)
         return values
 
-    def _get(self, places: Sequence[int]) -> list[Any]:
+    def _get(self, indices: Sequence[int]) -> list[Any]:
+        chosen = [self._listed[index] for index in indices]
         arrays: dict[int, list[Any]] = {}
-        for place in places:
-            e = self._listed[place]
+        for e in chosen:
             if e.reference not in arrays:
                 arrays[e.reference] = self._array(e)
-        return [arrays[self._listed[place].reference][self._listed[place].place] for place in places]
+        return [arrays[e.reference][e.index] for e in chosen]
 
-    def _set(self, places: Sequence[int], values: Sequence[Any]) -> None:
-        for place, value in zip(places, values, strict=True):
-            e = self._listed[place]
+    def _set(self, indices: Sequence[int], values: Sequence[Any]) -> None:
+        for index, value in zip(indices, values, strict=True):
+            e = self._listed[index]
             whole = [value] if e.count == 1 else self._array(e)
-            whole[e.place] = value
+            whole[e.index] = value
             getattr(self._slave, f"set{_ACCESS.get(e.type, e.type)}")([e.reference], whole)

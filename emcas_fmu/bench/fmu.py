@@ -1,4 +1,4 @@
-"""Opening an FMU: which model it is, whether it can run here, and the names of one of its fins."""
+"""An opened FMU: its model, whether it can run here, and the variable names of one of its fins."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _FIN = re.compile(r"fin\[\d+\]\.")
 
 @dataclass(frozen=True)
 class OpenedFmu:
-    """An FMU unpacked and understood; `starts` are the start values of inputs and parameters.
+    """An unpacked FMU; `starts` are the start values of inputs and parameters.
 
-    Of a unit of several fins it is one of them: all names are those of a single actuator, `names` gives the
-    FMU's for them. The other fins stay at their start values. `variables` are its variables, of arrays their elements,
-    under the structured names of FMI 2.0.
+    Of an FMU of several fins it represents one: all names are those of a single actuator, which `names` maps to the
+    FMU's. The other fins stay at their start values. `variables` are its variables, elements in place of arrays, under
+    the structured names of FMI 2.0.
     """
 
     path: Path
@@ -48,9 +48,9 @@ class OpenedFmu:
     names: Mapping[str, str]
 
     def instance(self, log: Callable[..., None]) -> Any:
-        """Return an instance of it, whose messages `log` gets. Raises EmcasError where it does not start."""
+        """Return an instance, whose messages `log` receives. Raises EmcasError where it does not start."""
         try:
-            # Without debug logging on, pythonfmu's wrapper passes no message on.
+            # Without debug logging, pythonfmu's wrapper forwards no messages.
             slave = instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True,
                                     logger=_logger_3(log) if self._fmi3 else log)
         # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
@@ -65,18 +65,18 @@ class OpenedFmu:
 
     @cached_property
     def references(self) -> Mapping[str, int]:
-        """What an instance knows variables by, by the names of a single actuator."""
+        """The value references (for FMI 3.0, indices in `variables`) by the names of a single actuator."""
         by_name = {v.name: i if self._fmi3 else v.reference for i, v in enumerate(self.variables)}
         return {name: by_name[full] for name, full in self.names.items()}
 
     @property
     def names_in_files(self) -> Mapping[str, str]:
-        """What tables and parameter sets in the archive call variables, by the names of a single actuator."""
+        """The names in the archive's tables and parameter sets by the names of a single actuator."""
         in_files = {v.name: v.in_files for v in self.variables}
         return {name: in_files[full] for name, full in self.names.items()}
 
     def set_starts(self, instance: Any, values: Mapping[str, Any]) -> None:
-        """Set start values, by the names of a single actuator, before the instance is initialized."""
+        """Set start values by the names of a single actuator before the instance is initialized."""
         kinds = {v.name: v.kind for v in self.variables}
         for name, value in values.items():
             kind = kinds[self.names[name]]
@@ -84,7 +84,7 @@ class OpenedFmu:
             getattr(instance, f"set{kind}")([self.references[name]], [convert(value)])
 
     def require(self, names: Sequence[str], causality: str) -> None:
-        """Raise EmcasError where the FMU lacks variables of that causality."""
+        """Raise EmcasError where the FMU lacks variables of a causality."""
         present = {v.name for v in self.variables if v.causality == causality}
         if missing := [name for name in names if self.names.get(name, name) not in present]:
             raise EmcasError(f"{self.path}: has no {causality} named {', '.join(missing)}; "
@@ -92,19 +92,19 @@ class OpenedFmu:
 
 
 def model_of(name: str) -> str | None:
-    """Return the model, as in ``elastic+faults``, of an FMU by its modelName; None for a name of no such FMU."""
+    """Return the model, such as ``elastic+faults``, of an FMU by its modelName; None for any other name."""
     match = _NAME.fullmatch(name)
     model = match and _models().get(match[1] + match[3])
     try:
         return get(model).name if model else None
-    except EmcasError:  # extensions that do not go together
+    except EmcasError:  # extensions that cannot be combined
         return None
 
 
 def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError] = EmcasError) -> str:
-    """Return the model of the FMU `file` by its modelName, or `model` where the name tells none.
+    """Return the model of the FMU `file` by its modelName, or `model` where the name does not contain it.
 
-    Raises `error` where neither is known, or they are not the same.
+    Raises `error` where neither is known, or where they differ.
     """
     named = model_of(name)
     if named is None and model is None:
@@ -118,7 +118,7 @@ def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError
 
 @cache
 def _models() -> Mapping[str, str]:
-    """Return the models, with any of the extensions, by the modelName of one fin."""
+    """Return the models, with all combinations of extensions, by the modelName of one fin."""
     subsets = [subset for n in range(len(EXTENSIONS) + 1) for subset in combinations(EXTENSIONS, n)]
     models = ["+".join((actuator, *subset)) for subset in reversed(subsets) for actuator in reversed(NAMES)]
     return {model_name(model): model for model in models}
@@ -126,10 +126,10 @@ def _models() -> Mapping[str, str]:
 
 @contextmanager
 def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iterator[OpenedFmu]:
-    """Unpack the FMU at `path` for as long as the context lasts; EmcasError where it cannot run here.
+    """Unpack the FMU at `path` for the duration of the context. Raises EmcasError where it cannot run here.
 
-    `fin` counts from 1 and chooses one of a unit of several; the first unless given. `model` is needed to know the
-    variables of an FMU with flat names, where its modelName does not tell.
+    `fin`, from 1, selects one fin of several, by default the first. `model` is required for an FMU with flat names
+    whose modelName does not contain the model.
     """
     if path.is_dir():
         raise EmcasError(f"{path}: is a folder, not an FMU")
@@ -162,25 +162,25 @@ def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iter
         try:
             yield OpenedFmu(path, Path(folder), description, listed, starts, digest, names)
         finally:
-            os.chdir(working_directory)  # fmpy stays in the FMU's folder where a library does not load
+            os.chdir(working_directory)  # where a library does not load, fmpy remains in the FMU's folder
 
 
 def _structured(description: Any, model: str | None) -> dict[str, str]:
-    """Return the structured names of the variables of an FMU with flat names of a known model; of others none."""
+    """Return the structured names by the flat ones for an FMU of a known model with flat names; otherwise none."""
     name = _NAME.fullmatch(description.modelName)
     kind = model_of(description.modelName) or model
     if description.variableNamingConvention != "flat" or name is None or kind is None:
         return {}
-    unit = FmuInterface(int(name[2] or 1), kind)
-    return {flat(known): known for known in (*unit.reference, *(v.variable.name for v in arrays(unit)))}
+    interface = FmuInterface(int(name[2] or 1), kind)
+    return {flat(known): known for known in (*interface.reference, *(v.variable.name for v in arrays(interface)))}
 
 
 def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str]:
-    """Return the FMU's names of one fin's variables, by those of a single actuator."""
+    """Return the FMU's names of one fin's variables by those of a single actuator."""
     prefixes = {match[0] for name in present if (match := _FIN.match(name))}
     if not prefixes:
         if fin not in (None, 1):
-            raise EmcasError(f"{path}: is a unit of one fin, there is no fin {fin}")
+            raise EmcasError(f"{path}: has one fin, there is no fin {fin}")
         return {name: name for name in present}
     prefix = f"fin[{fin or 1}]."
     if prefix not in prefixes:
@@ -197,5 +197,5 @@ def _start(variable: Element) -> Any:
 
 
 def _logger_3(log: Callable[..., None]) -> Callable[..., None]:
-    """Return a logger of FMI 3.0, which is given no name of an instance."""
+    """Return a logger of FMI 3.0, which receives no instance name."""
     return lambda environment, status, category, message: log(environment, b"", status, category, message)

@@ -1,4 +1,4 @@
-"""An FMU as the subject under test, and opening a subject of either kind."""
+"""An FMU as the subject under test, and how a subject of either kind is opened."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
 
 class _Recorder:
-    """Values of variables of an FMU, a row for each time they are read."""
+    """Values of variables of an FMU, a row for each reading."""
 
-    def __init__(self, fmu: Any, variables: Sequence[Variable], references: Mapping[str, int]) -> None:
+    def __init__(self, instance: Any, variables: Sequence[Variable], references: Mapping[str, int]) -> None:
         self.rows: list[list[Any]] = []
         self._variables, self._getters = sorted(variables, key=lambda v: v.kind), []
         for kind, group in groupby(self._variables, key=lambda v: v.kind):
-            get_values = getattr(fmu, f"get{'Integer' if kind == 'Enumeration' else kind}")
+            get_values = getattr(instance, f"get{'Integer' if kind == 'Enumeration' else kind}")
             self._getters.append((get_values, [references[v.name] for v in group]))
 
     def sample(self) -> None:
@@ -53,54 +53,54 @@ class _Recorder:
 
 
 class FmuSubject(Subject):
-    """An FMU, run by fmpy: one instance, reset between runs and made anew after one that failed."""
+    """An FMU, run by fmpy: one instance, which is reset between runs and replaced after a failed run."""
 
-    def __init__(self, unit: OpenedFmu, model: str, fin: int = 1) -> None:
-        self.unit, self.model, self.fin = unit, model, fin
+    def __init__(self, fmu: OpenedFmu, model: str, fin: int = 1) -> None:
+        self.fmu, self.model, self.fin = fmu, model, fin
         for variables, causality in ((self.inputs.values(), "input"), (self.outputs.values(), "output")):
-            unit.require([v.name for v in variables], causality)
+            fmu.require([v.name for v in variables], causality)
         self._messages: deque[str] = deque(maxlen=_LAST_MESSAGES)
         self._instance: Any = None
 
     @cached_property
     def values(self) -> Mapping[str, Any]:
-        self.unit.require([v.name for v in get(self.model).parameters], "parameter")
-        starts = self.unit.starts
+        self.fmu.require([v.name for v in get(self.model).parameters], "parameter")
+        starts = self.fmu.starts
         return {**{v.name: starts[v.name] for v in get(self.model).parameters},
                 **{v.key: starts[v.name] for v in self.inputs.values() if v.key}}
 
     @cached_property
     def identification(self) -> Identification:
-        description, changed = self.unit.description, differences(self.values, self.model)
+        description, changed = self.fmu.description, differences(self.values, self.model)
         estimates = load_parameters(model=self.model).estimates
         return Identification(
-            "FMU", self.unit.path.name, self.unit.sha256,
+            "FMU", self.fmu.path.name, self.fmu.sha256,
             f"{description.modelName} {description.version or ''}".strip(), description.guid,
             description.generationTool or "", parameters_hash(self.values), f"fmpy {fmpy.__version__}", changed,
             tuple(name for name in estimates if name not in changed), self.actuator.name, self.fin)
 
     @cached_property
     def references(self) -> Sequence[Stored]:
-        return embedded(self.unit.folder, self.unit.path, self.unit.names_in_files, self.actuator.name)
+        return embedded(self.fmu.folder, self.fmu.path, self.fmu.names_in_files, self.actuator.name)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
         begin, changes = perf_counter(), self._changes(excitation, start_values or {})
         names = list(self.outputs if outputs is None else outputs)
-        if changes:  # an FMU refuses, too, in words of its own or by not stepping
+        if changes:  # the FMU would refuse as well, with its own message or without stepping
             require_sound({v.name: {**self.values, **changes}[v.name] for v in self.actuator.parameters}, self.model)
         self._messages.clear()
         if self._instance is None:
-            self._instance = self.unit.instance(self._log)
+            self._instance = self.fmu.instance(self._log)
         else:
             self._instance.reset()
-        at_rows, at_steps = (_Recorder(self._instance, [self.outputs[name] for name in group], self.unit.references)
+        at_rows, at_steps = (_Recorder(self._instance, [self.outputs[name] for name in group], self.fmu.references)
                              for group in (names, fine))
         complete = True
         try:
             self._follow(self._instance, excitation, changes, substeps, at_rows, at_steps)
         except FMICallException as error:
-            if not self._messages:  # what the FMU says tells more
+            if not self._messages:  # the messages of the FMU are more informative
                 self._messages.append(str(error))
             self.close()
             complete = False
@@ -111,23 +111,24 @@ class FmuSubject(Subject):
         stopped = None if complete else float(np.max(columns["time"], initial=0.0))
         return Run(excitation, columns, stopped, tuple(self._messages), perf_counter() - begin)
 
-    def _follow(self, fmu: Any, excitation: Excitation, changes: Mapping[str, Any], substeps: int, at_rows: _Recorder,
-                at_steps: _Recorder) -> None:
-        """Step through an excitation, recording at its rows and at every one of their `substeps`.
+    def _follow(self, instance: Any, excitation: Excitation, changes: Mapping[str, Any], substeps: int,
+                at_rows: _Recorder, at_steps: _Recorder) -> None:
+        """Step through an excitation and record at its rows and at each of their `substeps`.
 
-        Raises FMICallException where the FMU goes no further.
+        Raises FMICallException where the FMU does not step.
         """
-        references, step = self.unit.references, excitation.step / substeps
+        references, step = self.fmu.references, excitation.step / substeps
         started = {v.name: changes[v.key] for v in self.inputs.values() if v.key and v.key in changes}
-        self.unit.set_starts(fmu, {
+        self.fmu.set_starts(instance, {
             name: value for name, value in {**changes, **started}.items()
-            if name in references})  # the start of an input goes by another name in a parameter file
-        setters = {"Real": (fmu.setReal, float), "Boolean": (fmu.setBoolean, bool), "Integer": (fmu.setInteger, int)}
+            if name in references})  # in a parameter file the start of an input has another name
+        setters = {"Real": (instance.setReal, float), "Boolean": (instance.setBoolean, bool),
+                   "Integer": (instance.setInteger, int)}
         columns = [(setters[self.inputs[name].kind][0], references[name],
                     column.astype(setters[self.inputs[name].kind][1]).tolist())
                    for name, column in excitation.columns.items()]
         moment = excitation.columns.get(LOAD, np.zeros(len(excitation.time)))
-        fmu.setupExperiment(startTime=0.0)
+        instance.setupExperiment(startTime=0.0)
 
         def apply(k: int) -> None:
             for set_values, reference, column in columns:
@@ -135,21 +136,21 @@ class FmuSubject(Subject):
                     set_values([reference], [column[k]])
 
         apply(0)
-        fmu.enterInitializationMode()
-        fmu.exitInitializationMode()
+        instance.enterInitializationMode()
+        instance.exitInitializationMode()
         at_rows.sample()
         at_steps.sample()
         for k in range(len(excitation.time) - 1):
             if k:
                 apply(k)
             if excitation.spring:
-                (angle,) = fmu.getReal([references["fin_angle"]])
-                fmu.setReal([references[LOAD]], [float(moment[k]) - excitation.spring * angle])
+                (angle,) = instance.getReal([references["fin_angle"]])
+                instance.setReal([references[LOAD]], [float(moment[k]) - excitation.spring * angle])
             for now in range(k * substeps, (k + 1) * substeps):
-                fmu.doStep(now * step, (now + 1) * step - now * step)
+                instance.doStep(now * step, (now + 1) * step - now * step)
                 at_steps.sample()
             at_rows.sample()
-        fmu.terminate()
+        instance.terminate()
 
     def _log(self, _component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
         label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
@@ -157,7 +158,7 @@ class FmuSubject(Subject):
             self._messages.append(f"{label}: {message.decode(errors='replace').strip()}")
 
     def close(self) -> None:
-        """Let go of the instance."""
+        """Free the instance."""
         instance, self._instance = self._instance, None
         if instance is not None:
             instance.freeInstance()
@@ -166,11 +167,11 @@ class FmuSubject(Subject):
 @contextmanager
 def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
                  parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
-    """Open the subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
+    """Open the subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters without a path.
 
-    `model` names the actuator and its extensions; an FMU tells its own. `fin` from 1 on chooses one of a unit of
-    several, the first unless given. The files of `parameters` go over those of the subject, which then cannot be an
-    FMU. Raises EmcasError or ParameterError where it cannot be used.
+    `model` names the actuator and its extensions; the name of an FMU contains it. `fin`, from 1, selects one fin of an
+    FMU of several, by default the first. The files `parameters` override those of the subject, which then cannot be an
+    FMU. Raises EmcasError or ParameterError where the subject cannot be used.
     """
     if path is None or path.suffix.lower() == ".toml":
         if fin is not None:
@@ -184,8 +185,8 @@ def open_subject(path: Path | None, model: str | None = None, fin: int | None = 
     if parameters:
         raise EmcasError(f"--parameters {parameters[0]}: {path} has its parameters in it; build an FMU of these")
     model = model and full_name(model)
-    with opened(path, fin, model) as unit:
-        subject = FmuSubject(unit, chosen_model(str(path), unit.description.modelName, model), fin or 1)
+    with opened(path, fin, model) as fmu:
+        subject = FmuSubject(fmu, chosen_model(str(path), fmu.description.modelName, model), fin or 1)
         try:
             yield subject
         finally:

@@ -1,7 +1,7 @@
 """The tests that requirements name, and the figures measured in them.
 
-A test of a motion or a load is made in both directions; a figure is the worse of the two. Every study takes its tests
-from here, so that a figure of a test is the same number wherever it shows.
+A motion or a load is tested in both directions; a figure is the worse of the two. All studies use these tests, so that
+a figure of a test has the same value wherever it is shown.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "load": _RESTS, "release": _RESTS, "sine": _BANDWIDTHS, "linear": _MARGINS, "repeat": ("repeat_error",)}
 """The figures of each kind of test."""
 BANDWIDTHS = 2.0, 60.0  # Hz, between which a bandwidth is looked for
-GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz, of which two neighbours are bisected
+GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval between two neighbours is bisected
 BISECTIONS = 6  # to 2 parts in 1000
-_LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and how many: enough for margins to 1e-6
-CYCLES, FITTED = 4.0, 0.15  # of a sine that are fitted, and s that these last at least
-TRANSIENT = (2.0, 0.1)  # cycles, and at least s, before them
-USE, REST = 6.0, 4.0  # s, of a history of use, and of the rest after it: four times the integral's time constant
+_LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and a number of points that gives margins to 1e-6
+CYCLES, FITTED = 4.0, 0.15  # fitted cycles of a sine, and their least duration in s
+TRANSIENT = (2.0, 0.1)  # cycles before them, and their least duration in s
+USE, REST = 6.0, 4.0  # s of the history of use and of the rest after it, four time constants of the integral
 
 
 @dataclass(frozen=True)
 class Test:
     """A test of a `kind`.
 
-    `amplitude` [rad]; `duration` [s] of what is judged; `torque` [N.m] along the motion, negative against it; `settle`
-    [s] before; `supply`, share of the supply's start value.
+    `amplitude` [rad]; `duration` [s] of the part that is judged; `torque` [N.m] in the direction of motion, negative
+    against it; `settle` [s] before the judged part; `supply` as a share of the supply's start value.
 
     step     from rest at zero to amplitude, under a constant torque
-    slew     from -amplitude, held for `settle`, to amplitude, the torque rising with the command
-    load     the torque comes at once on a fin held at 0
-    release  the torque, on a fin held at 0 for `settle`, goes at once
+    slew     from -amplitude, held for `settle`, to amplitude; the torque rises with the command
+    load     the torque is applied at once to a fin held at 0
+    release  the torque on a fin held at 0 is removed at once after `settle`
     sine     sines of an amplitude, the frequency bisected
     linear   the loop broken at the drive's reference
-    repeat   a slew after a history of use with this torque and rest, compared with that of a fresh unit
+    repeat   slews after a history of use with this torque and a rest, compared with those of a fresh actuator
     """
 
     __test__ = False  # not one of pytest's
@@ -71,12 +71,12 @@ class Test:
 
     @property
     def simulated(self) -> float:
-        """About how long it is simulated in all [s]."""
+        """The approximate simulated time in total [s]."""
         each = {"linear": 0.0, "sine": 20.0, "repeat": USE + REST + 3.0 * self.duration}
         return 2.0 * each.get(self.kind, self.settle + self.duration)
 
     def __str__(self) -> str:
-        """What is done, in words."""
+        """The test in words."""
         size = f"{degrees(self.amplitude):.4g} deg"
         words = {**{kind: f"{kind} of {size}, both ways, over {self.duration:g} s" for kind in MOTIONS},
                  "step": f"step of {size}, both ways, held for {self.duration:g} s",
@@ -91,7 +91,7 @@ class Test:
 
 
 def obstacle(test: Test, figure: str, subject: Subject) -> str:
-    """Return why a subject has not this figure of a test, in words; empty where it has it."""
+    """Return in words why a subject does not have this figure of a test; empty where it has."""
     if test.kind == "linear":
         lacks = capabilities.POSITION_LOOP not in subject.actuator.provides
         if lacks:
@@ -104,10 +104,11 @@ def obstacle(test: Test, figure: str, subject: Subject) -> str:
 
 def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str],
             senses: Sequence[str]) -> Array:
-    """Return figures of a test [changes, figures], SI, the worse of both directions by the sense of their limits.
+    """Return the figures of a test [changes, figures] in SI, the worse of both directions by the sense of their limits.
 
-    `changes` are parameters that differ from the subject's, for each unit that is tested; what is measured of one does
-    not depend on the others. nan where there is none, and in every figure of a unit whose response cannot be computed.
+    Each of the `changes` are the parameters of one variant that differ from the subject's; the figures of a variant do
+    not depend on the others. A figure without a value is nan, as are all figures of a variant whose response cannot be
+    computed.
     """
     if test.kind == "linear":
         margins = [_margins(subject.parameters, each) for each in changes]
@@ -122,41 +123,41 @@ def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], 
         rates = [side["sustained_rate"] for side in sides]
         sides[0]["rate_asymmetry"] = sides[1]["rate_asymmetry"] = 1.0 - np.minimum(*rates) / np.maximum(*rates)
     worse = {"maximum": np.maximum, "minimum": np.minimum}
-    found: Array = np.column_stack([worse[sense](*(side[name] for side in sides))
-                                    for name, sense in zip(figures, senses, strict=True)])
-    return found
+    measured: Array = np.column_stack([worse[sense](*(side[name] for side in sides))
+                                       for name, sense in zip(figures, senses, strict=True)])
+    return measured
 
 
 def recorded(figures: Sequence[str]) -> tuple[str, ...]:
-    """Return the outputs from which figures of a motion or a load are found."""
+    """Return the outputs that the figures of a motion or a load need."""
     return tuple(dict.fromkeys(name for figure in ("sustained_rate", "peak_rate", *figures)
                                for name in FIGURES[figure].needs))
 
 
 def columns(subject: Subject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
-    """Return parameters that differ from the subject's in some of the units, for each name the values in all."""
-    names = dict.fromkeys(name for each in changes for name in each) or [next(iter(subject.values))]  # for their number
+    """Return the parameters that differ from the subject's in a variant, with an array of their values in all."""
+    names = dict.fromkeys(name for each in changes for name in each) or [next(iter(subject.values))]  # none: any
     return {name: np.array([each.get(name, subject.values[name]) for each in changes]) for name in names}
 
 
 def response(test: Test, subject: Subject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:
-    """Return the run of a test of a motion or a load."""
+    """Return the run of a test with a motion or a load."""
     return _run(test, sign, subject, [changes], None)[0]
 
 
 def excitation(test: Test, sign: float, subject: Subject, changes: Mapping[str, Any] | None = None) -> Excitation:
-    """Return what a test of a motion or a load does with a subject, in a direction.
+    """Return the excitation of a test with a motion or a load, in a direction.
 
-    `changes` are parameters that differ, of many units an array each.
+    `changes` are changed parameters, arrays for many variants.
     """
-    made = _motion(test, sign)
-    if test.supply != 1.0 and subject.supply:
-        made = made.holding({subject.supply: test.supply * _start(subject, subject.supply, changes or {})})
-    return made
+    nominal = _motion(test, sign)
+    if test.supply == 1.0 or subject.supply is None:
+        return nominal
+    return nominal.holding({subject.supply: test.supply * _start(subject, subject.supply, changes or {})})
 
 
 def _start(subject: Subject, name: str, changes: Mapping[str, Any]) -> Array:
-    """Return the start of an input with parameters that differ [1], or [units, 1] where it does."""
+    """Return the start value of an input with changed parameters [1], or [variants, 1] where they change it."""
     return np.asarray(subject.inputs[name].initial({**subject.values, **changes}), dtype=float)[..., np.newaxis]
 
 
@@ -183,16 +184,16 @@ def _motion(test: Test, sign: float) -> Excitation:
 
 def _moved(runs: Runs) -> dict[str, Array]:
     """Return the figures of steps, slews or loads."""
-    places, finished = runs.finished()
+    indices, finished = runs.finished()
     figures = {**usage(finished), **(motion(finished, -1) if finished.excitation.moves else rest(finished))}
     figures["steady_error"] = np.abs(figures["steady_error"])
-    return {name: _among(runs, places, values) for name, values in figures.items()}
+    return {name: _among(runs, indices, values) for name, values in figures.items()}
 
 
-def _among(runs: Runs, places: Array, values: Any) -> Array:
-    """Return values of the runs at these places among nan for the others."""
+def _among(runs: Runs, indices: Array, values: Any) -> Array:
+    """Return the values for all runs: those of the runs at these indices, and nan for the others."""
     every = np.full((len(runs), *np.shape(values)[1:]), nan, dtype=np.result_type(values))
-    every[places] = values
+    every[indices] = values
     return every
 
 
@@ -200,10 +201,10 @@ def _among(runs: Runs, places: Array, values: Any) -> Array:
 
 
 def _use(test: Test, subject: Subject) -> Iterator[dict[str, Array]]:
-    """Yield inputs of a second each of a history of use, of those that the subject has.
+    """Yield the inputs of a history of use, second by second, as shares of their amplitudes.
 
-    Cycles to one side, and to the other; loads beyond the stall, both ways; disabled in motion; a supply that breaks
-    down; commands beyond the range, faster than it can follow.
+    One-sided cycles and loads beyond the stall torque, in either direction; disabling in motion; a supply that breaks
+    down; commands beyond the range, faster than the fin can follow.
     """
     phase = times(1.0)[:-1]
     one_sided = np.interp(phase % 0.5, [0.0, 0.15, 0.35, 0.5], [1.0, 1.0, 0.0, 0.0])
@@ -217,20 +218,20 @@ def _use(test: Test, subject: Subject) -> Iterator[dict[str, Array]]:
 
 
 def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]) -> Array:
-    """Return the largest difference [rad] of slews after a history of use and rest from those of a fresh unit."""
+    """Return the largest difference [rad] of slews after a history of use and rest from those of a fresh actuator."""
     differing, angles = columns(subject, changes), []
     for made in histories(test, subject, {name: _start(subject, name, differing) for name in subject.inputs}):
         runs = subject.run_all(made, differing, ("fin_angle",))
-        places, finished = runs.finished()
-        angles.append(_among(runs, places, finished.columns["fin_angle"][..., made.judged(made.time)]))
+        indices, finished = runs.finished()
+        angles.append(_among(runs, indices, finished.columns["fin_angle"][..., made.judged(made.time)]))
     difference: Array = np.max(np.abs(angles[0] - angles[1]), axis=-1)
     return difference
 
 
 def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[Excitation, Excitation]:
-    """Return the inputs of a used unit and of a fresh one, of which the slews are judged.
+    """Return the inputs of a used actuator and of a fresh one; the slews at their end are judged.
 
-    `starts` are start values of inputs, SI; of many units an array [units, 1] where they differ.
+    `starts` are start values of inputs in SI, arrays [variants, 1] where they differ between variants.
     """
     history = list(_use(test, subject))
     used = len(history) * round(1.0 / STEP)
@@ -255,79 +256,80 @@ def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[
 
 _LEVELS: Mapping[str, Callable[[complex], float]] = {
     "bandwidth_3db": lambda h: abs(h) - 10.0 ** (-3.0 / 20.0),
-    "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from none: it is 90 deg where this first vanishes
+    "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from zero: it is 90 deg where this first vanishes
 }
 
 
 def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> Array:
-    """Return the frequencies where gain and lag pass their levels, by bisection of the describing function.
+    """Return the frequencies at which gain and lag cross their levels, by bisection of the describing function.
 
-    Every unit follows its own bisection; what they all need next is simulated together, each frequency once. The
-    highest looked at where a level is not passed; nan where a response on the way to it is not a sine, as that of a
-    unit that hunts.
+    Each variant has its own bisection; the sines that all variants need next are simulated together, each frequency
+    once. The result is the highest frequency where a level is not crossed, and nan where a response at a lower
+    frequency is not a sine, as in hunting.
     """
     known: list[dict[float, complex]] = [{} for _ in changes]
 
     def levels(name: str, at: Mapping[int, float]) -> dict[int, float]:
-        new = {unit: f for unit, f in at.items() if f not in known[unit]}
+        new = {k: f for k, f in at.items() if f not in known[k]}
         if new:
-            found = describing_function(subject, [changes[unit] for unit in new], test.amplitude, list(new.values()))
-            for (unit, f), response in zip(new.items(), found.tolist(), strict=True):
-                known[unit][f] = response
-        return {unit: _LEVELS[name](known[unit][f]) for unit, f in at.items()}
+            responses = describing_function(subject, [changes[k] for k in new], test.amplitude, list(new.values()))
+            for (k, f), response in zip(new.items(), responses.tolist(), strict=True):
+                known[k][f] = response
+        return {k: _LEVELS[name](known[k][f]) for k, f in at.items()}
 
     crossings = np.full((len(changes), len(figures)), BANDWIDTHS[1])
     for column, name in enumerate(figures):
         searching, between = list(range(len(changes))), dict[int, tuple[float, float]]()
         for low, high in pairwise((GRID[0], *GRID)):
-            there = levels(name, dict.fromkeys(searching, high))
-            between |= {unit: (low, high) for unit, level in there.items() if level <= 0.0}
-            crossings[[unit for unit, level in there.items() if isnan(level)], column] = nan
-            searching = [unit for unit, level in there.items() if level > 0.0]
+            at_high = levels(name, dict.fromkeys(searching, high))
+            between |= {k: (low, high) for k, level in at_high.items() if level <= 0.0}
+            crossings[[k for k, level in at_high.items() if isnan(level)], column] = nan
+            searching = [k for k, level in at_high.items() if level > 0.0]
         for _ in range(BISECTIONS):
-            middle = {unit: (low * high) ** 0.5 for unit, (low, high) in between.items()}
-            for unit, level in levels(name, middle).items():
-                low, high = between.pop(unit)
+            middle = {k: (low * high) ** 0.5 for k, (low, high) in between.items()}
+            for k, level in levels(name, middle).items():
+                low, high = between.pop(k)
                 if isnan(level):
-                    crossings[unit, column] = nan
+                    crossings[k, column] = nan
                 else:
-                    between[unit] = (middle[unit], high) if level > 0.0 else (low, middle[unit])
-        for unit, (low, high) in between.items():
-            crossings[unit, column] = (low * high) ** 0.5
+                    between[k] = (middle[k], high) if level > 0.0 else (low, middle[k])
+        for k, (low, high) in between.items():
+            crossings[k, column] = (low * high) ** 0.5
     return crossings
 
 
 def sweep_figures(response: FrequencyResponse, subject: Subject, amplitude: float,
                   changes: Mapping[str, Any]) -> dict[str, float]:
-    """Return the figures of a sweep of `amplitude` [rad]; its bandwidths are those under steady sines of it."""
-    (found,) = measure(Test("sine", amplitude), subject, [changes], _BANDWIDTHS, ("minimum",) * len(_BANDWIDTHS))
-    return {**swept(response), **dict(zip(_BANDWIDTHS, found.tolist(), strict=True))}
+    """Return the figures of a sweep of `amplitude` [rad]; its bandwidths are those under steady sines."""
+    (bandwidths,) = measure(Test("sine", amplitude), subject, [changes], _BANDWIDTHS, ("minimum",) * len(_BANDWIDTHS))
+    return {**swept(response), **dict(zip(_BANDWIDTHS, bandwidths.tolist(), strict=True))}
 
 
 def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], amplitude: float,
                         frequency: Sequence[float]) -> Array:
-    """Return the fundamental of the fin angle over a sine command of `amplitude` [rad], for each unit at its frequency
-    [Hz]; nan where the response cannot be computed, or is no sine (its fundamental is less than PURE of it)."""
+    """Return the fundamental of the fin angle over a sine command of `amplitude` [rad], for each variant at its
+    frequency [Hz]; nan where the response cannot be computed, or is not a sine (the fundamental has less than PURE of
+    its power)."""
     at = np.array(frequency)
     cycles = np.ceil(np.maximum(CYCLES / at, FITTED) * at)
     runs = subject.run_all(sine(amplitude, at, cycles, TRANSIENT), columns(subject, changes), ("fin_angle",))
-    places, finished = runs.finished()
+    indices, finished = runs.finished()
     fundamentals = [_fundamental(*each) for each in zip(
-        finished.columns["fin_angle"], at[places].tolist(), cycles[places].tolist(), strict=True)]
-    return _among(runs, places, 1j * np.array(fundamentals, dtype=complex) / amplitude)
+        finished.columns["fin_angle"], at[indices].tolist(), cycles[indices].tolist(), strict=True)]
+    return _among(runs, indices, 1j * np.array(fundamentals, dtype=complex) / amplitude)
 
 
 def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
-    """Return the fundamental of the last cycles of a sine of fin angles at the rows; nan where it is no sine."""
+    """Return the fundamental of the last cycles of a column of fin angles; nan where they are not a sine."""
     first, weights = _weights(frequency, cycles)
     fitted = angle[first:first + len(weights)]
     fundamental = complex(weights @ fitted)
     return fundamental if 0.5 * abs(fundamental) ** 2 >= PURE * float(np.var(fitted)) else complex(nan, nan)
 
 
-@lru_cache(maxsize=1024)  # all bisections are between the same frequencies
+@lru_cache(maxsize=1024)  # all bisections use the same frequencies
 def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
-    """Return the first row that is fitted, and the weights of those that are."""
+    """Return the first fitted row, and the weights of the fitted rows."""
     begin = max(TRANSIENT[0] / frequency, TRANSIENT[1])
     time = times(begin + cycles / frequency)
     fitted = (time >= begin) & (time <= begin + cycles / frequency)
@@ -338,7 +340,7 @@ def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
 
 
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
-    """Return the margins of the loop broken at the drive's reference; none where the closed loop is unstable."""
+    """Return the margins of the loop broken at the drive's reference; nan where the closed loop is unstable."""
     from .linear.actuator import LinearActuator, sound
     from .linear.frequency import highest, margins
 

@@ -1,4 +1,4 @@
-"""How a result came about: the command, the parameters it rests on, the date."""
+"""The provenance of a result: command, parameters and date."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COMMAND: ContextVar[str] = ContextVar("command", default="")
 
 @contextmanager
 def made_by(arguments: Sequence[str]) -> Iterator[None]:
-    """Let pages written meanwhile say that this command made them, its arguments as they were given."""
+    """Name this command, with its arguments as they were typed, in all pages written within the context."""
     token = _COMMAND.set(shlex.join(arguments))
     try:
         yield
@@ -35,7 +35,7 @@ def made_by(arguments: Sequence[str]) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Source:
-    """What a page rests on: `file` and its hash, the hash of all values, those `changed` beside the files."""
+    """A source of a page: `file` and its hash, the hash of all values, and the values `changed` beyond the files."""
 
     what: str
     file: str
@@ -47,7 +47,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Made:
-    """How a page was made; `command` is empty where a program did it."""
+    """How a page was made; `command` is empty for a Python program."""
 
     sources: tuple[Source, ...]
     command: str
@@ -55,7 +55,7 @@ class Made:
 
 
 def made(*of: ParameterSet | Identification | Source) -> Made:
-    """Return how a page on these is being made now."""
+    """Return how a page with these sources is made now."""
     sources = [source for each in of for source in (
         (each,) if isinstance(each, Source) else
         _of_a_set(each) if isinstance(each, ParameterSet) else _of_an_article(each))]
@@ -63,7 +63,7 @@ def made(*of: ParameterSet | Identification | Source) -> Made:
 
 
 def conditions(model: str, values: Mapping[str, Any]) -> list[tuple[str, str, Any, str]]:
-    """Return what a simulation is made under, as far as parameters say it: words, name, value and unit."""
+    """Return the conditions of a simulation that parameters define: words, name, value and unit."""
     actuator = get(model)
     rows: list[tuple[str, str, Any, str]] = []
     if actuator.supply:
@@ -75,11 +75,11 @@ def conditions(model: str, values: Mapping[str, Any]) -> list[tuple[str, str, An
 
 
 ESTIMATE = " (estimate)"
-"""Behind the name of a figure that rests on parameters that are engineering estimates."""
+"""Follows the name of a figure that depends on parameters that are engineering estimates."""
 
 
 def resting_on(estimates: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return a sentence for the figures that rest on the same parameters, which are estimates; names by figure."""
+    """Return a sentence for all figures that depend on the same estimated parameters, whose names are by figure."""
     alike: dict[tuple[str, ...], list[str]] = {}
     for figure, names in estimates.items():
         alike.setdefault(tuple(names), []).append(figure)
@@ -88,7 +88,7 @@ def resting_on(estimates: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def shipped(model: str) -> str:
-    """Return the words for an actuator's default parameters."""
+    """Return the name of an actuator's default parameters in words."""
     source = get(model).source
     return f"the parameters of {source.name}" if source else SHIPPED
 

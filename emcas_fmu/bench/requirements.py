@@ -1,6 +1,6 @@
-"""Requirements: figures of tests, each with a limit, in the cases in which they must hold. Read from TOML.
+"""Requirements, read from TOML: figures of tests, each with a limit and the cases in which it must hold.
 
-The shipped ones are `models/requirements.toml`; a user's file replaces them wherever an actuator is judged.
+The shipped ones are in `models/requirements.toml`; a user's file replaces them wherever an actuator is judged.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .measure import BANDWIDTHS, KINDS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
 from .subject import COMMAND_RANGE, ParameterSubject, Subject
 
-_SHORTEST = 0.3  # s, of what is judged
+_SHORTEST = 0.3  # s, of the judged part of a test
 
 
 def _amplitude(entry: Any, info: ValidationInfo) -> float:
@@ -34,7 +34,7 @@ def _amplitude(entry: Any, info: ValidationInfo) -> float:
     amplitude = float(In("rad", base=limit).number(entry))
     if amplitude <= 0.0:
         raise ValueError("must be an amplitude above 0")
-    most = max(limit, COMMAND_RANGE)  # of a unit with less than that range the command is clipped, which shows
+    most = max(limit, COMMAND_RANGE)  # an actuator with a smaller range clips the command, which the page says
     if amplitude > most * (1.0 + 1e-9):
         raise ValueError(f"is beyond command.limit = {degrees(limit):.6g} deg; give {degrees(most):.6g} deg at most")
     return amplitude
@@ -64,7 +64,7 @@ _TESTS: Mapping[str, type[Table]] = {
 
 
 def _unit(figure: str) -> str:
-    """Return a figure's unit: SI of one of the bench, of one of the acceptance report that which its name ends in."""
+    """Return a figure's unit: SI for the bench's, the ending of its name for those of the acceptance report."""
     return FIGURES[figure].unit if figure in FIGURES else unit_of(figure)
 
 
@@ -74,7 +74,7 @@ def _test(entry: Any, info: ValidationInfo) -> Test:
 
 
 def _limit(entry: Any, info: ValidationInfo) -> float:
-    """Return a limit in the unit of its figure; that of an unknown figure is no further error."""
+    """Return a limit in the unit of its figure; an unknown figure is reported by itself."""
     limit = float(In(_unit(info.data["figure"])).number(entry)) if "figure" in info.data else 1.0
     if limit <= 0.0:
         raise ValueError("must be above 0")
@@ -84,10 +84,11 @@ def _limit(entry: Any, info: ValidationInfo) -> float:
 
 
 class Requirement(Table):
-    """A figure of a test and its limit, either a maximum or a minimum in the figure's unit, in the cases named.
+    """A figure of a test and its limit, a maximum or a minimum in the figure's unit, in the named cases.
 
-    Without a test the figure is one of the acceptance report, as ``test.group.figure`` of its JSON, and judged there
-    only. An `optional` one is not judged where the actuator lacks what it needs. The context is the parameter set.
+    Without a test, the figure is one of the acceptance report, ``test.group.figure`` of its JSON, and only judged
+    there. An `optional` requirement is not judged where the actuator lacks an output that it needs. The validation
+    context is the parameter set.
     """
 
     name: str
@@ -127,12 +128,12 @@ class Requirement(Table):
 
     @property
     def sense(self) -> str:
-        """Which of the two the limit is."""
+        """`minimum` or `maximum`, the kind of the limit."""
         return "minimum" if self.maximum is None else "maximum"
 
     @property
     def sign(self) -> float:
-        """The side on which a figure is bad: 1 above, -1 below."""
+        """1 where larger figures are worse, -1 where smaller ones are."""
         return -1.0 if self.maximum is None else 1.0
 
     @property
@@ -142,18 +143,18 @@ class Requirement(Table):
 
     @property
     def unit(self) -> str:
-        """Unit of the limit and of what is measured."""
+        """The unit of the limit and of the measured figure."""
         return _unit(self.figure)
 
     @property
     def shown(self) -> tuple[str, float]:
-        """The unit in which people read it, and the factor to that."""
+        """The unit in which people read it, and the factor to that unit."""
         return shown(self.unit) if self.test else (self.unit, 1.0)
 
     def kept(self, measured: Any) -> Any:
-        """Return whether figures, an array of them or one, keep the limit; one that is not finite does not.
+        """Return whether figures, an array or a number, keep the limit; a value that is not finite does not.
 
-        Both are compared in the unit people read, with nine decimals: a conversion's rounding is no miss.
+        They are compared in the unit for display with nine decimals, so that rounding of a conversion is not a miss.
         """
         _, factor = self.shown
         shown = np.round(np.multiply(measured, factor), 9)
@@ -161,16 +162,16 @@ class Requirement(Table):
 
     @property
     def shown_limit(self) -> float:
-        """The limit, in the unit in which people read it."""
+        """The limit in the unit in which people read it."""
         return round(self.limit * self.shown[1], 9)
 
     @property
     def how(self) -> str:
-        """How it is measured."""
+        """How the figure is measured, in words."""
         return f"{FIGURES[self.figure].title}; {self.test}" if self.test else self.figure
 
     def obstacle(self, subject: Subject) -> str:
-        """Return why it cannot be measured of a subject, in words; empty where it can."""
+        """Return in words why it cannot be measured for a subject; empty where it can."""
         if self.test is None:
             return "a figure of the acceptance report: emcas report judges it"
         return obstacle(self.test, self.figure, subject)
@@ -178,15 +179,16 @@ class Requirement(Table):
 
 @dataclass(frozen=True)
 class Case:
-    """Circumstances: values of parameters that differ from the set that is judged, SI, some by a share of its own."""
+    """Circumstances: values of changed parameters in SI, and `shares` of the values of the variant that is judged."""
 
     name: str
     values: Mapping[str, Any]
     shares: Mapping[str, float] = field(default_factory=dict)
 
-    def of(self, unit: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values of a unit that itself differs from the set in the values of `unit`."""
-        return {**unit, **self.values, **{name: x * unit[name] for name, x in self.shares.items() if name in unit}}
+    def of(self, variant: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the changed parameters of a variant, itself with changed parameters, in this case."""
+        shares = {name: share * variant[name] for name, share in self.shares.items() if name in variant}
+        return {**variant, **self.values, **shares}
 
 
 NOMINAL = Case("nominal", {})
@@ -194,7 +196,7 @@ NOMINAL = Case("nominal", {})
 
 @dataclass(frozen=True)
 class Specification:
-    """Requirements and the cases in which they are judged, of a file."""
+    """The requirements of a file and the cases in which they are judged."""
 
     requirements: tuple[Requirement, ...]
     cases: tuple[Case, ...] = (NOMINAL,)
@@ -202,12 +204,12 @@ class Specification:
 
     @property
     def needs_analysis(self) -> bool:
-        """Whether a requirement is one of linear analysis."""
+        """Whether a requirement needs linear analysis."""
         return any(r.test and r.test.kind == "linear" for r in self.requirements)
 
 
 def variable_of(name: str, base: ParameterSet) -> Variable:
-    """Return a parameter of a set by name. Raises ValueError, naming those that are made to be tuned."""
+    """Return a parameter of a set by name. Raises ValueError with the names of the tunable ones."""
     variables = {e.variable.name: e.variable for e in base.entries}
     tunable = ", ".join(v.name for v in variables.values() if v.variability == "tunable")
     return parameter_of(name, variables, f"; made to be tuned are {tunable}" if tunable else "")
@@ -258,9 +260,9 @@ class _File(Table):
 
 
 def load_requirements(path: Path | None, base: ParameterSet) -> Specification:
-    """Return the requirements of a TOML file, the shipped ones unless given, for a parameter set.
+    """Return the requirements of a TOML file, by default the shipped ones, for a parameter set.
 
-    Raises EmcasError naming the file, the entry and what to write.
+    Raises EmcasError with the file, the entry and the remedy.
     """
     path = path or models_directory() / "requirements.toml"
     contents = document(path, EmcasError)[1]

@@ -16,16 +16,16 @@ Columns = Mapping[str, Array]
 
 
 class StoppedError(EmcasError):
-    """A run that is needed did not reach its end."""
+    """A required run did not reach its end."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """The response to an excitation: `columns` by name, `time` [s] first, and those that were asked for between rows.
+    """The response to an excitation: `columns` by name, with ``time`` [s].
 
-    Of many runs that ended well the columns are arrays [runs, rows], but for ``time``.
-    ``stopped`` is the time [s] the subject went no further than, None where it ran to the end;
-    ``messages`` what it logged; ``wall_time`` [s].
+    Many finished runs may be one Run, whose columns are arrays [runs, rows] except ``time``.
+    ``stopped`` is the last time [s] that the subject reached, None where it ran to the end;
+    ``messages`` is its log; ``wall_time`` is in s.
     """
 
     excitation: Excitation = field(repr=False)
@@ -46,7 +46,7 @@ class Run:
         return replace(self, excitation=self.excitation.of(run), columns=_of(self.columns, run))
 
     def finished(self) -> Columns:
-        """Return the columns. Raises StoppedError, saying why, where the run ended early."""
+        """Return the columns. Raises StoppedError with the reason where the run ended early."""
         if self.stopped is not None:
             raise StoppedError(f"the subject {self.reason}")
         return self.columns
@@ -54,11 +54,11 @@ class Run:
 
 @dataclass(frozen=True)
 class Runs:
-    """The responses of many runs to excitations with the same rows.
+    """The responses of `number` runs to excitations with the same rows.
 
-    `columns` by name are arrays [runs, rows], but ``time`` [rows]; those that are fine have `substeps` to each row. In
-    rows that a run did not get to they are NaN. By a run's place: `refused` is what a single run would raise, `stopped`
-    the rows it has and what it logged. A run of it is what it is alone, its columns are views.
+    `columns` by name are arrays [runs, rows], except ``time`` [rows]; a fine column has `substeps` points per row. Rows
+    that a run did not reach are NaN. By the index of a run, `refused` has the error that a single run would raise, and
+    `stopped` its number of rows and its log. A single run of these, whose columns are views, equals the run alone.
     """
 
     excitation: Excitation = field(repr=False)
@@ -72,26 +72,26 @@ class Runs:
     def __len__(self) -> int:
         return self.number
 
-    def __getitem__(self, place: int) -> Run:
-        """Return a run. Raises what it was refused with."""
-        place = range(self.number)[place]
-        if place in self.refused:
-            raise self.refused[place]
-        time, taken = self.columns["time"], self.wall_time / self.number
-        columns = _of(self.columns, place)
-        if place not in self.stopped:
-            return Run(self.excitation.of(place), columns, None, (), taken)
-        rows, messages = self.stopped[place]
-        steps = max((rows - 1) * self.substeps + 1, 0)
-        columns = {name: column[:rows if len(column) == len(time) else steps] for name, column in columns.items()}
-        return Run(self.excitation.of(place), columns, float(np.max(columns["time"], initial=0.0)), messages, taken)
+    def __getitem__(self, index: int) -> Run:
+        """Return a run. Raises the error with which it was refused."""
+        index = range(self.number)[index]
+        if index in self.refused:
+            raise self.refused[index]
+        excitation, columns = self.excitation.of(index), _of(self.columns, index)
+        stopped, messages = None, tuple[str, ...]()
+        if index in self.stopped:
+            rows, messages = self.stopped[index]
+            steps, full = max((rows - 1) * self.substeps + 1, 0), len(self.columns["time"])
+            columns = {name: column[:rows if len(column) == full else steps] for name, column in columns.items()}
+            stopped = float(np.max(columns["time"], initial=0.0))
+        return Run(excitation, columns, stopped, messages, self.wall_time / self.number)
 
     def finished(self) -> tuple[Any, Run]:
-        """Return the places of the runs that ended well, and these as one."""
+        """Return the indices of the runs that reached their end, and these runs as one."""
         if not self.refused and not self.stopped:
             return np.arange(self.number), Run(self.excitation, self.columns, None, (), self.wall_time)
-        places = np.setdiff1d(np.arange(self.number), [*self.refused, *self.stopped])
-        return places, Run(self.excitation.of(places), _of(self.columns, places), None, (), self.wall_time)
+        indices = np.setdiff1d(np.arange(self.number), [*self.refused, *self.stopped])
+        return indices, Run(self.excitation.of(indices), _of(self.columns, indices), None, (), self.wall_time)
 
 
 def _of(columns: Columns, runs: Any) -> dict[str, Array]:
@@ -100,7 +100,7 @@ def _of(columns: Columns, runs: Any) -> dict[str, Array]:
 
 
 def spread(excitation: Excitation, changes: Mapping[str, Any]) -> tuple[int, dict[str, Array]]:
-    """Return how many runs there are, and for each parameter that differs an array with its value in each."""
+    """Return the number of runs, and for each changed parameter an array with its value in each run."""
     of_runs = [len(column) for column in excitation.columns.values() if column.ndim == 2]
     (count,) = np.broadcast_shapes((1,), *of_runs, *map(np.shape, changes.values()))
     return count, {name: np.broadcast_to(values, count) for name, values in changes.items()}

@@ -1,7 +1,7 @@
-"""The subject under test: an actuator as a parameter set or as an FMU, behind one way to run it.
+"""The subject under test: an actuator as a parameter set or as an FMU, which are run in the same way.
 
-A study looks up by name what it needs (``"motor_current" in subject.outputs``) and leaves out, with
-the reason, what the subject has not.
+A study looks up by name the outputs that it needs (``"motor_current" in subject.outputs``). It leaves out, with the
+reason, the figures whose outputs the subject lacks.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from .metrics import Figure
 from .provenance import shipped
 from .runs import Run, Runs, spread
 
-COMMAND_RANGE = radians(20.0)  # Table 2's; of an actuator that does not say its own
+COMMAND_RANGE = radians(20.0)  # of Table 2, for an actuator without command.limit
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What was tested: nothing in it depends on where or when the test is run.
+    """What was tested, independent of where and when.
 
-    `kind` is `FMU` or `parameter set`; `sha256` is of the file, empty for the defaults; a parameter set has
-    no `guid`. `differences` are parameters that differ from the shipped ones, `estimates` those that rest on an
-    engineering estimate. `fin`, from 1 on, is of an FMU.
+    `kind` is `FMU` or `parameter set`. `sha256` is the hash of the file, empty for the defaults; a parameter set has no
+    `guid`. `differences` are the parameters that differ from the shipped ones, `estimates` those that are engineering
+    estimates. `fin`, from 1, is set for an FMU.
     """
 
     kind: str
@@ -62,38 +62,37 @@ class Identification:
 
 
 class Subject(ABC):
-    """An actuator that can be excited; `model` is the actuator's name with its extensions, as in ``elastic+heat``."""
+    """An actuator that can be excited; `model` is its name with its extensions, such as ``elastic+heat``."""
 
     model: str = NONLINEAR
 
     @property
     @abstractmethod
     def identification(self) -> Identification:
-        """What it is."""
+        """The name, file and hashes of the subject."""
 
     @property
     @abstractmethod
     def values(self) -> Mapping[str, Any]:
-        """Its parameters by the names a parameter file gives them, in their variables' units."""
+        """Its parameters by their names in a parameter file, in their variables' units."""
 
     @abstractmethod
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        """Return the response at the times of the rows, and of those outputs that are `fine` between rows as well:
-        at `substeps` equal steps of each.
+        """Return the response at the times of the rows; that of `fine` outputs also at `substeps` equal steps per row.
 
-        `start_values` are parameters that differ, over those of the excitation; `outputs` what to record, everything
-        unless given. Raises EmcasError for what the subject has not and ParameterError for values it refuses; what
-        goes wrong on the way is in the run.
+        `start_values` are changed parameters, in addition to those of the excitation; `outputs` are recorded, by
+        default all. Raises EmcasError for inputs and parameters that the subject lacks and ParameterError for values
+        that it refuses; a failure during the run is reported in the Run.
         """
 
     def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
                 substeps: int = 1, fine: Sequence[str] = ()) -> Runs:
-        """Return the responses of many runs, each as `run` gives it: one after the other, where no faster way is known.
+        """Return the responses of many runs, each as by `run`; this base class runs them one after another.
 
-        `changes` are parameters that differ, by name an array with a value for each run; columns of the excitation may
-        differ, too. A run that is refused or stops leaves the others alone. Raises EmcasError for what the subject has
-        not.
+        `changes` has by name of a changed parameter an array with a value for each run; columns of the excitation may
+        differ between runs, too. A run that is refused or stops does not affect the others. Raises EmcasError for
+        inputs and parameters that the subject lacks.
         """
         begin = perf_counter()
         count, changes = spread(excitation, changes)
@@ -101,28 +100,28 @@ class Subject(ABC):
         rows, steps = len(excitation.time), (len(excitation.time) - 1) * substeps + 1
         columns = {name: np.full((count, steps if name in fine else rows), np.nan) for name in names}
         refused, stopped = dict[int, Exception](), dict[int, tuple[int, tuple[str, ...]]]()
-        for place in range(count):
+        for index in range(count):
             try:
-                run = self.run(excitation.of(place), {name: values[place].item() for name, values in changes.items()},
+                run = self.run(excitation.of(index), {name: values[index].item() for name, values in changes.items()},
                                names, substeps, fine)
-            except Exception as error:  # whatever it is: the others run  # noqa: BLE001
-                refused[place] = error
+            except Exception as error:  # any error: the other runs go on  # noqa: BLE001
+                refused[index] = error
                 continue
             if run.stopped is not None:
-                stopped[place] = len(run.columns["time"]), run.messages
+                stopped[index] = len(run.columns["time"]), run.messages
             for name in names:
-                columns[name][place, :len(run.columns[name])] = run.columns[name]
+                columns[name][index, :len(run.columns[name])] = run.columns[name]
         time = np.arange(rows) * substeps * (excitation.step / substeps)
         return Runs(excitation, {"time": time, **columns}, count, substeps, refused, stopped, perf_counter() - begin)
 
     @property
     def actuator(self) -> Actuator:
-        """What is modelled."""
+        """The declared model."""
         return get(self.model)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What its parameters are allowed to be and is worth a look, one line each."""
+        """Parameters that are allowed but doubtful, one line each."""
         return tuple(check_combinations(self.values, self.actuator, warnings=True))
 
     @cached_property
@@ -137,7 +136,7 @@ class Subject(ABC):
 
     @property
     def supply(self) -> str | None:
-        """The input of its supply, a voltage or a pressure; None where it has none."""
+        """The name of the supply input, a voltage or a pressure; None without one."""
         return None if self.actuator.supply is None else self.actuator.supply.input.name
 
     @cached_property
@@ -156,7 +155,7 @@ class Subject(ABC):
         return float(self.values.get("command.limit", COMMAND_RANGE))
 
     def lacking(self, outputs: Iterable[str]) -> str:
-        """Return which of these outputs it has not, in words; empty where it has them all."""
+        """Return in words which of these outputs the subject lacks; empty where it has all."""
         return lacking(outputs, self.outputs)
 
     @cached_property
@@ -164,20 +163,20 @@ class Subject(ABC):
         return get(self.model).namespace(self.values)
 
     def transport_delay(self, start_values: Mapping[str, Any]) -> Any:
-        """Return the time [s] from a sample of the controllers to the drive, with parameters that differ.
+        """Return the time [s] from a sample of the controllers to the drive, with changed parameters.
 
-        An array where these are and it depends on them.
+        It is an array where it depends on changed parameters that are arrays.
         """
         delay, ops = self.actuator.transport_delay, ARRAYS if any(map(np.ndim, start_values.values())) else FLOATS
         return 0.0 if delay is None else delay(ops, with_values(self._namespace, start_values))
 
     def obstacle(self, excitation: Excitation) -> str:
-        """Return why it cannot be excited so, in words; empty where it can."""
+        """Return in words why the subject cannot be excited in this way; empty where it can."""
         return _without([*(name for name in excitation.columns if name not in self.inputs),
                          *(name for name in excitation.start_values if name not in self.values)])
 
     def _changes(self, excitation: Excitation, changes: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the parameters that differ. Raises EmcasError where the subject cannot be excited so."""
+        """Return all changed parameters. Raises EmcasError where the subject cannot be excited in this way."""
         excitation = excitation.with_start_values(changes)
         if obstacle := self.obstacle(excitation):
             raise EmcasError(f"{excitation.title}: {obstacle} ({self.model})")
@@ -185,7 +184,7 @@ class Subject(ABC):
 
 
 def lacking(outputs: Iterable[str], present: Collection[str]) -> str:
-    """Return which of these outputs are not present, in words; empty where all are."""
+    """Return in words which of these outputs are not present; empty where all are."""
     return _without([name for name in outputs if name not in present])
 
 
@@ -194,20 +193,20 @@ def _without(names: Sequence[str]) -> str:
 
 
 def left_out(figures: Mapping[str, Figure], present: Collection[str]) -> dict[str, list[str]]:
-    """Return the figures that need an output which is not present, by the reason."""
+    """Return the names of the figures that need an output which is not present, by the reason."""
     names: dict[str, list[str]] = {}
     for name, figure in figures.items():
-        if why := lacking(figure.needs, present):
-            names.setdefault(why, []).append(name)
+        if reason := lacking(figure.needs, present):
+            names.setdefault(reason, []).append(name)
     return names
 
 
 class ParameterSubject(Subject):
-    """A parameter set, run by the kernel in this process; `files` are those it is of."""
+    """A parameter set, run by the kernel in this process; `files` are its parameter files."""
 
     def __init__(self, parameters: ParameterSet, files: Sequence[Path] = ()) -> None:
         self.files, self.model = files, parameters.model
-        self.__dict__["parameters"] = parameters  # in place of those the base class makes of the values
+        self.__dict__["parameters"] = parameters  # instead of the cached property of the base class
 
     @cached_property
     def values(self) -> Mapping[str, Any]:
@@ -244,11 +243,11 @@ class ParameterSubject(Subject):
                   else np.asarray(v.initial({**self.values, **changed}), dtype=float)[..., np.newaxis]
                   for v in self.inputs.values()]
         sets = np.repeat(self._numbers[np.newaxis], count, axis=0)
-        for name in changed.keys() & self._places.keys():
-            sets[:, self._places[name]] = changed[name]
+        for name in changed.keys() & self._indices.keys():
+            sets[:, self._indices[name]] = changed[name]
         step = excitation.step / substeps
         tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
-        # A run has the rows that it began, each of `substeps` points.
+        # A stopped run has the rows that it began, each of `substeps` points.
         stopped = {run: (-(-int(tables.reached[run]) // substeps), (str(error),))
                    for run, error in tables.failures.items() if isinstance(error, ArithmeticError)}
         refused = {run: error for run, error in tables.failures.items() if run not in stopped}
@@ -258,30 +257,30 @@ class ParameterSubject(Subject):
 
     def _sprung(self, excitation: Excitation, changes: Mapping[str, Any], outputs: Iterable[str] | None,
                 substeps: int, fine: Sequence[str]) -> Run:
-        """Return a response under a spring, whose moment is that of the fin angle at the last row."""
+        """Return a response under a spring, whose moment follows the fin angle at the beginning of each row."""
         begin, values = perf_counter(), {**self.values, **self._changes(excitation, changes)}
         table = [np.broadcast_to(excitation.columns.get(v.name, v.initial(values)), excitation.time.shape).tolist()
                  for v in self.inputs.values()]
         rows = [dict(zip(self.inputs, row, strict=True)) for row in zip(*table, strict=True)]
-        unit, messages = None, tuple[str, ...]()
+        stepped, messages = None, tuple[str, ...]()
         try:
-            unit = SteppedUnit(values, excitation.step / substeps, self.model, rows[0])
-            angle = unit.place("fin_angle")
+            stepped = SteppedUnit(values, excitation.step / substeps, self.model, rows[0])
+            angle = stepped.place("fin_angle")
             for row in rows[:-1]:
-                unit.run(**{**row, LOAD: row[LOAD] - excitation.spring * unit.now[angle]})
+                stepped.run(**{**row, LOAD: row[LOAD] - excitation.spring * stepped.now[angle]})
                 for _ in range(substeps - 1):
-                    unit.run()
+                    stepped.run()
         except ArithmeticError as error:
             messages = (str(error),)
-        given = unit.columns() if unit else dict.fromkeys(("time", *self.outputs), np.empty(0))
-        count = -(-len(given["time"]) // substeps)
-        columns = {name: given[name][:max((count - 1) * substeps + 1, 0):1 if name in fine else substeps]
+        recorded = stepped.columns() if stepped else dict.fromkeys(("time", *self.outputs), np.empty(0))
+        count = -(-len(recorded["time"]) // substeps)
+        columns = {name: recorded[name][:max((count - 1) * substeps + 1, 0):1 if name in fine else substeps]
                    for name in ("time", *(self.outputs if outputs is None else outputs))}
         stopped = float(np.max(columns["time"], initial=0.0)) if messages else None
         return Run(excitation, columns, stopped, messages, perf_counter() - begin)
 
     @cached_property
-    def _places(self) -> Mapping[str, int]:
+    def _indices(self) -> Mapping[str, int]:
         return {v.name: i for i, v in enumerate(self.actuator.parameters)}
 
     @cached_property
@@ -290,5 +289,5 @@ class ParameterSubject(Subject):
 
 
 def differences(values: Mapping[str, Any], model: str) -> tuple[str, ...]:
-    """Return the names of the parameters that are not the shipped ones."""
+    """Return the names of the parameters that differ from the shipped ones."""
     return tuple(e.variable.name for e in load_parameters(model=model).entries if values[e.variable.name] != e.value)

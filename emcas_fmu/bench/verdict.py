@@ -1,6 +1,6 @@
-"""Requirements judged: what was measured for each, whether it is met, and by what margin.
+"""Requirements judged: the measured value of each, whether it is met, and its margin.
 
-Every page and command takes its verdict from `judge`; `evaluate` is the same for many units at once.
+All pages and commands get their verdicts from `judge`; `evaluate` measures many variants at once.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SENSES = {"maximum": "<=", "minimum": ">="}
 
 
 class Figure(NamedTuple):
-    """What was measured for a requirement in a case, SI; nan where there is no value."""
+    """The measured value of a requirement in a case, SI; nan without a value."""
 
     requirement: Requirement
     case: Case
@@ -36,11 +36,11 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class Judged:
-    """A requirement and what was measured for it: `measured` [unit] at least or at most `limit` [unit].
+    """A requirement and its measured value: `measured` [unit] at least or at most `limit` [unit].
 
-    ``measured`` is None where it was not measured (skipped) or there is no such figure (failed), with the reason in
-    ``note``; of a bandwidth ``beyond`` those looked for it is the next of these. ``how`` it is measured, and ``case``,
-    that of the value, the worst.
+    ``measured`` is None where it was not measured (skipped) or has no value (failed), with the reason in ``note``. Of a
+    bandwidth ``beyond`` the range of the search it is the nearer end of the range. ``how`` says how it was measured,
+    ``case`` is the case of the worst value.
     """
 
     source: str
@@ -72,17 +72,17 @@ class Judged:
 
     @property
     def passed(self) -> bool:
-        """Whether the limit is kept; never true of a figure that is missing, no number or a bound on the wrong side."""
+        """Whether the limit is kept; false for a figure that is missing, not finite or a bound on the wrong side."""
         return self.margin is not None and bool(self.margin >= 0.0) and self.more_margin != "< "
 
     @property
     def more(self) -> str:
-        """The sign before a figure that is a bound."""
+        """The sign before a figure that is a bound; otherwise empty."""
         return "" if not self.beyond or self.measured is None else "< " if self.measured <= BANDWIDTHS[0] else "> "
 
     @property
     def more_margin(self) -> str:
-        """The same before the margin, which falls where what has a maximum rises."""
+        """The sign before the margin, which is reversed where the limit is a maximum."""
         return self.more if self.sense == ">=" else {"> ": "< ", "< ": "> "}.get(self.more, "")
 
     def as_dict(self) -> dict[str, Any]:
@@ -90,7 +90,7 @@ class Judged:
         return {**asdict(self), "margin": self.margin, "margin_percent": self.margin_percent, "passed": self.passed}
 
     def junit_case(self, classname: str, time: float = 0.0) -> TestCase:
-        """Return the requirement as a test case; `time` [s] is what its run took."""
+        """Return the requirement as a test case; `time` [s] is the wall time of its run."""
         return junit_case(self.name, classname, "" if self.passed else str(self), self.note if self.skipped else "",
                          time=time)
 
@@ -103,39 +103,39 @@ class Judged:
 
 def evaluate(subject: Subject, specification: Specification, changes: Sequence[Mapping[str, Any]],
              progress: Progress = silent) -> list[list[Figure]]:
-    """Measure every requirement that the subject has the means for, in its cases, for each of several units.
+    """Return the figures of all requirements that can be measured, in their cases, for each of several variants.
 
-    `changes` are the parameters that differ from the subject's, of each unit, those of a case over them; no unit
-    depends on what it is measured beside. In the order of the cases, then of the requirements. `progress` is called
-    with the test.
+    Each of the `changes` are the parameters of a variant that differ from the subject's; those of a case override them.
+    The figures of a variant do not depend on the others. Their order is that of the cases, then of the requirements.
+    `progress` is called with the test.
     """
     cases = {case.name: case for case in specification.cases}
     able = [(r.test, r) for r in specification.requirements if r.test and not r.obstacle(subject)]
-    found: dict[tuple[int, str], list[Figure]] = {(k, name): [] for k in range(len(changes)) for name in cases}
+    figures: dict[tuple[int, str], list[Figure]] = {(k, name): [] for k in range(len(changes)) for name in cases}
     tests = [(test, [r for _, r in group])
              for test, group in groupby(sorted(able, key=lambda each: repr(each[0])), key=lambda each: each[0])]
     start = at_start(subject)
     for done, (test, requirements) in enumerate(tests):
         progress(str(test), done, len(tests))
-        units = [(k, name) for k in range(len(changes)) for name in cases
-                 if any(name in r.cases for r in requirements)]
+        variants = [(k, name) for k in range(len(changes)) for name in cases
+                    if any(name in r.cases for r in requirements)]
         with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
-            measured = measure(test, subject, [cases[name].of({**start, **changes[k]}) for k, name in units],
+            measured = measure(test, subject, [cases[name].of({**start, **changes[k]}) for k, name in variants],
                                tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
-        for (k, name), figures in zip(units, measured.tolist(), strict=True):
-            found[k, name] += [Figure(r, cases[name], figure)
-                               for r, figure in zip(requirements, figures, strict=True) if name in r.cases]
+        for (k, name), values in zip(variants, measured.tolist(), strict=True):
+            figures[k, name] += [Figure(r, cases[name], value)
+                                 for r, value in zip(requirements, values, strict=True) if name in r.cases]
     progress("done", len(tests), len(tests))
-    return [[figure for name in cases for figure in found[k, name]] for k in range(len(changes))]
+    return [[figure for name in cases for figure in figures[k, name]] for k in range(len(changes))]
 
 
 def at_start(subject: Subject) -> dict[str, Any]:
-    """Return parameters with which a subject follows from the first row on."""
+    """Return the changed parameters with which a subject follows its command from the first row."""
     return {"homing.required": False} if "homing.required" in subject.values else {}
 
 
 def judge(subject: Subject, specification: Specification, progress: Progress = silent) -> list[Judged]:
-    """Judge a subject by requirements, each by the worst of its cases; `progress` is called with the test."""
+    """Judge a subject by requirements, each in its worst case; `progress` is called with the test."""
     (figures,) = evaluate(subject, specification, [{}], progress)
     by_name: dict[str, list[Figure]] = {}
     for figure in figures:
@@ -144,12 +144,12 @@ def judge(subject: Subject, specification: Specification, progress: Progress = s
 
 
 def worst_of(figures: Iterable[Figure]) -> Figure:
-    """Return the worst of what was measured for a requirement; no value is worse than any."""
+    """Return the worst figure of a requirement; a missing value is the worst."""
     return max(figures, key=lambda f: f.requirement.sign * f.measured if isfinite(f.measured) else np.inf)
 
 
 def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judged:
-    """Return a requirement with the worst of what was measured for it; skipped where nothing was."""
+    """Return a requirement with its worst figure; skipped where none was measured."""
     unit, factor = r.shown
     fixed: dict[str, Any] = {
         "source": r.source, "name": r.name, "title": r.title or r.name, "sense": SENSES[r.sense],
@@ -168,7 +168,7 @@ def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judge
 
 
 def _why(r: Requirement, measured: float) -> str:
-    """Return why a figure has no value, in words."""
+    """Return in words why a figure has no value."""
     kind = r.test.kind if r.test else ""
     if kind == "linear":
         return "the loop is unstable when closed"
@@ -180,13 +180,13 @@ def _why(r: Requirement, measured: float) -> str:
 
 
 def all_passed(judged: Sequence[Judged]) -> bool:
-    """Return whether something was judged and all of it passed."""
+    """Return whether at least one requirement was judged and all judged ones passed."""
     counted = [j for j in judged if not j.skipped]
     return bool(counted) and all(j.passed for j in counted)
 
 
 def in_words(judged: Sequence[Judged], one: str = "requirement", many: str = "requirements") -> str:
-    """Return how many are met and how many were not judged; `one` and `many` are what they are called."""
+    """Return in words how many are met and how many were not judged; `one` and `many` are the nouns for them."""
     counted = [j for j in judged if not j.skipped]
     failed, left = sum(not j.passed for j in counted), len(judged) - len(counted)
     met = ("nothing was judged" if not counted else
@@ -196,12 +196,12 @@ def in_words(judged: Sequence[Judged], one: str = "requirement", many: str = "re
 
 
 def remarks(judged: Sequence[Judged]) -> list[str]:
-    """Return a line for each requirement that is missed, was not judged, or has a note."""
+    """Return a line for each requirement that is missed, not judged, or has a note."""
     return [f"{j.name}: {j.note}" if j.skipped else f"{j.name}: {j}" for j in judged if j.note or not j.passed]
 
 
 def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
-    """Return requirements as a table for the terminal, with a line between those of different sources."""
+    """Return requirements as a table for the terminal, with a line between different sources."""
     table = RichTable(Column(heading, no_wrap=True), *(Column(name, justify="right") for name in (
         "measured", "required", "margin")), "unit", "")
     for j, after in zip_longest(judged, judged[1:]):

@@ -1,4 +1,4 @@
-"""Writing results: JSON, JUnit, and pages of one look with nothing outside them."""
+"""Writers of results: JSON, JUnit, and self-contained pages of one layout."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 _SCRIPTS = {"uplot": "uplot/uPlot.iife.min.js", "uplot_style": "uplot/uPlot.min.css",
             "uplot_licence": "uplot/LICENSE", "marks_script": "marks.js", "curves_script": "curves.js"}
-_LONG, _MOST_LISTED = 4, 40  # headings: of a page that has a list of contents, and of one whose h3 stand in it
+_LONG, _MOST_LISTED = 4, 40  # least headings of a page with contents; most headings of contents that list h3, too
 
 
 def plain(value: Any) -> Any:
-    """Return a document for JSON, which knows neither arrays nor infinity nor NaN: lists, and null."""
+    """Return a document for JSON: lists in place of arrays, and null in place of infinity and NaN."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -51,7 +51,7 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
 
 def junit_case(name: str, classname: str, failed: str = "", skipped: str = "", kind: str = "limit missed",
                time: float = 0.0) -> TestCase:
-    """Return a test case: `failed` and `skipped` say why it is; `kind` is the failure's type, `time` [s]."""
+    """Return a test case; `failed` or `skipped` is the reason, `kind` the failure's type, `time` is in s."""
     case = TestCase(name, classname, time)
     if skipped:
         case.result = [Skipped(skipped)]
@@ -73,13 +73,13 @@ def write_junit(name: str, suites: Mapping[str, Iterable[TestCase]], path: Path)
 
 
 def terminal_table(*header: str | Column, title: str = "") -> Table:
-    """Return a table for the terminal, without lines but one below its header."""
+    """Return a table for the terminal with a single line, below its header."""
     return Table(*header, title=title or None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
                  pad_edge=False)
 
 
 def rounded(value: float, form: str) -> str:
-    """Return a number in a format such as ``+.3f`` for people: 0 has no sign, a dash stands for inf and nan."""
+    """Return a number in a format such as ``+.3f`` for people: 0 has no sign, inf and nan are a dash."""
     if not isfinite(value):
         return "–"
     text = format(value, form)
@@ -87,7 +87,7 @@ def rounded(value: float, form: str) -> str:
 
 
 def number(value: float | bool | None) -> str:
-    """Return a figure for people: four digits, a dash for none, infinity as a word."""
+    """Return a figure for people: four digits, a dash for none, words for infinity."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None or value != value:
@@ -98,7 +98,7 @@ def number(value: float | bool | None) -> str:
 
 
 def beside(value: float | bool | None, limit: float) -> str:
-    """Return a figure for people as `number`, with as many more digits as part it from another number, its limit."""
+    """Return a figure for people as `number`, with more digits where they are needed to tell it from its limit."""
     text = number(value)
     if value is None or not isfinite(value) or value == limit:
         return text
@@ -107,16 +107,16 @@ def beside(value: float | bool | None, limit: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in whole percent for people; a smaller one that is not 0 with a digit that says so."""
+    """Return a share in whole percent for people; one that would round to 0 has one significant digit."""
     value = 100.0 * share
     text = rounded(value, ".0f")
     return f"{text if text != '0' or not value else rounded(value, '.1g')} %".replace("-", "−")
 
 
 def with_unit(value: float | bool | None, unit: str, limit: float | None = None) -> str:
-    """Return a figure with its unit, typeset; a time of less than a second in ms.
+    """Return a figure with its unit, typeset; a time of less than a second is in ms.
 
-    Beside a `limit` it has the digits that part it from that.
+    With a `limit` it has the digits that are needed to tell it from the limit.
     """
     if unit == "s" and value and abs(value) < 1.0:
         value, unit, limit = value * 1e3, "ms", None if limit is None else limit * 1e3
@@ -127,13 +127,13 @@ def with_unit(value: float | bool | None, unit: str, limit: float | None = None)
 
 
 def stated(value: float | bool, unit: str, name: str = "") -> Markup:
-    """Return a figure with its unit, and the name of the parameter or input that it is of."""
+    """Return a value with its unit, and the name of its parameter or input."""
     of = Markup(' <span class="quiet">{}</span>').format(code(name)) if name else ""
     return escape(with_unit(value, unit)) + of
 
 
 def code(text: str) -> Markup:
-    """Return a name as a page shows it; nothing of none."""
+    """Return a name as a page shows it; empty for an empty one."""
     return Markup("<code>{}</code>").format(text) if text else Markup("")
 
 
@@ -144,7 +144,7 @@ def typeset(unit: str) -> str:
 
 
 def css_text(text: str) -> str:
-    """Return a text as it is written between the quotes of a style sheet: nothing in it ends them, or the element."""
+    """Return a text for a style sheet's quotes, escaped so that it ends neither the quotes nor the element."""
     return re.sub(r"[^\w .,+-]", lambda found: f"\\{ord(found[0]):x} ", text)
 
 
@@ -168,7 +168,7 @@ def _environment() -> Environment:
 
 
 def page(template: str | Path, **context: Any) -> str:
-    """Return a document of a template, named from the package on (``studies/report/page.html.j2``), or of any file.
+    """Return the text of a template, named relative to the package (``studies/report/page.html.j2``) or any file.
 
     The same context gives the same text.
     """
@@ -181,7 +181,7 @@ def write_page(path: Path, template: str | Path, of: Iterable[ParameterSet | Ide
                **context: Any) -> None:
     """Write the page of a template that extends ``bench/base.html.j2``; see `page`.
 
-    It ends with how it was made, `of` what, on a `date` or today.
+    It ends with its provenance: the sources `of` it, and the `date`, by default today.
     """
     how = made(*of)
     text = page(template, made=replace(how, date=date) if date else how, **context)
@@ -189,7 +189,7 @@ def write_page(path: Path, template: str | Path, of: Iterable[ParameterSet | Ide
 
 
 def outlined(body: str) -> str:
-    """Return a page's body with its figures and tables numbered, and a list of contents before the first heading."""
+    """Return a page's body with numbered figures and tables, and the contents before the first heading."""
     for element, word in (("figcaption", "Figure"), ("caption", "Table")):
         first, *others = body.split(f"<{element}>")
         body = first + "".join(f"<{element}><b>{word} {n}.</b> {rest}" for n, rest in enumerate(others, 1))

@@ -37,7 +37,7 @@ def test_a_fin_has_the_figures_of_its_parameters(write: Write, pair: Path) -> No
         assert_same_rows(by_fin[fin], study, drawn)
         subject = sample.subject_of(by_fin[fin].plan)
         assert isinstance(subject, FmuSubject)
-        assert subject.unit.names["fin_command"] == f"fin[{fin}].fin_command"  # and no other with its parameters
+        assert subject.fmu.names["fin_command"] == f"fin[{fin}].fin_command"  # and no other with its parameters
     sound, worn = (rows_of(study.plan.packed(), [0], drawn)[0] for study in alone.values())
     assert worn["step.energy"] > 1.1 * sound["step.energy"]
 

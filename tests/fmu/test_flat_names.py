@@ -162,8 +162,8 @@ def test_messages_of_the_native_unit(built: Mapping[tuple[str, str, int, str], P
     with open_subject(built["native", "2", 4, "flat"], fin=3) as subject:
         assert isinstance(subject, FmuSubject)
         messages: list[str] = []
-        instance = subject.unit.instance(lambda *arguments: messages.append(arguments[4].decode()))
-        subject.unit.set_starts(instance, {"fin.stop_angle": 0.1})
+        instance = subject.fmu.instance(lambda *arguments: messages.append(arguments[4].decode()))
+        subject.fmu.set_starts(instance, {"fin.stop_angle": 0.1})
         instance.setupExperiment(startTime=0.0)
         instance.enterInitializationMode()
         with pytest.raises(FMICallException):
