@@ -40,7 +40,7 @@ def fly() -> Results:
 def draw(results: Results) -> None:
     """Write the picture."""
     with style():
-        kinds(results, DRAWN)[0].savefig(Path(__file__).parent / "jsbsim_kinds.png", dpi=110, facecolor="white",
+        kinds(results, DRAWN).figure.savefig(Path(__file__).parent / "jsbsim_kinds.png", dpi=110, facecolor="white",
                                          metadata={"Software": None})
 
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from emcas_fmu.figures.plots import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILLION, figure, shade
+from emcas_fmu.figures.plots import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Drawing, figure, shade
 
 from .results import (
     AXES,
@@ -26,7 +25,6 @@ from .results import (
 )
 from .vehicle import Array
 
-Drawing = tuple[Figure, str, str]
 _COLORS = {IDEAL: GRAY, UNDELAYED: GREEN, SECOND_ORDER: ORANGE, STIFF: VERMILLION}
 _OF_FMUS = (BLUE, VERMILLION, PURPLE, SKY, GREEN)
 _DASHES = ("-", (0, (4, 1.5)), (0, (1, 1)))
@@ -41,7 +39,7 @@ def _look(results: Results, actuator: str) -> dict[str, Any]:
 
 
 def of_manoeuvre(results: Results, name: str) -> Iterator[Drawing]:
-    """Figure, title and caption of each picture of a manoeuvre."""
+    """Yield each picture of a manoeuvre."""
     flown = results.flights[name]
     # The stiff bus is beside the other in its own picture, and would hide it in the rest.
     few = {actuator: f for actuator, f in flown.items() if actuator != STIFF or len(flown) == 1}
@@ -96,10 +94,10 @@ def kinds(results: Results, name: str) -> Drawing:
     pitch.set_title(results.manoeuvres[name].title)
     energy.set_title("Four fins")
     drawn.legend(*pitch.get_legend_handles_labels(), loc="outside upper center", ncols=5)
-    return drawn, "Kinds of actuators", (
-        f"{results.manoeuvres[name].title}. Below, how far the attitude is from that of ideal fins, as one turn; "
-        "right, energy of all four fins, electric from the bus, hydraulic from the pressure line; a second-order "
-        "actuator knows the mechanical work against the hinge moments alone.")
+    return Drawing(
+        "Kinds of actuators", drawn, f"{results.manoeuvres[name].title}. Below, how far the attitude is from that of "
+        "ideal fins, as one turn; right, energy of all four fins, electric from the bus, hydraulic from the pressure "
+        "line; a second-order actuator knows the mechanical work against the hinge moments alone.")
 
 
 def _kind(actuator: str, flight: Flight) -> str:
@@ -122,7 +120,7 @@ def attitude(results: Results, name: str, flown: Mapping[str, Flight]) -> Drawin
         axes.set_ylabel(f"{axis} / deg")
     _legend(grid[0, 0])
     grid[-1, 0].set_xlabel("time / s")
-    return drawn, "Attitude", f"{results.manoeuvres[name].title}. Angles from those at launch."
+    return Drawing("Attitude", drawn, f"{results.manoeuvres[name].title}. Angles from those at launch.")
 
 
 def actuation(results: Results, flown: Mapping[str, Flight]) -> Drawing:
@@ -149,8 +147,8 @@ def actuation(results: Results, flown: Mapping[str, Flight]) -> Drawing:
     if power.lines:
         _legend(power)
     power.set_xlabel("time / s")
-    return drawn, "Actuators", (f"Fin 1 and the power of all four.{shaded} An ideal actuator has no finite rate or "
-                                "power after a step, and is left out there.")
+    return Drawing("Actuators", drawn, f"Fin 1 and the power of all four.{shaded} An ideal actuator has no finite rate "
+                   "or power after a step, and is left out there.")
 
 
 def bus(results: Results, flown: Mapping[str, Flight]) -> Drawing:
@@ -172,8 +170,8 @@ def bus(results: Results, flown: Mapping[str, Flight]) -> Drawing:
     for axes in grid[-1]:
         axes.set_xlabel("time / s")
     _legend(grid[0, 0])
-    return drawn, "Bus", ("Voltage at the drives, current and power of all four; right, around the lowest voltage. "
-                          "Negative: the motors brake and feed the bus.")
+    return Drawing("Bus", drawn, "Voltage at the drives, current and power of all four; right, around the lowest "
+                   "voltage. Negative: the motors brake and feed the bus.")
 
 
 def convergence(results: Results) -> Drawing:
@@ -193,7 +191,7 @@ def convergence(results: Results) -> Drawing:
         axes.set_xticks([], minor=True)
     grid[0, 0].set_ylabel("error / deg")
     grid[0, 0].legend(loc="best")
-    return drawn, "Convergence", "Against a flight with 0.0625 ms; dashed: slopes of first and second order."
+    return Drawing("Convergence", drawn, "Against a flight with 0.0625 ms; dashed: slopes of first and second order.")
 
 
 def _legend(axes: Axes) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
-
-from emcas_fmu import __version__
-from emcas_fmu.figures.plots import style, svg
+from emcas_fmu.bench.provenance import made_by
+from emcas_fmu.bench.writers import write_page
+from emcas_fmu.figures import plots
 from emcas_fmu.studies.fitting import NAMES
 
 from .convergence import REFERENCE
@@ -37,18 +38,25 @@ VALID = 25.0  # deg of incidence, of the aircraft file
 _NO_STEPS = {"ideal": {"fin_rate_largest_deg_s", "power_largest_w", "energy_drawn_j", "energy_returned_j"}}
 
 
+def _pictures(drawings: Iterable[plots.Drawing]) -> list[plots.Picture]:
+    """Return pictures that stay as they are: a flight has too many points for curves that a script draws."""
+    return [picture._replace(curves="") for picture in plots.pictures(drawings)]
+
+
 def write_report(results: Results, path: Path, command: str) -> None:
-    """Write the page."""
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined,
-                              trim_blocks=True, lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
-    with style():
-        drawn = {name: [(svg(picture, f"{name}: {title}"), title, caption)
-                        for picture, title, caption in of_manoeuvre(results, name)] for name in results.flights}
-        converged = convergence(results) if results.convergence else None
-        picture = (svg(converged[0], "Convergence"), converged[2]) if converged else None
-    page = environment.get_template("report.html.j2").render(
-        results=results, figures=all_figures(results), drawn=drawn, converged=picture, rows=ROWS, labels=results.labels,
-        agreements=agreements(results), meaningless=_NO_STEPS, command=command, version=__version__,
-        jsbsim=version("jsbsim"), reference=REFERENCE, valid=VALID,
-        second_order=[fit.parameters.values[name] for name in NAMES] if (fit := results.second_order) else None)
-    path.write_text(page, encoding="utf-8", newline="\n")
+    """Write the page; `command` is the one that made it."""
+    converged = list(results.convergence.values())[:1]
+    with made_by(shlex.split(command)):
+        write_page(
+            path, Path(__file__).with_name("report.html.j2"), [], results=results, figures=all_figures(results),
+            headings={name: [results.labels[each] for each in flown] for name, flown in results.flights.items()},
+            pictures={name: _pictures(of_manoeuvre(results, name)) for name in results.flights},
+            converged=_pictures(convergence(results) for _ in converged),
+            steps=[f"{1e3 * step:g} ms" for each in converged for step in each.steps],
+            convergence=[(name, quantity, errors, c.order(errors)) for name, c in results.convergence.items()
+                         for quantity, errors in (("attitude", c.attitude), ("fins", c.fins))],
+            agreements=[(name, master, each, not k) for name, found in agreements(results).items()
+                        for k, (master, each) in enumerate(found.items())],
+            rows=ROWS, labels=results.labels, meaningless=_NO_STEPS, jsbsim=version("jsbsim"), reference=REFERENCE,
+            valid=VALID, second_order=[results.second_order.parameters.values[name] for name in NAMES]
+            if results.second_order else None)

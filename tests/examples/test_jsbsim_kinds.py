@@ -143,7 +143,7 @@ def test_energy_in_the_picture_is_that_of_the_table(flight: Mapping[str, Array])
     found = figures(swinging, 1e-3, {})
     assert found["energy_returned_j"] > 1.0
     with style():
-        drawn = kinds(results, "gentle")[0]
+        drawn = kinds(results, "gentle").figure
     _, energy, _, share = drawn.axes
     ended: Any = energy.lines[0].get_ydata()
     assert ended[-1] == pytest.approx(found["energy_drawn_j"] - found["energy_returned_j"])
