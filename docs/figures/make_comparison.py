@@ -29,7 +29,7 @@ from emcas_fmu.bench.writers import with_unit
 from emcas_fmu.extensions.fault_list import possible
 from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.compare import study
+from emcas_fmu.studies.compare import sets
 from emcas_fmu.studies.report import mission, stiffness
 from emcas_fmu.studies.report.outcome import Value
 from emcas_fmu.studies.report.rig import Rig
@@ -156,7 +156,7 @@ def _rows(rows: Mapping[str, Callable[[Kind], str]]) -> str:
 
 def table2() -> str:
     """Table 2 of every kind; bold where it is missed."""
-    found = study.compare(study.load_sets(list(KINDS), NONLINEAR))
+    found = sets.compare(sets.load_sets(list(KINDS), NONLINEAR))
     rows = [(row[0].title.replace("N.m", "N·m"), f"{'≥' if row[0].sense == '>=' else '≤'} "
              f"{with_unit(row[0].limit, row[0].unit)}",
              *(("" if j.passed else "**") + j.more + with_unit(j.measured, j.unit) + ("" if j.passed else "**")

@@ -30,10 +30,10 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate, simulate_fins
+from emcas_fmu.studies.baseline.comparison import TEMPLATE, compare, record
+from emcas_fmu.studies.baseline.comparison_output import HEADER, cells, selected, verdict
 from emcas_fmu.studies.baseline.files import read
-from emcas_fmu.studies.baseline.output import HEADER, cells, selected, verdict
-from emcas_fmu.studies.baseline.study import TEMPLATE, compare, record
-from emcas_fmu.studies.compare import study as comparison
+from emcas_fmu.studies.compare import sets
 from emcas_fmu.studies.fitting import fit
 from emcas_fmu.studies.identification.current_loop import response
 from emcas_fmu.variables import Variable
@@ -252,7 +252,7 @@ def structures() -> str:
 
 def presets() -> str:
     """Table 2 for the readings of the current loop's gains; bold where it is missed."""
-    found = comparison.compare(comparison.load_sets(comparison.DRIVES[1:], NONLINEAR))
+    found = sets.compare(sets.load_sets(sets.DRIVES[1:], NONLINEAR))
     rows = [[name.replace("drive.", "`drive.") + "`", "", *(f"{value:g}" for value in values)]
             for name, values in found.differing.items()]
     for row in (row for row in found.rows if "Table 2" in row[0].source):
@@ -293,7 +293,7 @@ def slopes() -> str:
     """Slope and offset of the motor current over a reference that is held, of a rotor at rest, per drive set."""
     volts = np.linspace(-4.0, 4.0, 17)
     rows = []
-    for name in comparison.DRIVES[1:]:
+    for name in sets.DRIVES[1:]:
         values = load_parameters(name).values
         given = [values[f"drive.{key}"] for key in ("current_gain", "current_offset", "transport_delay", "kp", "ki")]
         lines = []

@@ -40,10 +40,10 @@ def record(
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
 ) -> None:
     """Approve the present response: write its figures and trajectories as text to commit."""
+    from ..studies.baseline.comparison import TEMPLATE, first
+    from ..studies.baseline.comparison import record as run
     from ..studies.baseline.files import read, write
     from ..studies.baseline.model import FILE
-    from ..studies.baseline.study import TEMPLATE, first
-    from ..studies.baseline.study import record as run
 
     with common.failures():
         common.check_outputs(output / FILE, folders=(output,), inputs=(subject, *(parameters or ())))
@@ -90,9 +90,9 @@ def check(
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
     from ..bench.writers import write_json
+    from ..studies.baseline.comparison import compare
+    from ..studies.baseline.comparison_output import append_markdown, as_dict, remedy, summary, write_junit
     from ..studies.baseline.files import read
-    from ..studies.baseline.output import append_markdown, as_dict, remedy, summary, write_junit
-    from ..studies.baseline.study import compare
 
     with common.failures():
         common.check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
@@ -107,7 +107,7 @@ def check(
         if markdown:
             append_markdown(result, advice, markdown, everything)
         if report:
-            from ..studies.baseline.output import write_report
+            from ..studies.baseline.comparison_output import write_report
 
             write_report(result, advice, report)
     # A log has no width of its own, and a folded table is hard to read there.

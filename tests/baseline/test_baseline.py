@@ -16,9 +16,9 @@ import pytest
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.schema import In
+from emcas_fmu.studies.baseline.comparison import Row, compare
 from emcas_fmu.studies.baseline.files import read
 from emcas_fmu.studies.baseline.model import ALL, Jump, Limit, output_units, unit_of
-from emcas_fmu.studies.baseline.study import Row, compare
 
 from .conftest import SHORT, check, edit, emcas, record
 

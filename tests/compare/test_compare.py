@@ -14,8 +14,8 @@ from emcas_fmu.bench.verdict import judge
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.compare import study
-from emcas_fmu.studies.compare.study import DRIVES, Column, compare, load_sets
+from emcas_fmu.studies.compare import sets
+from emcas_fmu.studies.compare.sets import DRIVES, Column, compare, load_sets
 from emcas_fmu.support.files import named_sets
 
 
@@ -50,7 +50,7 @@ def test_the_default_set_is_judged_as_everywhere(drives: dict[str, Column]) -> N
 
 
 def test_what_differs_between_the_sets(drives: dict[str, Column]) -> None:
-    assert study.Result(tuple(drives.values())).differing == {
+    assert sets.Result(tuple(drives.values())).differing == {
         "drive.kp": (5.0, 5.0, 1.04, 5.0), "drive.ki": (0.1, 0.1, 0.0018, 2083.0)}
 
 

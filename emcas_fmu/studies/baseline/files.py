@@ -1,6 +1,6 @@
-"""A baseline in files: text to be read in a review, the same for the same response.
+"""A baseline in files: text for a review, the same for the same response.
 
-Every entry that is read is checked, and a wrong one named with its file.
+Every entry that is read is checked; a message names a wrong one and its file.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class _File(schema.Table):
 
 
 def read(path: Path, model: str = NONLINEAR) -> Baseline:
-    """Return the baseline of an actuator in a folder; of a file limits and cases only, which is what recording needs.
+    """Return the baseline of an actuator in a folder, or of a file its limits and cases, for recording.
 
     Raises EmcasError.
     """
@@ -114,7 +114,7 @@ def read(path: Path, model: str = NONLINEAR) -> Baseline:
 
 
 def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
-    """Return the columns of a case's file but its time."""
+    """Return the columns of a case's file, without time."""
     units = output_units(model)
     columns = ["time [s]", *(f"{name} [{units[name]}]" for name in limits.traces)]
     if not path.is_file():
@@ -138,16 +138,16 @@ def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
 
 
 def write(baseline: Baseline, folder: Path) -> list[Path]:
-    """Write the files of a baseline, all of them or none, and give them. Raises EmcasError."""
+    """Write the files of a baseline, all or none, and return their paths. Raises EmcasError."""
     units, files = output_units(baseline.model), dict[str, str | bytes]()
     for name, traces in baseline.traces.items():
         table, columns = BytesIO(), np.column_stack(list(traces.values()))
         times = np.arange(len(columns)) * baseline.limits.sample_time
-        # No zero has a sign.
+        # Adding 0.0 removes the sign of zeros.
         np.savetxt(table, np.column_stack([times, columns]) + 0.0, f"%.{DIGITS}g", ",", comments="",
                    header=",".join(["time [s]", *(f"{output} [{units[output]}]" for output in traces)]))
         files[f"{name}.csv"] = table.getvalue()
-    # Last, so that a folder with trajectories only is seen to be unfinished.
+    # Written last: a folder with trajectories only is recognised as unfinished.
     files[FILE] = "\n".join(_document(baseline)) + "\n"
     return write_folder(folder, files)
 

@@ -1,1 +1,1 @@
-"""Parameter sets side by side, by the requirements of the thesis's Table 2."""
+"""Parameter sets or actuators side by side, judged by the same requirements."""

@@ -1,7 +1,4 @@
-"""A comparison on the terminal, as JSON, JUnit XML, Markdown and a page with pictures.
-
-The same rows show on all of them.
-"""
+"""A comparison on the terminal, as JSON, as JUnit XML, as Markdown and as a page; all show the same rows."""
 
 from __future__ import annotations
 
@@ -20,9 +17,9 @@ from ... import __version__
 from ...bench import writers
 from ...figures import plots
 from ...support.writing import append
+from .comparison import Comparison, Row
 from .model import NEVER, output_units
 from .model import SCHEMA as BASELINE
-from .study import Comparison, Row
 
 SCHEMA = "emcas-baseline-check/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
@@ -32,12 +29,12 @@ _STYLES = {"ok": "green", "not judged": "dim", "DRIFT": "bold red"}
 
 
 def number(value: float) -> str:
-    """Return five significant digits; `never` where a level is not reached."""
+    """Return a number with five significant digits; `never` where a level is not reached."""
     return f"{value + 0.0:.5g}" if isfinite(value) else NEVER
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """Return a row as it is shown, a cell for each name of HEADER."""
+    """Return the cells of a row, in the order of HEADER."""
     change = row.change
     moved = f"{change + 0.0:+.3g}" if isfinite(change) else "-"
     limit = "-" if row.limit is None else f"{row.limit:.3g}"
@@ -47,7 +44,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
-    """Yield what drifted, and of a case without drift what comes nearest to its limit; or everything."""
+    """Yield the rows that drifted, and of a case without drift the one nearest to its limit; or all rows."""
     for case in dict.fromkeys(row.case for row in comparison.rows):
         rows = [row for row in comparison.rows if row.case == case]
         drifted = [row for row in rows if not row.passed]
@@ -57,7 +54,7 @@ def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
 
 
 def verdict(comparison: Comparison) -> str:
-    """Return the result in a sentence."""
+    """Return the verdict in a sentence."""
     if not comparison.judged and not comparison.stopped:
         return "nothing was judged: the baseline has no limits"
     if comparison.passed:
@@ -69,7 +66,7 @@ def verdict(comparison: Comparison) -> str:
 
 
 def remedy(comparison: Comparison, file: str, folder: str) -> str:
-    """Return what to do about a drift from the baseline in `folder`; `file` is the article's, empty for the shipped."""
+    """Return the remedy for a drift from the baseline in `folder`; `file` is the subject's, empty for the shipped."""
     fin = comparison.identification.fin or 1
     which = f" --fin {fin}" if fin > 1 else ""
     was, now = comparison.baseline.recorded.get("file", ""), comparison.identification.file
@@ -80,7 +77,7 @@ def remedy(comparison: Comparison, file: str, folder: str) -> str:
 
 
 def summary(comparison: Comparison, everything: bool = False) -> Iterator[RenderableType]:
-    """Yield what drifted, or what came nearest to its limit; what changed; the verdict."""
+    """Yield the selected rows as a table, the changed parameters, notes and the verdict."""
     about = comparison.identification
     which = f", fin {about.fin}" if about.fin else ""
     yield escape(f"{about.kind} {about.file}{which}  {about.guid}".rstrip())
@@ -108,7 +105,7 @@ def summary(comparison: Comparison, everything: bool = False) -> Iterator[Render
 
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
-    """Return everything but the trajectories."""
+    """Return all of the comparison except the trajectories."""
     rows = [{**asdict(row), "change": row.change, "share_of_limit": row.share, "passed": row.passed}
             for row in comparison.rows]
     about = comparison.identification
@@ -126,19 +123,19 @@ def write_junit(comparison: Comparison, path: Path) -> None:
 
 
 def _tests(comparison: Comparison, case: str) -> Iterator[TestCase]:
-    place = f"emcas.baseline.{case}"
+    classname = f"emcas.baseline.{case}"
     if case in comparison.stopped:
-        yield writers.junit_case("run", place, comparison.stopped[case], kind="not finished")
+        yield writers.junit_case("run", classname, comparison.stopped[case], kind="not finished")
     for row in comparison.rows:
         if row.case == case and row.limit is not None:
             shown = list(zip(HEADER, cells(row), strict=True))[1:-1]
             drift = "" if row.passed else ", ".join(f"{key} {cell}" for key, cell in shown)
             name = row.name if row.at is None else f"{row.name}_trajectory"
-            yield writers.junit_case(name, place, drift, kind="drift")
+            yield writers.junit_case(name, classname, drift, kind="drift")
 
 
 def append_markdown(comparison: Comparison, remedy: str, path: Path, everything: bool = False) -> None:
-    """Append a section; to a file, as the summary of a job is one that several steps write to."""
+    """Append a section to a file; several steps of a job write to its summary."""
     append(path, "\n".join(_markdown(comparison, remedy, everything)) + "\n\n")
 
 
@@ -177,7 +174,7 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
 
 
 def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
-    """Yield each trajectory: approved and present, and their difference."""
+    """Yield the picture of each trajectory, approved and now, with their difference."""
     units = output_units(comparison.baseline.model)
     for case, curves in comparison.curves.items():
         for name, (time, old, new) in curves.items():

@@ -1,4 +1,4 @@
-"""Parameter sets and actuators judged by the same requirements, beside each other."""
+"""Parameter sets and actuators, judged by the same requirements side by side."""
 
 from __future__ import annotations
 
@@ -22,43 +22,42 @@ from ...support.progress import Progress, silent
 DEFAULT = "default"
 """The name of the default set itself."""
 DRIVES = (DEFAULT, "drive-si", "drive-scaled", "drive-pi")
-"""What is compared unless sets are given."""
+"""The sets compared by default."""
 _OUTPUTS = ("fin_angle", "fin_rate")
-DRAWN: Mapping[str, Test] = {"Step to 20 deg": Test("step", radians(20.0), 0.45),
+PLOTTED: Mapping[str, Test] = {"Step to 20 deg": Test("step", radians(20.0), 0.45),
                              "Slew from -20 to 20 deg against 100 N.m": Test("slew", radians(20.0), 0.5, -100.0)}
-"""The tests whose responses are drawn, by the titles of these."""
+"""The tests whose responses are plotted, by their titles."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One set or actuator: the name it was given by, the parameters, and what was measured, a row each."""
+    """One set or actuator: its name, its parameters, the judged requirements and, by title, the plotted responses."""
 
     name: str
     parameters: ParameterSet
     judged: tuple[Judged, ...]
     runs: Mapping[str, Run] = field(repr=False)
-    """Responses for the pictures, by name."""
 
     @property
     def passed(self) -> bool:
-        """Whether all that was judged is met."""
+        """Whether all judged requirements are met."""
         return verdict.all_passed(self.judged)
 
 
 @dataclass(frozen=True)
 class Result:
-    """Sets, or actuators, beside each other."""
+    """Sets, or actuators, side by side."""
 
     columns: tuple[Column, ...]
 
     @property
     def rows(self) -> list[tuple[Judged, ...]]:
-        """A row for each requirement: of every set what was measured for it."""
+        """A row for each requirement: its judgement in each set."""
         return list(zip(*(column.judged for column in self.columns), strict=True))
 
     @property
     def estimates(self) -> list[str]:
-        """Parameters that rest on an engineering estimate in at least one column."""
+        """Parameters that are an engineering estimate in at least one column."""
         estimates = {name for column in self.columns for name in column.parameters.estimates}
         return [name for name in self.units if name in estimates]
 
@@ -74,7 +73,7 @@ class Result:
 
     @property
     def differing(self) -> dict[str, tuple[Any, ...]]:
-        """Values of the parameters that all have and that are not the same in every column, by name."""
+        """Values, by name, of the parameters that all columns have and that differ between them."""
         each = [column.parameters.values for column in self.columns]
         shared = {name: tuple(values[name] for values in each) for name in each[0]
                   if all(name in values for values in each)}
@@ -82,8 +81,10 @@ class Result:
 
 
 def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> dict[str, ParameterSet]:
-    """Return each set by the name or file it is given by, over the files `below`; of an actuator's name its default
-    set. Raises EmcasError."""
+    """Return each set by its name or file, on top of the files `below`; for an actuator's name its default set.
+
+    Raises EmcasError.
+    """
     if twice := [name for name in names if names.count(name) > 1]:
         raise EmcasError(f"{twice[0]}: is given twice; give each set once")
     base = load_parameters(below, model=model)
@@ -103,9 +104,9 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
 
 
 def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requirements: Path | None = None) -> Result:
-    """Judge every set by a file of requirements, the shipped ones unless given.
+    """Judge each set by a file of requirements, by default the shipped ones.
 
-    `progress` is called with the set and the test, how many are done and how many there are. Raises EmcasError.
+    `progress` is called with the set and the test, the number of tests done and their total. Raises EmcasError.
     """
     columns = list[Column]()
     for done, (name, parameters) in enumerate(sets.items()):
@@ -114,6 +115,6 @@ def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requi
                                lambda test, at, of, name=name, done=done: progress(  # type: ignore[misc]
                                    f"{name}: {test}", done * of + at, len(sets) * of))
         runs = {title: subject.run(excitation(test, 1.0, subject), outputs=_OUTPUTS)
-                for title, test in DRAWN.items()}
+                for title, test in PLOTTED.items()}
         columns.append(Column(name, parameters, tuple(judged), runs))
     return Result(tuple(columns))

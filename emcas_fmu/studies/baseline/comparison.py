@@ -1,4 +1,4 @@
-"""Recording a response, and comparing another with it."""
+"""A recorded response, and another one compared with it."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ TEMPLATE = Path(__file__).parent / "default.toml"
 
 @dataclass(frozen=True)
 class Row:
-    """One comparison: `approved` and `now` [unit], nan where never reached; `limit` None where nothing is judged.
+    """One comparison: the `approved` value and the value `now` [unit], nan where a level is never reached.
 
-    Of a trajectory they are the values `at` the time [s] where they differ most.
+    `limit` is the largest change, None where nothing is judged. Of a trajectory, the values are those `at` the time [s]
+    of their largest difference.
     """
 
     case: str
@@ -39,7 +40,7 @@ class Row:
 
     @property
     def change(self) -> float:
-        """Now less approved [unit]; infinite where only one of them is a number."""
+        """Now minus approved [unit]; infinite where only one of them is a number."""
         if isnan(self.approved) or isnan(self.now):
             return 0.0 if isnan(self.approved) and isnan(self.now) else inf
         return self.now - self.approved
@@ -54,12 +55,12 @@ class Row:
 
     @property
     def passed(self) -> bool:
-        """Whether the change is within its limit; a 1e-9 of it is rounding."""
+        """Whether the change is within its limit, with 1e-9 of it for rounding."""
         return self.share <= 1.0 + 1e-9
 
 
 class Changed(NamedTuple):
-    """A parameter, or another mark of what was recorded, that is not the approved one."""
+    """A parameter, or another mark of the recorded subject, that differs from the approved one."""
 
     name: str
     approved: str
@@ -68,9 +69,10 @@ class Changed(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """`rows` in the order of the baseline's cases; `titles` of these, and by case why a run was `stopped` early.
+    """A comparison: `rows` in the order of the baseline's cases, the `titles` of these, and by case the reason why a
+    run `stopped` early.
 
-    `curves` are times [s] and trajectories, approved and now, by case and output in display units.
+    `curves` has by case and output times [s] and trajectories, approved and now, in display units.
     """
 
     baseline: Baseline
@@ -85,12 +87,12 @@ class Comparison:
 
     @property
     def drifted(self) -> tuple[Row, ...]:
-        """What is out of its limit."""
+        """The rows whose change exceeds its limit."""
         return tuple(row for row in self.rows if not row.passed)
 
     @property
     def judged(self) -> int:
-        """How many comparisons have a limit."""
+        """The number of comparisons with a limit."""
         return sum(row.limit is not None for row in self.rows)
 
     @property
@@ -100,7 +102,7 @@ class Comparison:
 
 
 def first(template: Baseline, subject: Subject) -> tuple[Baseline, list[str]]:
-    """Return a template for a subject, no command beyond what it follows, and what is left out of it, and why."""
+    """Return a template for a subject, with commands within its range, and the parts left out with their reasons."""
     most = round(degrees(subject.command_limit), 9)
     missing = left_out({name: FIGURES[name] for name in ALL}, subject.outputs)
     without = [f"{', '.join(names)}: {why}" for why, names in missing.items()]
@@ -119,9 +121,9 @@ def first(template: Baseline, subject: Subject) -> tuple[Baseline, list[str]]:
 
 
 def record(plan: Baseline, subject: Subject, folder: Path, command: str, progress: Progress | None = None) -> Baseline:
-    """Return the subject's response to the plan's cases as a baseline; limits are the plan's.
+    """Return the subject's response to the plan's cases as a baseline with the plan's limits.
 
-    CSV inputs are looked for in `folder`. Raises EmcasError where a run does not reach its end.
+    CSV inputs are in `folder`. Raises EmcasError where a run does not reach its end.
     """
     cases, traces = {}, {}
     for name, run, figures, curves in _responses(plan, subject, folder, progress):
@@ -136,7 +138,7 @@ def record(plan: Baseline, subject: Subject, folder: Path, command: str, progres
 
 
 def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progress | None = None) -> Comparison:
-    """Compare the subject's response with the approved one, which `folder` is of. Raises EmcasError."""
+    """Compare the subject's response with the approved one, which is in `folder`. Raises EmcasError."""
     rows: list[Row] = []
     titles, stopped, curves, notes = {}, {}, {}, []
     for name, run, figures, traces in _responses(baseline, subject, folder, progress):
@@ -170,7 +172,7 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
 
 def _responses(plan: Baseline, subject: Subject, folder: Path, progress: Progress | None
                ) -> Iterator[tuple[str, Run, dict[str, float], dict[str, Array]]]:
-    """Yield each case with its run, and figures and trajectories as a file would hold them; none of one cut short."""
+    """Yield each case with its run, figures and trajectories as in a file; without these where the run ended early."""
     for done, (name, case) in enumerate(plan.cases.items()):
         if progress:
             progress(name, done, len(plan.cases))
@@ -201,7 +203,7 @@ def _curves(case: str, baseline: Baseline, traces: Mapping[str, Array], folder: 
 
 
 def _marks(subject: Subject) -> dict[str, str]:
-    """Return the provenance of a baseline: nothing that depends on where or when it is recorded."""
+    """Return the provenance of a baseline, independent of where and when it is recorded."""
     about = subject.identification
     marks = {"article": about.kind, "file": about.file, "sha256": about.sha256, "guid": about.guid,
              "fin": str(about.fin or ""), "parameters_sha256": about.parameters_sha256, "emcas": __version__}

@@ -1,4 +1,4 @@
-"""Sets or actuators side by side on the terminal, as JSON, and as a page."""
+"""Sets or actuators side by side on the terminal, as JSON and as a page."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ... import __version__
 from ...bench import writers
 from ...bench.verdict import Judged
 from ...figures.plots import COMMAND, Drawing, figure, pictures
-from .study import DRAWN, Result
+from .sets import PLOTTED, Result
 
 SCHEMA = "emcas-compare/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 _WIDEST = 3.5  # points, of the first set's curves
-_WINDOW = -0.02, 0.35  # s about the command
+_WINDOW = -0.02, 0.35  # s from the command
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Give the figures as a table with a column for each set, what differs between the sets, and who meets all."""
+    """Yield the figures as a table with a column per set, the parameters that differ, and each set's verdict."""
     table = writers.terminal_table(
         Heading("requirement", no_wrap=True), Heading("required", justify="right", no_wrap=True),
         *(Heading(escape(column.name), justify="right", overflow="fold") for column in result.columns),
@@ -48,7 +48,7 @@ def _cell(j: Judged) -> str:
 
 
 def as_dict(result: Result) -> dict[str, Any]:
-    """Return every set's figures and verdicts, and the parameters that differ."""
+    """Return the figures and verdicts of all sets, and the parameters that differ."""
     return {"schema": SCHEMA, "tool": f"emcas {__version__}", "model": ", ".join(result.models),
             "differing": {name: dict(zip((c.name for c in result.columns), values, strict=True))
                           for name, values in result.differing.items()},
@@ -64,11 +64,11 @@ def write_report(result: Result, path: Path) -> None:
 
 
 def _drawings(result: Result) -> Iterator[Drawing]:
-    """Draw the responses of every set to the large moves."""
-    drawn, grid = figure(2, 2, width=10.0, height=2.6, sharex=True, x="time [ms]",
+    """Yield the picture of the responses of all sets to the large moves."""
+    large, grid = figure(2, 2, width=10.0, height=2.6, sharex=True, x="time [ms]",
                          y=("fin angle [deg]", "fin rate [deg/s]"))
-    widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # of curves that coincide, each is seen
-    for (angle, rate), title in zip(grid.T, DRAWN, strict=True):
+    widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # so that curves that coincide are all visible
+    for (angle, rate), title in zip(grid.T, PLOTTED, strict=True):
         for k, column in enumerate(result.columns):
             run = column.runs[title]
             if run.stopped is not None:
@@ -82,4 +82,4 @@ def _drawings(result: Result) -> Iterator[Drawing]:
             rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], **look)
         angle.set_title(title)
     grid[0, 0].legend(loc="lower right")
-    yield Drawing("Large moves", drawn, "Every set's response to the command (dashed); the wider lines lie below.")
+    yield Drawing("Large moves", large, "Every set's response to the command (dashed); the wider lines lie below.")
