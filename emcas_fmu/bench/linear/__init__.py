@@ -1,5 +1,5 @@
 """Actuators linearised at an operating point, with exact sampling and delay (extra `analysis`).
 
-`smooth` takes exact Jacobians of what an actuator declares, once for all gains; `plant` and `actuator` make
-python-control systems of them, which `systems` connects and samples; `frequency` has responses and margins.
+`smooth` computes exact Jacobians of an actuator's equations, once for all gains; `plant` and `actuator` build
+python-control systems from them, which `systems` connects and samples; `frequency` has responses and margins.
 """

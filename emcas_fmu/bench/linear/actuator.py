@@ -1,15 +1,15 @@
 """An actuator with a sampled position loop, linearised at an operating point, as python-control systems.
 
-Two blocks come from exact Jacobians of what the actuator declares: the plant from `derivatives` and the fin angle
-among `output_values`, the sampled controllers with their encoder from `sample`. The plant between samples is solved
-by matrix exponentials, cut where the delayed reference reaches the drive, and the references on their way to it are
-states: sampling and transport delay are exact, without a rational approximation (Astroem & Wittenmark,
-"Computer-Controlled Systems", 3rd ed., section 2.6).
+Two blocks are exact Jacobians of the actuator's declaration: the plant, from `derivatives` and the fin angle among
+`output_values`, and the sampled controllers with their encoder, from `sample`. The plant between samples is solved by
+matrix exponentials, split where the delayed reference reaches the drive; the delayed references are states. Sampling
+and transport delay are therefore exact, without a rational approximation (Astroem & Wittenmark, "Computer-Controlled
+Systems", 3rd ed., section 2.6).
 
-What is linearised: no limits, no dry friction and no compensation of it, no gaps, no quantisation of the encoder or the
-command, which is taken at every sample; its latency stays, and so does the encoder's speed from the difference of two
-samples, where the encoder is on. Of extensions, heat gives the motor its temperatures
-at the start; faults and homing are laid aside, and friction's and the screw's have nothing that is smooth at rest.
+The linear model has no limits, no dry friction and no compensation of it, no gaps, and no quantisation of encoder and
+command, which is read at every sample. It has the command's latency and, where the encoder is on, the speed from the
+difference of two samples. Of the extensions, heat sets the motor's temperatures at the start; faults and homing are
+left out, and those of friction and the screw have nothing smooth at rest.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ from .systems import Array, System, cleared, decays, measured, moving, shown, wa
 
 LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE, "position": capabilities.CASCADE,
          "reference": capabilities.POSITION_LOOP}
-"""Loops by name, with what an actuator needs to have them."""
+"""Loops by name, with the capability that each needs."""
 _ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0}
 _LAID_ASIDE = ("homing", "faults")
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
-# The controllers' command is the one on the bus; its latency is a block of its own, in no loop.
+# The controllers' command is the one on the bus; its latency is a separate block, in no loop.
 _AT_ONCE = {"command.latency": 0.0, "command.resolution": 0.0, "command.update_time": 0.0}
-_REST = 1e-6  # of what the reference does to the states: more is no rest
+_REST = 1e-6  # largest rate at rest, as a share of the reference's effect on the states
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A rest: fin angle [rad], hinge moment [N.m], reference [V of a drive]; motor angle [rad], ratio R [1], current
-    [A] and voltage [V], nan of an actuator that has none."""
+    """An equilibrium: fin angle [rad], hinge moment [N.m], reference [V for a drive]; motor angle [rad], reduction
+    ratio R [1], current [A] and voltage [V], nan for an actuator without them."""
 
     fin_angle: float
     aero_torque: float
@@ -61,9 +61,9 @@ class OperatingPoint:
 
 
 def sound(parameters: ParameterSet) -> ParameterSet:
-    """Return a set as that of the sound, homed actuator: without faults and homing.
+    """Return a set as that of the homed actuator without faults.
 
-    Raises EmcasError for an actuator that linear analysis cannot take.
+    Raises EmcasError for an actuator that cannot be analysed linearly.
     """
     actuator, extensions = parts(parameters.model)
     model = "+".join((actuator, *(each for each in extensions if each not in _LAID_ASIDE)))
@@ -75,9 +75,9 @@ def sound(parameters: ParameterSet) -> ParameterSet:
 class LinearActuator:
     """The linearised actuator of flat parameter `values` in SI, at rest at `fin_angle` [rad] under `aero_torque` [N.m].
 
-    ``continuous`` is its plant, ``plant`` that at the samples with the delay, ``controller`` the sampled controllers;
-    ``rest`` are the plant's states there, ``loops`` those of LOOPS that it has. Sampled states stay as at the start
-    while the rest is solved for. Raises EmcasError where the actuator cannot rest there.
+    ``continuous`` is its plant, ``plant`` the plant at the samples with the delay, ``controller`` the sampled
+    controllers; ``rest`` are the plant's states at rest, ``loops`` those of LOOPS that it has. Sampled states keep
+    their start values while the rest is computed. Raises EmcasError where the actuator cannot rest there.
     """
 
     def __init__(self, values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
@@ -105,7 +105,7 @@ class LinearActuator:
         self.controller = self._linear_controllers()
 
     def _linearise_plant(self) -> None:
-        """Solve for the rest, and take the plant there, anew only where gains change it."""
+        """Compute the rest and linearise the plant there; once for all gains where they do not affect the plant."""
         equations, (fin_angle, aero_torque) = self._equations, self._at
         start, count = self._traced.start(self._gains).tolist(), len(equations.states)
         self._kept = start[count:]
@@ -157,7 +157,7 @@ class LinearActuator:
             return self._traced.controllers([*kept, *rest, command], self._gains)
 
         start = np.array(self._kept)
-        # The command that the controllers take for the fin's angle: what they know of the plant may be wrong.
+        # The command at which the controllers hold the fin's angle: their plant parameters may deviate.
         command = float(at(start, self._at[0])[0][count + 1])
 
         def balance(state: Array) -> tuple[Array, Array]:
@@ -189,13 +189,13 @@ class LinearActuator:
     def closed(self) -> System:
         """Closed loop at the sample times: from ``command`` [rad] and ``aero_torque`` [N.m] to ``fin_angle`` [rad].
 
-        A load is held between samples like a host's input over a communication step. Modes in `hidden` are not in it.
+        A load is held between samples like a host's input over a communication step. Modes in `hidden` are left out.
         """
         return self._shown[0][:1, :]
 
     @property
     def hidden(self) -> Array:
-        """Poles of the modes that command and load do not reach, or that fin angle and reference do not show."""
+        """Poles of the modes that are not controllable by command and load or not observable at angle and reference."""
         return self._shown[1]
 
     @property
@@ -209,14 +209,14 @@ class LinearActuator:
         return self.closed[:, 1]
 
     def loop(self, name: str) -> System:
-        """Return loop transfer function L (closed by 1 + L) of one of `loops`, all the others in their places.
+        """Return the loop transfer function L (closed by 1 + L) of one of `loops`.
 
         ``current`` is broken at the drive's voltage, in continuous time, the outer loops open; ``velocity`` at the
         measured speed, the position loop open; ``position`` at the measured angle, the velocity loop closed;
-        ``reference`` at the drive's reference u, where the gain and the delay of the hardware act on all that is fed
-        back. The command's latency is in none of them. With one degree of freedom, which changes no loop, loops in
-        cascade see command and measured angle by their difference: a command of the measured angle opens the position
-        loop, and with it open the velocity loop is all that passes the reference.
+        ``reference`` at the drive's reference u, where gain and delay of the hardware act on all feedback. The
+        command's latency is in no loop. With one degree of freedom, which changes no loop, cascaded loops depend on
+        the difference of command and measured angle only: a command equal to the measured angle opens the position
+        loop, and then the reference depends on the velocity loop only.
         """
         if name == "current":
             return self._current_loop()
@@ -237,21 +237,21 @@ class LinearActuator:
 
     @property
     def reference_name(self) -> str:
-        """What the reference is called: a drive's, in V, or of another actuator, such as a valve's opening."""
+        """The name of the reference: a drive's, in V, or that of another actuator, such as a valve's opening."""
         drive = any(v.name == "drive_reference" for v in self.actuator.outputs)
         return "the drive's reference" if drive else "the reference"
 
     @property
     def stable(self) -> bool:
         """Whether every mode of the closed loop decays."""
-        return decays(self._whole) or decays(self.closed)  # hidden modes may not, and take time to be looked for
+        return decays(self._whole) or decays(self.closed)  # hidden modes need not decay; finding them takes time
 
     def rational(self, order: int = 3) -> System:
-        """Return a continuous rational approximation of `closed`, where a tool needs one.
+        """Return a continuous rational approximation of `closed`, for tools that need one.
 
-        Padé of `order` for the transport delay and half a sample of hold; the controllers' states by the differential
-        equations they are the Euler steps of, speed measured without lag. Nothing here is computed from it but the
-        crosses in the root locus.
+        The transport delay and half a sample of hold are a Padé approximation of `order`; the controllers are the
+        differential equations whose Euler steps they are, with speed measured without lag. In this package only the
+        crosses in the root locus use it.
         """
         lagless = self
         if capabilities.ENCODER in self.actuator.provides:

@@ -18,12 +18,12 @@ _PARTS, _CUTS = np.linspace(0.0, 1.0, 33), 11  # of the distance of two frequenc
 
 
 def frequencies(highest: float, lowest: float = LOWEST) -> Array:
-    """Return frequencies [Hz], logarithmic, fine enough that a margin read between them is good to 1e-5."""
+    """Return logarithmic frequencies [Hz], dense enough for margins to 1e-5 by interpolation."""
     return np.geomspace(lowest, highest, round(np.log10(highest / lowest) * _PER_DECADE))
 
 
 def highest(system: System) -> float:
-    """Return a grid's upper end [Hz]: just below half the sample rate, or far above a continuous system's poles."""
+    """Return the upper end of a grid [Hz]: just below half the sample rate, or far above continuous poles."""
     if system.dt:
         return 0.499 / float(system.dt)
     return 100.0 * float(np.max(np.abs(system.poles()))) / (2.0 * pi)
@@ -45,7 +45,7 @@ def response(system: System) -> FrequencyResponse:
 
 
 def of_ratio(frequency: Array, ratio: Array) -> FrequencyResponse:
-    """Return gain and unwrapped phase of a complex ratio at frequencies [Hz]; where it is 0 there is no phase, nan."""
+    """Return gain and unwrapped phase of a complex ratio at frequencies [Hz]; the phase of 0 is nan."""
     phase = np.full(len(ratio), nan)
     passed = ratio != 0.0
     phase[passed] = np.unwrap(np.angle(ratio[passed]))
@@ -53,7 +53,7 @@ def of_ratio(frequency: Array, ratio: Array) -> FrequencyResponse:
 
 
 def continuous_poles(system: System) -> Array:
-    """Return the poles of a sampled system as s = ln(z)/T [rad/s]; those at z = 0 have no image and are left out."""
+    """Return the poles of a sampled system as s = ln(z)/T [rad/s], without those at z = 0, which have no image."""
     z = system.poles().astype(complex)
     return np.asarray(np.log(z[np.abs(z) > 1e-9]) / system.dt)
 
@@ -62,10 +62,10 @@ def continuous_poles(system: System) -> Array:
 class Margins:
     """Stability margins of a loop that is stable when closed.
 
-    ``gain`` [1] by which the loop's gain may grow, ``reduction`` [1] to which it may fall
-    (0: by any amount), at ``phase_crossover`` [Hz]; ``phase`` [rad] at ``gain_crossover``
-    [Hz]; ``delay`` [s] that may be added, which may be limited at another crossover than the phase; ``modulus``
-    [1], the smallest distance of the loop to -1. inf where nothing limits, nan for its frequency.
+    ``gain`` [1] is the factor by which the loop's gain may grow, ``reduction`` [1] the factor to which it may fall (0:
+    any), at ``phase_crossover`` [Hz]; ``phase`` [rad] is at ``gain_crossover`` [Hz]; ``delay`` [s] is the largest
+    additional delay, which another crossover than the phase may limit; ``modulus`` [1] is the smallest distance of the
+    loop to -1. A margin without a limit is inf, its frequency nan.
     """
 
     gain: float
@@ -85,7 +85,7 @@ class Margins:
 def margins(loop: System, grid: Array | None = None) -> Margins:
     """Return the margins of a loop transfer function L, by its exact frequency response.
 
-    `grid` are frequencies [Hz] to look between, fine ones unless given: by cubic splines of L.
+    The crossovers are found between the frequencies [Hz] of `grid`, by default a fine one, by cubic splines of L.
     """
     grid = frequencies(highest(loop)) if grid is None else grid
     response = evaluate(loop, grid)
@@ -96,7 +96,7 @@ def margins(loop: System, grid: Array | None = None) -> Margins:
     at_one = _crossings(lambda w: np.abs(between(w)) - 1.0, omega, larger)
     gains, phases = 1.0 / np.abs(between(at_180)), np.angle(-between(at_one))
     hertz = 1.0 / (2.0 * pi)
-    # The first crossing met as the gain grows, and as the phase lags or leads, of those there are.
+    # The first crossing as the gain grows, and as the phase lags or leads.
     gain, at_gain = min(((g, at) for g, at in zip(gains, at_180, strict=True) if g > 1.0), default=(inf, nan))
     phase, at_phase = min(zip(phases, at_one, strict=True), key=lambda pair: abs(pair[0]), default=(inf, nan))
     return Margins(
@@ -108,7 +108,7 @@ def margins(loop: System, grid: Array | None = None) -> Margins:
 
 
 def _crossings(level: Callable[[Array], Array], omega: Array, on_grid: Array, where: Array | None = None) -> Array:
-    """Return where a level passes 0 between the points of a grid, of those `where` it is looked for; to rounding."""
+    """Return the frequencies at which a level crosses 0 between points of a grid, to rounding; only `where` is true."""
     changes = np.diff(np.sign(on_grid)) != 0.0
     (at,) = np.nonzero(changes if where is None else changes & where[:-1])
     low, high, sign = omega[at], omega[at + 1], np.sign(on_grid[at])

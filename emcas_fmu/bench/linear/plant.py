@@ -18,9 +18,9 @@ _ITERATIONS = 30
 
 @dataclass(frozen=True, eq=False)
 class LinearPlant:
-    """A plant's ``states`` at rest, the ``reference`` that keeps it there, its ``outputs`` (OUTPUTS), the largest
-    ``residual`` of its rates, and the ``scale`` of what a reference does to them; ``continuous`` is linear about it,
-    and ``voltage`` is how a motor's depends on its states."""
+    """A plant's ``states`` at rest, the ``reference`` that holds it there, its ``outputs`` (OUTPUTS), the largest
+    ``residual`` of its rates, and the ``scale`` of a reference's effect on them. ``continuous`` is the plant linearised
+    there, ``voltage`` the dependence of the motor voltage on its states."""
 
     states: Array
     reference: float
@@ -39,15 +39,15 @@ class LinearPlant:
 @lru_cache(maxsize=64)
 def linear_plant(traced: Traced, start: tuple[float, ...], held: tuple[float, ...], gains: tuple[float, ...],
                  fin_angle: float, aero_torque: float) -> LinearPlant:
-    """Return a plant at rest at a fin angle [rad] under a hinge moment [N.m]; it is looked for from `start` on, and the
-    sampled states stay as `held`."""
+    """Return a plant at rest at a fin angle [rad] under a hinge moment [N.m]; the iteration begins at `start`, and the
+    sampled states are `held`."""
     count, begin = len(start), np.array(start)
     names = traced.states
 
     def at(states: Array, reference: float) -> tuple[Array, Array]:
         return traced.plant([*states, reference, aero_torque, *held], gains)
 
-    # States that stand still, such as an integral without a gain, are no modes; those that move alike are one.
+    # States with zero rates, such as an integral without gain, are not modes; those with equal rates are one mode.
     rows = [tuple(row) for row in at(begin, 0.0)[1][:count]]
     groups = {row: [i for i, other in enumerate(rows) if other == row] for row in rows if any(row)}
     spread = np.array([[float(i in group) for group in groups.values()] for i in range(count)])
@@ -75,8 +75,10 @@ def linear_plant(traced: Traced, start: tuple[float, ...], held: tuple[float, ..
 
 
 def solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Array:
-    """Return what solves equations, given with their Jacobian, by Newton's method; least squares where they are not
-    independent. One in which no unknown acts is left as it is: it may have a residual of rounding."""
+    """Return the solution of equations with their Jacobian by Newton's method, of dependent ones by least squares.
+
+    An equation that no unknown affects is left as it is: it may have a residual of rounding.
+    """
     for _ in range(_ITERATIONS):
         values, slopes = equations(guess)
         if not (np.isfinite(values).all() and np.isfinite(slopes).all()):

@@ -1,6 +1,6 @@
 """An actuator's equations without quantisation and limits, as functions with exact Jacobians.
 
-They are traced once for all values of the gains, which searches and loci change a thousand times.
+They are traced once for all values of the gains, which searches and root loci change a thousand times.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ...physics import loads
 from .systems import Array
 
 OUTPUTS = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
-"""What a plant gives after the rates of its states."""
+"""The outputs of a plant that follow the rates of its states."""
 _GAIN = "gain"
 
 
 class _Fine(SymbolOps):
-    """Symbols without quantisation and limits: counts are no whole numbers, and nothing that moves is clipped."""
+    """Symbols without quantisation and limits: no rounding to counts, and no clipping of variables."""
 
     @staticmethod
     def floor(x: Value) -> Value:
@@ -44,8 +44,8 @@ FINE = _Fine()
 
 
 class Equations:
-    """Plant and sampled controllers as functions of states and what acts on them; `p` are the parameters of flat
-    `values`, numbers or symbols, and the command is for a fin angle [rad]."""
+    """Plant and sampled controllers as functions of states and inputs; `p` are the parameters with flat `values`,
+    numbers or symbols, and the command is for `fin_angle` [rad]."""
 
     def __init__(self, actuator: Actuator, values: Mapping[str, Any], p: Any, fin_angle: float) -> None:
         self._actuator, self._values, self._p, self._at = actuator, values, p, fin_angle
@@ -58,12 +58,12 @@ class Equations:
         return self._values[variable.key] if variable.key else variable.start or 0.0
 
     def start(self) -> list[Value]:
-        """Return the states at the start, then what the controllers keep, of `states` and `kept`."""
+        """Return the initial values of `states`, then of the controllers' states `kept`."""
         begun = self._actuator.start(FINE, self._p, self._at)
         return [begun[name] for name in (*self.states, *self.kept)]
 
     def acting(self, reference: Value, aero_torque: Value, sampled: Sequence[Value]) -> Record:
-        """Return what acts on the plant; inputs that are not named are at their start values."""
+        """Return the inputs of the plant; those that are not arguments have their start values."""
         return Record(
             reference=reference, **vars(loads.level(FLOATS, self._p, aero_torque)), supply=self._supply, enabled=True,
             rated_current_limit=None, command=self._at, sampled_reference=reference, measured_fin_angle=self._at,
@@ -79,8 +79,8 @@ class Equations:
         return [*self._actuator.rates(FINE, self._p, x, u).values(), *(outputs.get(name, nan) for name in OUTPUTS)]
 
     def controllers(self, *arguments: Value) -> list[Value]:
-        """Return what is kept after a sample, the reference, the measured angle [rad] and the sampled states, under
-        what was kept before, the plant's states and the command [rad]."""
+        """Return the controllers' states after a sample, the reference, the measured angle [rad] and the sampled states
+        from the controllers' states before, the plant's states and the command [rad]."""
         *values, command = arguments
         state = Record(**dict(zip((*self.kept, *self.states), values, strict=True)))
         inputs = Record(command=command, position=self._actuator.position(FINE, self._p, state), supply=self._supply,
@@ -91,7 +91,7 @@ class Equations:
 
 
 class Traced:
-    """The equations' values and Jacobians for any values of `gains`; `plant_varies` says whether the plant's do."""
+    """The equations' values and Jacobians for any values of `gains`; `plant_varies` where the plant depends on them."""
 
     def __init__(self, actuator: Actuator, fixed: Mapping[str, Any], gains: Sequence[str], fin_angle: float) -> None:
         opened = ca.SX.sym(_GAIN, len(gains))
@@ -113,8 +113,8 @@ class Traced:
 
 
 def gains_of(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the controllers' gains, numbers that a host may change while it runs; without one that is 0, which is no
-    gain: its part of the equations is left out."""
+    """Return the controllers' gains: numbers that a host may change during a run. A gain of 0 is left out with its part
+    of the equations."""
     names = [v.name for v in actuator.parameters
              if v.kind == "Real" and v.variability == "tunable" and v.name.startswith("controller.")]
     return {name: float(values[name]) for name in names if values[name]}
@@ -122,5 +122,5 @@ def gains_of(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, float]:
 
 @lru_cache(maxsize=64)
 def traced(model: str, fixed: tuple[tuple[str, Any], ...], gains: tuple[str, ...], fin_angle: float) -> Traced:
-    """Return the equations of an actuator whose other parameters are `fixed`, pairs of name and value."""
+    """Return the traced equations of an actuator whose other parameters are `fixed`, pairs of name and value."""
     return Traced(get(model), dict(fixed), gains, fin_angle)

@@ -1,4 +1,4 @@
-"""Linear systems of python-control: connecting, sampling and delaying them, their poles, and what stays hidden."""
+"""Linear systems of python-control: connection, sampling and delay, their poles, and their hidden modes."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from scipy.linalg import expm, matrix_balance, null_space
 Array = NDArray[Any]
 System = Any
 """A control.StateSpace with named inputs and outputs."""
-# Of 1, a sample: poles are off by 1e-14 at most, and a mode that decays more slowly takes 1e10 samples, months.
+# Poles are accurate to 1e-14 per sample; a mode that decays more slowly than this takes 1e10 samples, months.
 ROUNDING = 1e-10
-# Of the balanced system: rounding leaves 1e-15 of a hidden mode, and the weakest mode of shipped actuators has 7e-6.
+# Share of the balanced system: a hidden mode has 1e-15 by rounding, the weakest mode of shipped actuators 7e-6.
 _HIDDEN = 1e-12
-_FAST = 0.5  # a mode that is gone after some samples changes no figure, and is hard to tell from a hidden one
+_FAST = 0.5  # a mode that decays within some samples affects no figure and is hard to tell from a hidden one
 
 
 def measured(state: str) -> str:
-    """Return the label of a state at the samples; an output may have the same name as a state."""
+    """Return the label of a state at the samples; an output may have the name of a state."""
     return f"x_{state}"
 
 
 def waiting(samples: int, period: float) -> System:
-    """Return a delay of whole samples, from ``sent`` to ``arrived``."""
+    """Return a delay of whole samples from ``sent`` to ``arrived``."""
     return ct.ss(np.eye(samples, k=-1), np.eye(samples, 1), np.eye(1, samples, k=samples - 1), 0.0, period,
                  inputs=["sent"], outputs=["arrived"])
 
 
 def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Sequence[str],
          outputs: Sequence[str]) -> System:
-    """Connect blocks of one time base from output to input by name; return the system from `inputs` to `outputs`."""
+    """Return the system from `inputs` to `outputs` of blocks with one time base; links are output and input names."""
     whole = ct.append(*blocks)
     ins = [label for one in blocks for label in one.input_labels]
     outs = [label for one in blocks for label in one.output_labels]
@@ -48,7 +48,7 @@ def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Seq
 
 def moving(a: Array, b: Array, c: Array, d: Array, period: float, inputs: Sequence[str],
            outputs: Sequence[str]) -> System:
-    """Return a sampled system without the states that never change, such as an integral without a gain."""
+    """Return a sampled system without its constant states, such as an integral without gain."""
     moves = np.any(a != np.eye(len(a)), axis=1) | np.any(b != 0.0, axis=1)
     return ct.ss(a[np.ix_(moves, moves)], b[moves], c[:, moves], d, period, inputs=inputs, outputs=outputs)
 
@@ -56,14 +56,14 @@ def moving(a: Array, b: Array, c: Array, d: Array, period: float, inputs: Sequen
 def sampled(plant: System, period: float, whole: int, rest: float) -> System:
     """Return the plant at the sample times, its first input delayed by `whole` periods and `rest` [s], the others held.
 
-    The state is the plant's, then the values on their way, the newest first.
+    The states are the plant's, then the delayed values, the newest first.
     """
     n, ins, waiting = len(plant.A), plant.ninputs, whole + (rest > 0.0)
     joined = np.block([[plant.A, plant.B], [np.zeros((ins, n + ins))]])
     before, after = expm(joined * rest), expm(joined * (period - rest))
     free = after[:n, :n] @ before[:n, :n]
     held = after[:n, :n] @ before[:n, n:] + after[:n, n:]
-    line = np.zeros((n, whole + 2))  # how values of the first input act, by the samples since
+    line = np.zeros((n, whole + 2))  # effect of the first input's values, by their age in samples
     line[:, whole], line[:, whole + 1] = after[:n, n], after[:n, :n] @ before[:n, n]
     a = np.block([[free, line[:, 1:1 + waiting]], [np.zeros((waiting, n)), np.eye(waiting, k=-1)]])
     b = np.block([[line[:, :1], held[:, 1:]], [np.eye(waiting, 1), np.zeros((waiting, ins - 1))]])
@@ -72,7 +72,7 @@ def sampled(plant: System, period: float, whole: int, rest: float) -> System:
 
 
 def cleared(value: float, rounding: float) -> float:
-    """Return the value, 0 where it is no larger than rounding."""
+    """Return the value, or 0 where its magnitude is at most `rounding`."""
     return 0.0 if abs(value) <= rounding else value
 
 
@@ -82,16 +82,16 @@ def largest_pole(system: System) -> float:
 
 
 def decays(system: System) -> bool:
-    """Return whether every mode of a sampled system decays, by more than rounding makes of a pole at 1."""
+    """Return whether every mode of a sampled system decays by more than the rounding of a pole at 1."""
     return largest_pole(system) < 1.0 - ROUNDING
 
 
 def shown(system: System) -> tuple[System, Array]:
-    """Return a system, with as many inputs as outputs, without its hidden modes, and their poles.
+    """Return a system, with as many inputs as outputs, without its hidden modes, and the poles of these.
 
-    Hidden is a mode that no input reaches or no output shows, by the Popov-Belevitch-Hautus test on the system scaled
-    (Kailath, "Linear Systems", section 2.4). Sampled ones that are fast stay, and a system without others is returned
-    as it is.
+    A hidden mode is not controllable or not observable, by the Popov-Belevitch-Hautus test on the balanced system
+    (Kailath, "Linear Systems", section 2.4). Fast modes of a sampled system are kept; a system without other hidden
+    modes is returned unchanged.
     """
     count, sampled = len(system.A), bool(system.dt)
     joined = np.block([[system.A, system.B], [system.C, np.eye(system.noutputs)]])
@@ -122,6 +122,6 @@ def shown(system: System) -> tuple[System, Array]:
 
 
 def _even(rows: Array) -> Array:
-    """Return rows of length 1, or of zeros."""
+    """Return the rows scaled to length 1; rows of zeros stay."""
     lengths: Array = np.linalg.norm(rows, axis=1, keepdims=True)
     return rows / np.maximum(lengths, 1e-300)
