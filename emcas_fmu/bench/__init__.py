@@ -1,14 +1,17 @@
-"""The test bench of every study: subject, excitations, metrics, verdicts, and ways to write results.
+"""The test bench of every study: subject, excitations, figures, verdicts, and writers of results.
 
-    subject.py      an actuator behind one way to run it; a parameter set of any
-    fmu_subject.py  the same of an FMU, and opening either kind
-    runs.py         responses, of one run and of many
-    excitation.py   what is done to it: rows of inputs
-    metrics.py      the figures of a response, SI, each defined once
+    subject.py             the subject: an actuator that can be run; a parameter set as one
+    fmu_subject.py         an FMU as the subject, and how a subject of either kind is opened
+    fmu.py, fmi3.py        an opened FMU and its model; FMI 3.0 with the calls of FMI 2.0
+    references.py          the references embedded in an FMU
+    runs.py                responses of one run and of many
+    excitation.py          excitations: rows of inputs
+    metrics.py             the figures of a response, SI, each defined once
     frequency_response.py  the figures of sweeps and sines
-    linear/         the actuator linearised: responses, margins (extra `analysis`)
-    verdict.py      figures against requirements
-    writers.py      JSON, JUnit and pages of the blocks in macros.html.j2 over base.html.j2; curves.js draws with uPlot
-    provenance.py   how a result came about: command, files, hashes, date; conditions
-    fmu.py          opening an FMU and telling its model
+    measure.py             the tests that requirements name, and the figures measured in them
+    linear/                the actuator linearised: responses, margins (extra `analysis`)
+    requirements.py        figures of tests with limits, read from TOML
+    verdict.py             requirements judged
+    writers.py             JSON, JUnit, and pages of the blocks in macros.html.j2 over base.html.j2; curves.js has uPlot
+    provenance.py          the provenance of a result: command, files, hashes, date; conditions
 """

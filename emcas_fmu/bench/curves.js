@@ -1,6 +1,6 @@
 "use strict";
-/* Pictures of a page drawn anew by uPlot: zoom by dragging, values under the cursor, curves on and off by their names.
-   Without this script, and in print, the pictures that are in the page stand in their place. */
+/* Pictures of a page as uPlot charts: zoom by dragging, values under the cursor, curves switched on and off by name.
+   Without this script, and in print, the page shows its pictures. */
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const ink = () => css("--text"), faint = () => css("--line");
 const INCH = 112;  // pixels of an inch of the picture
@@ -13,7 +13,7 @@ function element(tag, attributes = {}, ...children) {
     return made;
 }
 
-/** A path through the points of a line, in pixels of the canvas, and dots where it has marks. */
+/** Return a builder of the path through a line's points, in pixels of the canvas, with dots where it has markers. */
 function drawn(line) {
     return (u, k) => {
         const [xs, ys] = u.data[k], stroke = new Path2D(), marks = new Path2D(), radius = (line.marker ?? 0) / 2 * devicePixelRatio;
@@ -49,7 +49,7 @@ class Panel {
         return [this.data.title, `${this.data.y.label || "curve"} against ${this.bottom().label}`, names.join(", ")].filter(Boolean).join("; ");
     }
 
-    /** The horizontal axis whose label stands under this panel: its own, or that of the last that shares it. */
+    /** The horizontal axis whose label belongs to this panel: its own, or that of the last panel that shares it. */
     bottom() {
         const {x} = this.data;
         return x.label ? x : {...x, label: this.chart.panels.findLast(({data}) => data.x.group === x.group && data.x.label)?.data.x.label ?? ""};
@@ -78,13 +78,13 @@ class Panel {
         return axis;
     }
 
-    /** Room for the longest number or word along the upright axis. */
+    /** Width of the longest number or word along the vertical axis. */
     wide() {
         const words = this.data.y.ticks?.[1] ?? this.data.y.range.map(value => shown(value));
         return Math.min(22 + 7.5 * Math.max(4, ...words.map(text => text.length)), 150);
     }
 
-    /** Make the plot, as wide as there is room. */
+    /** Create the plot in the available width. */
     show() {
         const {data, chart} = this, range = which => () => this[which];
         this.x = [...data.x.range];
@@ -123,7 +123,7 @@ class Panel {
         if (this.plot && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({width, height});
     }
 
-    /** Bands, areas and levels, below the curves. */
+    /** Draw bands, areas and levels below the curves. */
     under(u) {
         const {ctx, bbox: {left, top, width, height}} = u, {off} = this.chart;
         ctx.save();
@@ -157,7 +157,7 @@ class Panel {
         ctx.restore();
     }
 
-    /** Words, above the curves. */
+    /** Draw texts above the curves. */
     over(u) {
         const {ctx, bbox: {left, top, width, height}} = u;
         ctx.save();
@@ -192,7 +192,7 @@ class Panel {
         this.plot.setScale(which, {min, max});
     }
 
-    /** Tell the values under the cursor, of a loop those of its nearest point. */
+    /** Show the values under the cursor, of a closed curve those of its nearest point. */
     tell(u) {
         const {left, top, event} = u.cursor;
         if (!(left >= 0) || !event || !u.over.contains(event.target)) {
@@ -219,7 +219,7 @@ class Panel {
     }
 }
 
-/** A figure of the page: its panels, beside and below each other as in the picture. */
+/** A figure of the page: its panels, arranged as in the picture. */
 class Chart {
     constructor(figure, key) {
         const data = JSON.parse(figure.querySelector("script").textContent);
@@ -283,7 +283,7 @@ class Chart {
         this.reset.hidden = true;
     }
 
-    /** Room left of a column of panels, the same for all in it. */
+    /** Width left of a column of panels, the same for all panels in it. */
     room(column) {
         return Math.max(...this.panels.filter(({data}) => data.place[1] === column).map(panel => panel.wide()));
     }

@@ -1,8 +1,8 @@
 "use strict";
-/* Values of curves: unpacked, as words, as marks along an axis, and those nearest to the cursor. */
+/* Values of curves: unpacked, as text, as ticks of an axis, and those nearest to the cursor. */
 const NEAR = 40;  // pixels from a loop within which its value is shown
 
-/** Values as they are in the page: decimals and differences in that place, or, along a logarithmic axis, numbers. */
+/** Return the values of a packed column: its decimals and differences, or, along a logarithmic axis, the numbers. */
 function unpacked(packed, log) {
     if (log) return packed;
     const unit = 10 ** -packed[0];
@@ -10,14 +10,14 @@ function unpacked(packed, log) {
     return packed.slice(1).map(step => step === null ? null : (sum += step) * unit);
 }
 
-/** A number for people: five digits and no more places than it has. */
+/** Return a number for people: at most five digits. */
 function shown(value) {
     if (!Number.isFinite(value)) return "–";
     const text = Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-4) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
     return text.replace("-", "−");
 }
 
-/** Marks of a zoomed logarithmic axis: 1, 2, 5 of every decade. */
+/** Return the ticks of a zoomed logarithmic axis: 1, 2, 5 of each decade. */
 function decades(min, max) {
     const marks = [];
     for (let power = Math.floor(Math.log10(min)); power <= Math.log10(max); ++power) {
@@ -29,7 +29,7 @@ function decades(min, max) {
     return marks.length > 1 ? marks : even(min, max);
 }
 
-/** Marks at even steps. */
+/** Return ticks at even steps. */
 function even(min, max) {
     const rough = (max - min) / 5, power = 10 ** Math.floor(Math.log10(rough));
     const step = [1, 2, 5, 10].map(times => times * power).find(size => size >= rough), marks = [];
@@ -42,7 +42,7 @@ function shownTick(value, log) {
     return String(Number(value.toPrecision(8))).replace("-", "−");
 }
 
-/** The value of a curve at a place along x, between its points; null beyond its ends. */
+/** Return the interpolated value of a curve at a position along x; null beyond its ends. */
 function between(line, at, data) {
     const {x, y} = line;
     let low = 0, high = x.length - 1;

@@ -58,12 +58,12 @@ def _stored(experiment: Element, path: Callable[[Element | None], Path], single:
         return {name: chosen[name] for name in (*needed, *chosen)}
 
     parameters = experiment.find("Parameters")
-    given = () if parameters is None else parse(path(parameters)).findall(".//{*}Parameter")
+    entries = () if parameters is None else parse(path(parameters)).findall(".//{*}Parameter")
     name = experiment.attrib["name"]
     return Stored(
         name, experiment.get("description", name), _KINDS.get(name, EMBEDDED), float(experiment.attrib["stepSize"]),
         float(experiment.attrib["stopTime"]),
-        {single[name]: value for name, value in _scalars({p.attrib["name"]: _value(p[0]) for p in given})
+        {single[name]: value for name, value in _scalars({p.attrib["name"]: _value(p[0]) for p in entries})
          if name in single},
         columns("Stimuli", "time"), columns("References", "time", "fin_angle"), "", model, independent)
 

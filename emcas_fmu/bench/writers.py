@@ -196,8 +196,8 @@ def outlined(body: str) -> str:
     headings: list[tuple[str, str, str]] = []
 
     def listed(heading: re.Match[str]) -> str:
-        level, given, text = heading.groups()
-        name = given or f"section-{len(headings) + 1}"
+        level, chosen, text = heading.groups()
+        name = chosen or f"section-{len(headings) + 1}"
         headings.append((level, name, text))
         return f'<h{level} id="{name}">{text}</h{level}>'
 

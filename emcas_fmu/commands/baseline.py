@@ -48,7 +48,7 @@ def record(
     with common.failures():
         common.check_outputs(output / FILE, folders=(output,), inputs=(subject, *(parameters or ())))
         with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
-            # Limits and cases alone: what was approved may be incomplete, as after a case was added by hand.
+            # Only limits and cases: the approved figures may be incomplete, as after a case was added by hand.
             kept = (output / FILE).exists() and not fresh
             plan, left_out = (read(output / FILE, opened.model), []) if kept else first(read(TEMPLATE), opened)
             common.check_outputs(*(output / f"{name}.csv" for name, case in plan.cases.items() if case.kind != "sweep"),
@@ -63,7 +63,7 @@ def record(
 
 
 def _command(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:
-    """The command as a baseline has it, without folders: the same response gives the same bytes wherever it is kept."""
+    """Return the command without folders: the same response gives the same bytes wherever the baseline is kept."""
     def bare(path: Path) -> Path:
         return Path(Path(as_given(path)).name)
 
@@ -90,8 +90,8 @@ def check(
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
     from ..bench.writers import write_json
+    from ..studies.baseline import comparison_output as output
     from ..studies.baseline.comparison import compare
-    from ..studies.baseline.comparison_output import append_markdown, as_dict, remedy, summary, write_junit
     from ..studies.baseline.files import read
 
     with common.failures():
@@ -99,20 +99,14 @@ def check(
         with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
             result = compare(read(baseline, opened.model), opened, baseline, common.stepper(progress, "check"))
         which = [*([as_given(subject)] if subject else []), *([] if model is None else ["--model", model])]
-        advice = remedy(result, shlex.join([*which, *common.parameter_arguments(parameters)]), str(baseline))
-        if as_json:
-            write_json(as_dict(result), as_json)
-        if junit:
-            write_junit(result, junit)
-        if markdown:
-            append_markdown(result, advice, markdown, everything)
-        if report:
-            from ..studies.baseline.comparison_output import write_report
-
-            write_report(result, advice, report)
-    # A log has no width of its own, and a folded table is hard to read there.
+        advice = output.remedy(result, shlex.join([*which, *common.parameter_arguments(parameters)]), str(baseline))
+        common.write_results(output.as_dict(result), (as_json, write_json))
+        common.write_results(result, (junit, output.write_junit),
+                             (markdown, lambda each, path: output.append_markdown(each, advice, path, everything)),
+                             (report, lambda each, path: output.write_report(each, advice, path)))
+    # A log has no width, and a folded table is hard to read there.
     console = common.out if common.out.is_terminal else Console(width=_LOG_WIDTH)
-    for part in summary(result, everything):
+    for part in output.summary(result, everything):
         console.print(part, highlight=False)
     if not result.passed:
         common.say(escape(advice))

@@ -53,10 +53,8 @@ def report(
                                specification=load_requirements(requirements, subject.parameters),
                                progress=common.stepper(progress, "test"))
         write_report(result, output, printed, document, revision)
-        if as_json:
-            write_json(as_dict(result, printed), as_json)
-        if junit:
-            write_junit(result, junit)
+        common.write_results(as_dict(result, printed), (as_json, write_json))
+        common.write_results(result, (junit, write_junit))
     for part in summary(result):
         common.out.print(part)
     common.print_written(output, as_json, junit)

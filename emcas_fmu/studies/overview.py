@@ -1,4 +1,4 @@
-"""What a user's set leaves at shipped estimates, how much each of them matters, and what the set amounts to."""
+"""An overview of a user's set: the shipped estimates left in it, their effects, and figures that follow from it."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from ..simulation import Array, simulate
 if TYPE_CHECKING:
     from .analysis.capability import Capability
 
-CHANGE = 0.1  # of a value whose effect is asked for
-DURATION = 0.5  # s, of the step by which it is measured
+CHANGE = 0.1  # of a value whose effect is measured
+DURATION = 0.5  # s, of the step with which it is measured
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A shipped estimate, or several that go together: an array, or a pair that is equal in SI units.
+    """A shipped estimate, or several that belong together: an array, or a pair that is equal in SI units.
 
-    `effect` [rad] is the largest change of the fin's angle; None where it was not asked for, or 10 % say nothing: a
-    value of 0, a switch, a whole number, a temperature.
+    `effect` [rad] is the largest change of the fin's angle; None where it was not measured, or a change by 10 % has no
+    meaning: a value of 0, a switch, an integer, a temperature.
     """
 
     names: tuple[str, ...]
@@ -38,14 +38,15 @@ class Estimate:
 
     @property
     def label(self) -> str:
-        """The name, that of an array without its indices."""
+        """The name, of an array without indices."""
         return " with ".join(dict.fromkeys(name.partition("[")[0] for name in self.names))
 
 
 def offered(base: ParameterSet) -> dict[str, list[Entry]]:
-    """Return the entries that a user is likely to have values for, arrays whole, by the name in a file.
+    """Return by name the entries for which a user probably has values; an array is one entry.
 
-    Those whose declaration says where they are read, and of a user's own actuator all that it adds to the fin port.
+    These are the entries whose declaration names a data sheet's line, and for a user's own actuator all that it adds to
+    the fin port.
     """
     port = {v.name for v in fin_port.PARAMETERS}
     chosen = [e for e in base.entries if e.variable.sheet or (
@@ -54,7 +55,7 @@ def offered(base: ParameterSet) -> dict[str, list[Entry]]:
 
 
 def shipped_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
-    """Return the estimates of the actuator's default set that a set still has, in the actuator's order."""
+    """Return the estimates of the actuator's default set that a set has unchanged, in the actuator's order."""
     shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
     left = [e.variable.name for e in parameters.entries
             if e.source == "estimate" and e == shipped[e.variable.name]]
@@ -66,7 +67,7 @@ def shipped_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
 
 
 def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
-    """Return the labels of estimates without their group, by group, such as ``motor``."""
+    """Return by group, such as ``motor``, the labels of its estimates without the group."""
     groups: dict[str, list[str]] = {}
     for estimate in estimates:
         group, dot, name = estimate.label.partition(".")
@@ -75,10 +76,11 @@ def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
 
 
 def by_effect(parameters: ParameterSet, torque: float = 0.0) -> tuple[Estimate, ...]:
-    """Return the shipped estimates with what 10 % of each changes, the largest first.
+    """Return the shipped estimates with the effect of 10 % of each, the largest first.
 
-    It is the largest difference of the fin's angle within 0.5 s of a step to half of command.limit against a hinge
-    moment `torque` [N.m]. Plant and controllers have the changed value; where 10 % more are refused, it is 10 % less.
+    The effect is the largest difference of the fin's angle within 0.5 s after a step to half of command.limit against a
+    hinge moment `torque` [N.m]. Plant and controllers both use the changed value, which is 10 % lower where 10 % more
+    is refused.
     """
     before = _response(parameters, torque)
     changed = [Estimate(e.names, _effect(parameters, e.names, torque, before)) for e in shipped_estimates(parameters)]
@@ -108,15 +110,15 @@ def _effect(parameters: ParameterSet, names: Iterable[str], torque: float, befor
 
 
 def _capability(parameters: ParameterSet) -> Capability | None:
-    """Return what motor and drive can do, of an actuator whose equations say so."""
-    from .analysis.capability import NEEDS, capability  # here, as the analysis takes a part of a second to import
+    """Return the capability of motor and drive; None for an actuator without the equations for it."""
+    from .analysis.capability import NEEDS, capability  # here: importing the analysis takes a fraction of a second
 
     able = parameters.actuator.provides.issuperset(NEEDS)
     return capability(parameters.values, parameters.model) if able else None
 
 
 def stalled(parameters: ParameterSet, torque: float) -> Iterator[str]:
-    """Yield a warning where a hinge moment [N.m] is more than motor, current limit and reduction move."""
+    """Yield a warning where a hinge moment [N.m] exceeds the stall torque of motor, current limit and reduction."""
     can = _capability(parameters)
     if can is not None and torque > (least := float(np.min(can.stall))):
         yield (f"a hinge moment of {torque:.6g} N.m stalls it: motor.torque_constant and drive.current_limit move "
@@ -124,7 +126,7 @@ def stalled(parameters: ParameterSet, torque: float) -> Iterator[str]:
 
 
 def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
-    """Return what a set with motor, screw and lever makes of its values, as text by what it is; none of another."""
+    """Return figures that follow from a set with motor, screw and lever, as text by their names; otherwise none."""
     actuator, can = parameters.actuator, _capability(parameters)
     if can is None or capabilities.SCREW_AND_LEVER not in actuator.provides:
         return {}

@@ -90,11 +90,11 @@ class LinearActuator:
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):
             raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; give an angle within "
                              f"±{degrees(limit):g} deg (command.limit)")
-        given = actuator.namespace(values)
-        self._late = int(bus.late(FLOATS, given))
+        p = actuator.namespace(values)
+        self._late = int(bus.late(FLOATS, p))
         left_out = {"compensation.gain": 0.0, **_AT_ONCE}
-        self.values, self.p = {**values, **left_out}, with_values(given, left_out)
-        self.period = float(given.controller.sample_time)
+        self.values, self.p = {**values, **left_out}, with_values(p, left_out)
+        self.period = float(p.controller.sample_time)
         self.loops = tuple(name for name, need in LOOPS.items() if need in actuator.provides)
         self._at, self.model = (fin_angle, aero_torque), model
         self._equations = Equations(actuator, self.values, self.p, fin_angle)

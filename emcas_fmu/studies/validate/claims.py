@@ -1,4 +1,4 @@
-"""What is written without being a requirement: the linear model beside the subject."""
+"""The comparison with the linear model, which is reported without being a requirement."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ...bench.runs import Run
 from ...bench.writers import rounded
 from ...reference.cases import LEAD_IN
 
-# "Linear against nonlinear": amplitudes [deg] and the angle below which the thesis finds both alike.
+# "Linear against nonlinear": amplitudes [deg], and the angle below which both agree according to the thesis.
 AMPLITUDES = (1.0, 2.0, 3.0, 10.0, 20.0)
 ALIKE_BELOW = 3.0  # deg
-# % of the step. Where nothing limits, quantisation, friction and the changing reduction ratio are left, a few
-# per cent; 5 % is where two curves of a report can be distinguished.
+# % of the step. Without limits, quantisation, friction and the varying reduction ratio remain, a few
+# per cent; at 5 % two curves of a report can be distinguished.
 ALIKE = 5.0
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Linear model against the subject for a step of `amplitude` [deg]; differences in % of the step, times in s."""
+    """The subject and the linear model for a step of `amplitude` [deg]; differences in % of the step, times in s."""
 
     amplitude: float
     largest_difference: float
@@ -35,7 +35,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Finding:
-    """Something measured that nothing is gated on; `holds` where it tests a claim."""
+    """A finding that no verdict depends on; `holds` where it tests a claim."""
 
     name: str
     text: str
