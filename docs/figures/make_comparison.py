@@ -31,8 +31,7 @@ from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.compare import sets
 from emcas_fmu.studies.report import mission, stiffness
-from emcas_fmu.studies.report.outcome import Value
-from emcas_fmu.studies.report.rig import Rig
+from emcas_fmu.studies.report.outcome import Rig, Value
 
 KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch, dual", "series-clutch": "clutch, series",
          "electrohydrostatic": "electrohydrostatic", "electrohydraulic": "electrohydraulic"}

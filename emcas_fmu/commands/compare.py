@@ -34,9 +34,8 @@ def compare(
     Files of --parameters lie below every set.
     """
     from ..bench.writers import write_json
-    from ..studies.compare.sets import DRIVES, load_sets
+    from ..studies.compare.sets import DRIVES, as_dict, load_sets, summary, write_report
     from ..studies.compare.sets import compare as run
-    from ..studies.compare.sets_output import as_dict, summary, write_report
 
     with common.failures():
         files = [Path(name) for name in sets or ()]

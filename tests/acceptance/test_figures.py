@@ -16,8 +16,7 @@ from emcas_fmu.bench.runs import StoppedError
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report import mission, responses, static_accuracy, stiffness, threshold
-from emcas_fmu.studies.report.outcome import Outcome, Quantity
-from emcas_fmu.studies.report.rig import Rig
+from emcas_fmu.studies.report.outcome import Outcome, Quantity, Rig
 
 from ..bench.subjects import Broken, Play, SecondOrder, count
 

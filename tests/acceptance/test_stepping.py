@@ -14,7 +14,7 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.reference import files, responses
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.report import stepping
-from emcas_fmu.studies.report.rig import Rig
+from emcas_fmu.studies.report.outcome import Rig
 
 pytestmark = pytest.mark.acceptance
 

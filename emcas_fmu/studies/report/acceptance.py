@@ -24,8 +24,7 @@ from ...reference.cases import LOAD
 from ...support.progress import Progress, silent
 from ...variables import Variable
 from . import mission, responses, static_accuracy, stepping, stiffness, threshold
-from .outcome import Outcome, Quantity, Value
-from .rig import Rig
+from .outcome import Outcome, Quantity, Rig, Value
 
 TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] = {
     "step_response": ("Step response", responses.steps, responses.STEP),
@@ -142,4 +141,4 @@ def _of_report(judged: Judged, r: Requirement, outcomes: Mapping[str, Outcome], 
     finite = isfinite(value)
     return replace(judged, measured=value if finite else None, note="" if finite else "it is not reached",
                    skipped=False, how=f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}",
-                   beyond=f"{group}.{key}" in outcome.beyond)
+                   beyond=bool(outcome.sign(group, key)))

@@ -8,8 +8,7 @@ import numpy as np
 
 from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, times
 from ...bench.metrics import rms, usage
-from .outcome import Array, Outcome, Quantity, Value
-from .rig import Rig
+from .outcome import Array, Outcome, Quantity, Rig, Value
 
 LAG = 0.02  # s, of the hinge moment behind the command in the synthetic profile
 RATE = 150.0  # deg/s, of the commands of the synthetic profile
@@ -41,11 +40,8 @@ _NAMES = {"motor_current_rms_a": "rms_current", "motor_current_peak_a": "peak_cu
 def synthetic(limit: float, load: float) -> tuple[Array, Array]:
     """Return command [deg] and hinge moment [N.m] of a made-up mission of 15 s, an assumption and not a flight record.
 
-    With c the limit of the command: launch, 2 s, trim at 0.05 c with a roll correction of 0.1 c at 1 Hz;
-    pitch-over, 3 s, doublets to ±0.5 c held 0.5 s each; midcourse, 5 s, trim at 0.1 c under sines of 0.04 c at
-    0.7, 1.9 and 4.3 Hz; terminal, 5 s, steps to 0.75, -0.6, 0.9, -0.75 c and 0 of 1 s each under a weave of 0.05 c
-    at 3 Hz. Commands change by at most 150 deg/s. The hinge moment restores: it is proportional to
-    the command 20 ms before, and at c would be 0.1, 0.5, 0.6 and 1 times the rated load.
+    `limit` is the largest command [deg], `load` the rated hinge moment [N.m]. docs/tools/acceptance_report.md has its
+    phases as a table.
     """
     time = times(PHASES[-1][1])
     wave = 2.0 * np.pi * time

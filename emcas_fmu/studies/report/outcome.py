@@ -1,21 +1,48 @@
-"""The outcome of a test as plain data; the names of its figures end in the unit that people read them in."""
+"""The rig, on which every test runs, and the outcome of a test: figures whose names end in their unit for display."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import degrees
 from typing import Any
 
 from numpy.typing import NDArray
 
 from ...bench import metrics, writers
+from ...bench.excitation import Excitation
+from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import FIGURES, result_name, unit_of
+from ...bench.runs import Run
+from ...bench.subject import Subject
 from ...bench.writers import typeset
+from ...reference.cases import LOAD
 
 Array = NDArray[Any]
 Value = float | bool
 Figures = Mapping[str, Mapping[str, Value]]
 """Group, then figure: {"plus_20deg": {"rise_time_s": ...}}; nan where a figure has no value."""
+RECORDED = ("fin_angle", "fin_rate", "motor_current", "supply_power", "saturated", "at_stop")
+
+
+@dataclass(frozen=True)
+class Rig:
+    """`load` is the rated hinge torque [N.m]; `mission` replaces the synthetic mission profile."""
+
+    subject: Subject
+    load: float = LOAD
+    mission: Excitation | None = None
+
+    @property
+    def limit(self) -> float:
+        """Largest command [deg]."""
+        return degrees(self.subject.command_limit)
+
+    def run(self, excitation: Excitation) -> Run:
+        """Return the response. Raises StoppedError where it ends early."""
+        run = self.subject.run(excitation, outputs=[name for name in RECORDED if name in self.subject.outputs])
+        run.finished()
+        return run
 
 
 @dataclass(frozen=True)
@@ -77,7 +104,6 @@ class Outcome:
     name: str = ""
     title: str = ""
     not_applicable: Mapping[str, str] = field(default_factory=dict)
-    beyond: Mapping[str, float] = field(default_factory=dict)
 
     def label(self, group: str) -> str:
         """Return a group's name for people."""
@@ -87,21 +113,20 @@ class Outcome:
         """Return the quantity of a name."""
         return next(q for q in self.quantities if q.key == key)
 
-    def described(self, group: str, key: str) -> tuple[str, Value]:
-        """Return the sign before a figure, and the figure or the bound that it lies beyond."""
-        bound = self.beyond.get(f"{group}.{key}")
-        return ("", self.figures[group][key]) if bound is None else ("> ", bound)
+    def sign(self, group: str, key: str) -> str:
+        """Return the sign before a figure: that of a bandwidth beyond the range of the search, otherwise none."""
+        return "> " if key.startswith("bandwidth") and self.figures[group][key] >= BANDWIDTHS[1] else ""
 
     def shown(self, group: str, q: Quantity) -> str:
         """Return a figure as it is shown in a column."""
-        sign, value = self.described(group, q.key)
-        return sign + writers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
+        value = self.figures[group][q.key]
+        return self.sign(group, q.key) + writers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
 
     def headlines(self) -> list[tuple[str, Quantity, str, Value]]:
         """Return label, quantity, sign and value of the headline figures that were measured."""
         paths = [path.split(".") for path in self.headline]
-        return [(f"{self.label(group)}: {self.quantity(key).label}", self.quantity(key), *self.described(group, key))
-                for group, key in paths if key in self.figures.get(group, {})]
+        return [(f"{self.label(group)}: {self.quantity(key).label}", self.quantity(key), self.sign(group, key),
+                 self.figures[group][key]) for group, key in paths if key in self.figures.get(group, {})]
 
     def left_out(self) -> list[tuple[str, list[str]]]:
         """Return each reason why figures are not applicable, with the labels of those figures."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite, isnan, radians
+from math import isnan, radians
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,7 @@ from ...bench.frequency_response import SWEPT, sweep_response
 from ...bench.measure import BANDWIDTHS, Test, excitation, sweep_figures
 from ...bench.metrics import motion
 from ...reference.cases import LOAD_RISE, SWEEP
-from .outcome import Outcome, Quantity, displayed, quantity
-from .rig import Rig
+from .outcome import Outcome, Quantity, Rig, displayed, quantity
 
 SIZES = (1.0, 5.0, 10.0)  # deg of a step; the end of the range is added
 DURATION = 1.0  # s from the command to the other end
@@ -24,7 +23,6 @@ STEP = (
     quantity("rise_time", "rise time"), quantity("settling_time", "settling time"),
     quantity("overshoot", "overshoot"), quantity("steady_error", "steady error"),
 )
-_BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
 FREQUENCY = (
     quantity("bandwidth_3db", "-3 dB"), quantity("bandwidth_90deg", "-90 deg"),
     quantity("peak_gain", "largest gain"), quantity("lowest_coherence", "least coherence"),
@@ -68,7 +66,6 @@ def _motions(rig: Rig, excitations: Mapping[str, Excitation], quantities: tuple[
 def frequency(rig: Rig) -> Outcome:
     """Measure bandwidths under sines, and the response to logarithmic sweeps, H1 estimate by Welch's method."""
     figures, curves, notes, labels = {}, {}, [], {"1deg": "1 deg", "3p5deg": "3.5 deg"}
-    beyond: dict[str, float] = {}
     lowest, highest = BANDWIDTHS
     for (group, label), amplitude in zip(labels.items(), (1.0, 3.5), strict=True):
         response = sweep_response(rig.run(sweep(radians(amplitude), 12.0)))
@@ -79,8 +76,6 @@ def frequency(rig: Rig) -> Outcome:
         elif isnan(bandwidth):
             notes.append(f"At {label} there is no bandwidth: what comes out is no sine of the command's frequency.")
         figures[group] = displayed(measured, FREQUENCY)
-        beyond |= {f"{group}.{name}_hz": highest for name in _BANDWIDTHS
-                   if isfinite(measured[name]) and measured[name] >= highest}
         curves[group] = {"frequency_hz": response.frequency, "gain_db": response.gain_db,
                          "phase_deg": np.degrees(response.phase), "coherence": response.coherence}
     low, high = SWEPT
@@ -91,7 +86,7 @@ def frequency(rig: Rig) -> Outcome:
         f"Welch's method, Hann segments of 1 s, evaluated from {low:g} to {high:g} Hz. Coherence is below 1 where the "
         "response is not linear, or changes within a segment.", FREQUENCY, figures,
         tuple(f"{group}.{key}" for group in labels for key in ("bandwidth_3db_hz", "bandwidth_90deg_hz")),
-        labels, curves, notes=tuple(notes), beyond=beyond)
+        labels, curves, notes=tuple(notes))
 
 
 def slews(rig: Rig) -> Outcome:

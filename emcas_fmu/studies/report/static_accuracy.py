@@ -17,8 +17,7 @@ from ...bench.metrics import bidirectional
 from ...bench.requirements import Case
 from ...parameters import load_parameters
 from ..tuning.study import shipped_cases
-from .outcome import Array, Outcome, Quantity
-from .rig import Rig
+from .outcome import Array, Outcome, Quantity, Rig
 
 INTERVALS = 8  # of the range
 CYCLES = 5

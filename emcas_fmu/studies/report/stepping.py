@@ -7,8 +7,7 @@ import numpy as np
 from ...bench.excitation import of_case
 from ...ops.floats import FLOATS
 from ...reference import files
-from .outcome import Outcome, Quantity
-from .rig import Rig
+from .outcome import Outcome, Quantity, Rig
 
 CASES = ("step", "load_opposing", "cold", "sag")
 SHORTER = 4.0

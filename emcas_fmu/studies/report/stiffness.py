@@ -10,8 +10,7 @@ import numpy as np
 from ...bench.excitation import LOAD, STEP, Excitation, load_ramp, sine
 from ...bench.frequency_response import fundamental, held
 from ...bench.metrics import breakaway
-from .outcome import Array, Outcome, Quantity, Value
-from .rig import Rig
+from .outcome import Array, Outcome, Quantity, Rig, Value
 
 FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # Hz
 CYCLES, SETTLE = 6.0, (4.0, 0.5)  # cycles fitted; cycles, and at least s, before them

@@ -10,8 +10,7 @@ import numpy as np
 from ...bench.excitation import HOLD, staircase
 from ...bench.metrics import ACCURACY
 from ...bench.subject import Subject
-from .outcome import Array, Outcome, Quantity
-from .rig import Rig
+from .outcome import Array, Outcome, Quantity, Rig
 
 STEP = 0.01  # s, of the outputs
 REST = 0.5  # s at rest before a command from rest
