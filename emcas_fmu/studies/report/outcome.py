@@ -120,7 +120,8 @@ class Outcome:
     def shown(self, group: str, q: Quantity) -> str:
         """Return a figure as it is shown in a column."""
         value = self.figures[group][q.key]
-        return self.sign(group, q.key) + writers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
+        text = writers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
+        return self.sign(group, q.key) + text
 
     def headlines(self) -> list[tuple[str, Quantity, str, Value]]:
         """Return label, quantity, sign and value of the headline figures that were measured."""

@@ -43,16 +43,16 @@ def drawings(result: Result) -> Iterator[Drawing]:
     if {"load_opposing", "load_aiding"} <= complete:
         yield loaded(result)
     if "square" in complete:
-        yield _angle_and_error(result, "square", "Modified square wave", plots.BLUE,
-                               "Levels of 5, 10, 15 and 20 deg, edges at 400 deg/s.", dots=30)
+        yield _one_case(result, "square", "Modified square wave", plots.BLUE,
+                        "Levels of 5, 10, 15 and 20 deg, edges at 400 deg/s.", dots=30)
     if "cold" in complete:
-        yield _angle_and_error(result, "cold", "Cold", plots.SKY, "Steps at -6 degC, where friction is higher than the "
-                               "controller compensates for.", dots=15)
+        yield _one_case(result, "cold", "Cold", plots.SKY, "Steps at -6 degC, where friction is higher than the "
+                        "controller compensates for.", dots=15)
     if "sag" in complete:
         yield sag(result)
     for case in result.cases:
         if case.name in complete and case.case.kind == EMBEDDED:
-            yield _angle_and_error(result, case.name, "Inside the FMU", plots.BLUE, f"{case.case.title}.", dots=10)
+            yield _one_case(result, case.name, "Inside the FMU", plots.BLUE, f"{case.case.title}.", dots=10)
     if result.linear_series:
         yield linear(result)
 
@@ -80,46 +80,40 @@ def _command(axes: Axes, excitation: Excitation, begin: float = 0.0, end: float 
     axes.step(excitation.time[at] * 1e3, excitation.command[at] * _DEG, where="post", label="command", **COMMAND)
 
 
-def _error(axes: Axes, series: CaseResult, **look: Any) -> None:
-    """Plot fin angle minus reference [mdeg] over time [ms], where there is a reference."""
-    if series.exact:
-        response, reference = series.compared("fin_angle")
-        axes.plot(series.compared("time")[0] * 1e3, (response - reference) * _DEG * 1e3, **look)
+def _angles(result: Result, cases: Mapping[str, Mapping[str, Any]], dots: int, height: float) -> tuple[Any, Any, Any]:
+    """Return a figure with the fin angles of `cases`, and its panels of angles and of errors to the reference.
 
-
-def _angle_panels(result: Result, height: float, *names: str) -> Any:
-    """Return a figure with a panel of angles and, where a case has a reference, one of errors below it."""
-    if not _compared(result, *names):
+    `cases` has the look of each. Without any reference there is one panel, which is returned twice.
+    """
+    if any(result.series[name].reference for name in cases):
+        figure, (angle, error) = plots.column("fin angle [deg]", "error [mdeg]", x="time [ms]", height=height,
+                                              height_ratios=(2.1, 1.0))
+        error.axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
+    else:
         figure, (angle,) = plots.column("fin angle [deg]", x="time [ms]", height=1.4 * height)
-        return figure, angle, angle
-    figure, (angle, error) = plots.column("fin angle [deg]", "error [mdeg]", x="time [ms]", height=height,
-                                          height_ratios=(2.1, 1.0))
-    error.axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
+        error = angle
+    for name, look in cases.items():
+        series = result.series[name]
+        _command(angle, series.run.excitation)
+        _line(angle, result, series, "fin_angle", dots, look["color"], look["label"])
+        if series.reference:
+            response, reference = series.compared("fin_angle")
+            error.plot(series.compared("time")[0] * 1e3, (response - reference) * _DEG * 1e3, linewidth=0.9, **look)
+    plots.legend_above(angle)
     return figure, angle, error
-
-
-def _compared(result: Result, *names: str) -> bool:
-    return any(result.series[name].reference for name in names)
 
 
 def steps(result: Result, sizes: Sequence[int]) -> Drawing:
     """Draw the steps of `sizes` [deg], and their errors to the reference."""
-    names = [f"step_{sign}{size}" for size in sizes for sign in ("plus", "minus")]
-    figure, angle, error = _angle_panels(result, 2.5, *names)
-    colors = dict(zip(_SIZES, plots.COLORS, strict=False))
-    for size in reversed(sizes):
-        for sign, line in (("plus", "-"), ("minus", (0, (5, 1.2)))):
-            series = result.series[f"step_{sign}{size}"]
-            _command(angle, series.run.excitation)
-            _line(angle, result, series, "fin_angle", 12, colors[size], f"±{size} deg")
-            _error(error, series, color=colors[size], linestyle=line, linewidth=0.9, label=f"±{size} deg")
-    plots.legend_above(angle)
+    colors, lines = dict(zip(_SIZES, plots.COLORS, strict=False)), {"plus": "-", "minus": (0, (5, 1.2))}
+    figure, angle, error = _angles(result, {
+        f"step_{sign}{size}": {"color": colors[size], "linestyle": line, "label": f"±{size} deg"}
+        for size in reversed(sizes) for sign, line in lines.items()}, 12, 2.5)
     angle.set(yticks=(-20, -10, -5, -1, 1, 5, 10, 20))
     error.set(xlim=(0, 500))
     below = (" Below, fin angle minus reference in thousandths of a degree, negative steps dashed; the green band is "
              "what the trajectory criterion allows.")
-    return Drawing("Steps", figure, "Steps of ±1, ±5, ±10 and ±20 deg at 50 ms." + (
-        below if _compared(result, *names) else ""))
+    return Drawing("Steps", figure, "Steps of ±1, ±5, ±10 and ±20 deg at 50 ms." + below * (error is not angle))
 
 
 def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
@@ -230,17 +224,11 @@ def loaded(result: Result) -> Drawing:
         "load leaves decays with the integral action of the position loop, where there is one.")
 
 
-def _angle_and_error(result: Result, name: str, title: str, color: str, caption: str, dots: int) -> Drawing:
+def _one_case(result: Result, name: str, title: str, color: str, caption: str, dots: int) -> Drawing:
     """Draw the fin angle of a case, and its error to the reference."""
-    series = result.series[name]
-    figure, angle, error = _angle_panels(result, 2.0, name)
-    _command(angle, series.run.excitation)
-    _line(angle, result, series, "fin_angle", dots, color, "fin")
-    _error(error, series, color=color, linewidth=0.9, label="fin")
-    plots.legend_above(angle)
-    error.set(xlim=(0, float(series.run.excitation.time[-1]) * 1e3))
-    return Drawing(title, figure, caption + (
-        " Below, fin angle minus reference." if _compared(result, name) else ""))
+    figure, angle, error = _angles(result, {name: {"color": color, "label": "fin"}}, dots, 2.0)
+    error.set(xlim=(0, float(result.series[name].run.excitation.time[-1]) * 1e3))
+    return Drawing(title, figure, caption + " Below, fin angle minus reference." * (error is not angle))
 
 
 def sag(result: Result) -> Drawing:
