@@ -19,15 +19,16 @@ from matplotlib.ticker import MaxNLocator
 
 from .actuators import extension_outputs, fin_port, get
 from .bench import metrics
+from .bench.conditions import ESTIMATE, conditions, resting_on
 from .bench.excitation import COMMAND, Excitation
-from .bench.provenance import ESTIMATE, conditions, resting_on
 from .bench.runs import Columns, Run
-from .bench.writers import code, number, stated, write_page
 from .errors import EmcasError, hint
 from .figures.plots import COLORS, figure, legend, picture, shade, style, write
 from .figures.plots import COMMAND as COMMAND_LINE
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
+from .pages.numbers import number
+from .pages.page import code, stated, write_page
 from .parameters import ParameterSet
 from .simulation import Array
 from .support import extras

@@ -19,7 +19,7 @@ from make_tables import DOCS, main, markdown
 
 from emcas_fmu.bench.excitation import STEP
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.bench.writers import with_unit
+from emcas_fmu.pages.numbers import with_unit
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign import measure

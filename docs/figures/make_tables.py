@@ -23,9 +23,9 @@ from emcas_fmu.bench.measure import KINDS as TESTS
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.bench.writers import with_unit
 from emcas_fmu.extensions import fault_list, monitors
 from emcas_fmu.fmi.interface import MIXING, FmuInterface
+from emcas_fmu.pages.numbers import with_unit
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen

@@ -35,7 +35,7 @@ class Program(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Keep the arguments as they were given, for as long as it runs."""
         check_environment()
-        from emcas_fmu.bench.provenance import made_by
+        from emcas_fmu.pages.provenance import made_by
 
         ctx.with_resource(made_by([*PROGRAM, *args]))
         return super().parse_args(ctx, args)

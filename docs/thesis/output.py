@@ -13,6 +13,7 @@ from rich.table import Table as RichTable
 
 from emcas_fmu import __version__
 from emcas_fmu.bench import writers
+from emcas_fmu.pages import numbers, page
 
 from .entry import REASONS, Table
 from .study import Outcome, Result
@@ -55,7 +56,7 @@ def numeric(table: Table) -> list[bool]:
 
 def cell(value: Any) -> str:
     """Return a cell for people."""
-    return value if isinstance(value, str) else writers.number(value)
+    return value if isinstance(value, str) else numbers.number(value)
 
 
 def write_page(result: Result, path: Path) -> None:
@@ -64,7 +65,7 @@ def write_page(result: Result, path: Path) -> None:
     groups = [(f"Chapter {number}: {title}", [o for o in figures if o.entry.chapter == number])
               for number, title in _CHAPTERS.items()]
     groups.append(("Tables", [o for o in result.outcomes if o.entry.kind == "Table"]))
-    writers.write_page(path, Path(__file__).with_name("page.html.j2"), [result.about], r=result, about=result.about,
+    page.write_page(path, Path(__file__).with_name("page.html.j2"), [result.about.source], r=result, about=result.about,
                        numeric=numeric, cell=cell, groups=[(title, group) for title, group in groups if group])
 
 

@@ -12,6 +12,6 @@
     linear/                the actuator linearised: responses, margins (extra `analysis`)
     requirements.py        figures of tests with limits, read from TOML
     verdict.py             requirements judged
-    writers.py             JSON, JUnit, and pages of the blocks in macros.html.j2 over base.html.j2; curves.js has uPlot
-    provenance.py          the provenance of a result: command, files, hashes, date; conditions
+    writers.py             JSON, JUnit and tables for the terminal
+    conditions.py          conditions of a simulation, and parameters that are estimates
 """

@@ -24,6 +24,7 @@ from ..errors import EmcasError
 from ..namespace import with_values
 from ..ops.arrays import ARRAYS
 from ..ops.floats import FLOATS
+from ..pages.provenance import Source, shipped
 from ..parameters import ParameterSet, check_combinations, load_parameters
 from ..reference.files import parameters_hash
 from ..reference.stored import Stored
@@ -32,7 +33,6 @@ from ..simulation import Array, SteppedUnit, respond_all
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .metrics import Figure
-from .provenance import shipped
 from .runs import Run, Runs, spread
 
 COMMAND_RANGE = radians(20.0)  # of Table 2, for an actuator without command.limit
@@ -59,6 +59,12 @@ class Identification:
     estimates: tuple[str, ...]
     model: str = NONLINEAR
     fin: int | None = None
+
+    @property
+    def source(self) -> Source:
+        """The source of a page about the subject."""
+        return Source("FMU" if self.kind == "FMU" else "parameters", self.file, self.sha256, self.parameters_sha256,
+                      self.model + (f", fin {self.fin}" if self.fin else ""))
 
 
 class Subject(ABC):

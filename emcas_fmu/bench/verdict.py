@@ -17,11 +17,12 @@ from rich.markup import escape
 from rich.table import Column
 from rich.table import Table as RichTable
 
+from ..pages.numbers import number
 from ..support.progress import Progress, silent
 from .measure import BANDWIDTHS, KINDS, measure
 from .requirements import Case, Requirement, Specification
 from .subject import Subject
-from .writers import junit_case, number
+from .writers import junit_case
 
 SENSES = {"maximum": "<=", "minimum": ">="}
 

@@ -62,7 +62,7 @@ def analyse(
 
 
 def _tables(f: dict[str, Any], reference: str) -> list[Table]:
-    from ..bench.writers import number
+    from ..pages.numbers import number
 
     models = {"here": f["linear"]} | ({} if "thesis_linear" in f["left_out"] else {"thesis": f["thesis_linear"]})
     at, rod = f["operating_point"], f["modes"]

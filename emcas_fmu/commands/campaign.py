@@ -153,8 +153,9 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot: Path | None,
          inputs: tuple[Path | None, ...]) -> None:
     """Run one sample in this process; print it, and write its signals and pictures."""
-    from ..bench.writers import rounded, write_json
+    from ..bench.writers import write_json
     from ..figures.plots import check_ending
+    from ..pages.numbers import rounded
     from ..studies.campaign.extension_outputs import in_words
     from ..studies.campaign.history import history
     from ..studies.campaign.sample import columns, listed, observed, rows, subject_of

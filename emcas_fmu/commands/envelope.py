@@ -36,7 +36,7 @@ def envelope(
     as_json: Annotated[Path | None, common.json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
-    from ..bench.provenance import resting_on
+    from ..bench.conditions import resting_on
     from ..bench.writers import write_json
     from ..units import UnitError, quantity
 
@@ -86,8 +86,8 @@ def _write_csv(e: Envelope, path: Path) -> None:
 
 
 def _table(e: Envelope) -> Table:
-    from ..bench.provenance import ESTIMATE
-    from ..bench.writers import number
+    from ..bench.conditions import ESTIMATE
+    from ..pages.numbers import number
     from ..studies.analysis.envelope import TORQUE
 
     preload = f", from {e.preload:g} of the continuous current" if e.preload else ""

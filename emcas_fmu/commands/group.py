@@ -160,7 +160,7 @@ class LazyGroup(TyperGroup):
         """Parse the arguments, and keep them while the command runs: pages name the command that made them."""
         check_environment()
         if args and args[0] in self.commands:
-            from ..bench.provenance import made_by
+            from ..pages.provenance import made_by
 
             ctx.with_resource(made_by(["emcas", *args]))
         return super().parse_args(ctx, args)

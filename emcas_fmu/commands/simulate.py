@@ -86,10 +86,11 @@ def simulate(
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
     from ..api import simulate as run
+    from ..bench.conditions import resting_on
     from ..bench.excitation import STEP, csv_file, reference_case
-    from ..bench.provenance import resting_on
-    from ..bench.writers import number, write_json
+    from ..bench.writers import write_json
     from ..figures.plots import check_ending
+    from ..pages.numbers import number
     from ..reference.files import supply_start
 
     with common.failures():

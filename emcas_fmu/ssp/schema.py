@@ -9,8 +9,8 @@ from typing import Any
 import fmpy
 from lxml import etree
 
-from ..bench.writers import page
 from ..errors import EmcasError
+from ..pages.page import page
 
 _BASE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSD, SSC, SSV = f"{_BASE}Description", f"{_BASE}Common", f"{_BASE}ParameterValues"

@@ -21,9 +21,10 @@ from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.bench.requirements import Specification, load_requirements
 from emcas_fmu.bench.subject import ParameterSubject, Subject
 from emcas_fmu.bench.verdict import in_words, judge
-from emcas_fmu.bench.writers import number, plain
+from emcas_fmu.bench.writers import plain
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.pages.numbers import number
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report.acceptance import TESTS, Result, _of_report, carry_out, flat
 from emcas_fmu.studies.report.acceptance_output import as_dict, write_report

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from emcas_fmu.bench.provenance import Source
-from emcas_fmu.bench.writers import write_page
 from emcas_fmu.cli import app
 from emcas_fmu.figures import plots
+from emcas_fmu.pages.page import write_page
+from emcas_fmu.pages.provenance import Source
 from tests.explore.browser import Browser, chromium
 
 CURVES = "charts[0].panels"
@@ -42,7 +42,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         plots.legend_above(grid[0, 0])
         shown = plots.picture(made, "Step", "A step.")
     path = tmp_path_factory.mktemp("page") / "page.html"
-    write_page(path, "bench/picture.html.j2", [Source("parameters", "mine.toml", "0" * 64)], picture=shown)
+    write_page(path, "pages/picture.html.j2", [Source("parameters", "mine.toml", "0" * 64)], picture=shown)
     return path
 
 

@@ -15,8 +15,8 @@ import pytest
 from typer.testing import CliRunner
 
 from emcas_fmu.bench.measure import BANDWIDTHS
-from emcas_fmu.bench.writers import number
 from emcas_fmu.cli import app
+from emcas_fmu.pages.numbers import number
 from emcas_fmu.studies.analysis.sweep import _RESOLVED
 from emcas_fmu.studies.baseline.model import DIGITS
 from emcas_fmu.studies.tuning import optimise

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 import emcas_fmu
-from emcas_fmu.bench.provenance import Source, made, made_by
-from emcas_fmu.bench.writers import _environment, outlined, typeset, with_unit, write_page
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.figures.plots import Picture
+from emcas_fmu.pages.numbers import typeset, with_unit
+from emcas_fmu.pages.page import environment, outlined, write_page
+from emcas_fmu.pages.provenance import Source, made, made_by
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.support.dates import today
 
@@ -38,7 +39,7 @@ def test_a_table_has_a_caption_and_headings_that_repeat(template: Path) -> None:
 
 
 @pytest.mark.parametrize("template", [path for path in TEMPLATES
-                                      if path.parent.name not in ("bench", "explore", "thesis")],
+                                      if path.parent.name not in ("pages", "explore", "thesis")],
                          ids=lambda path: str(path.relative_to(FOLDER)))
 def test_a_page_is_made_of_blocks(template: Path) -> None:
     """Its tables and figures are those of the macros, but what is signed."""
@@ -49,7 +50,7 @@ def test_a_page_is_made_of_blocks(template: Path) -> None:
 
 def test_rows_of_a_table() -> None:
     """A tuple is given item by item, a heading of numbers stands to the right, and a table without rows says so."""
-    template = _environment().from_string(
+    template = environment().from_string(
         '{% call(name, value) m.table("Title", ["name", ">value"], rows) %}'
         '<td>{{ name }}</td>{{ m.cells([value]) }}{% endcall %}')
     text = re.sub(r"\s*\n\s*", "", template.render(rows=[("<a>", -2.0)]))
@@ -76,7 +77,7 @@ def test_a_page_says_how_it_was_made_and_is_the_same_again(tmp_path: Path, monke
     pages = [tmp_path / "one.html", tmp_path / "two.html"]
     for path in pages:
         with made_by(["emcas", "envelope", "-p", "a file.toml"]):
-            write_page(path, "bench/picture.html.j2", [parameters], picture=Picture("Title", "<svg></svg>", "Words."))
+            write_page(path, "pages/picture.html.j2", [parameters], picture=Picture("Title", "<svg></svg>", "Words."))
     text = pages[0].read_text(encoding="utf-8")
     assert text == pages[1].read_text(encoding="utf-8")
     (source,) = made(parameters).sources

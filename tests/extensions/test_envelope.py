@@ -16,7 +16,7 @@ import pytest
 from scipy.linalg import expm
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.bench.provenance import ESTIMATE
+from emcas_fmu.bench.conditions import ESTIMATE
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterSet, load_parameters

@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from emcas_fmu.bench import writers
 from emcas_fmu.cli import app
+from emcas_fmu.pages import numbers
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.tuning import optimise
 from emcas_fmu.studies.tuning.evaluate import Evaluation, Journal, Judgement, evaluate, share
@@ -215,11 +215,11 @@ def test_what_is_shown_as_its_limit_meets_it(off: float, tmp_path: Path) -> None
     result, page, document = shown(study, study.requirements[0].limit * (1.0 + off), tmp_path)
     row = rows(result, result.best)[0]
     assert row["met"] is document["requirements"][0]["met"] is (off <= 1e-9)
-    text, limit = (writers.with_unit(value, row["unit"], row["limit"]) for value in (row["measured"], row["limit"]))
+    text, limit = (numbers.with_unit(value, row["unit"], row["limit"]) for value in (row["measured"], row["limit"]))
     assert row["met"] or text != limit
     assert f"{'✓' if row['met'] else '✗'} {text}" in page
     assert f"≤ {limit}" in page
-    share = writers.percent(row["margin"])
+    share = numbers.percent(row["margin"])
     assert f">{share}<" in page
     assert (share[0] == "−") is (off > 1e-9)
     assert share not in ("−0 %", "-0 %")
@@ -234,17 +234,17 @@ def test_page_and_json_have_the_gains_and_the_objective_that_are_returned(tmp_pa
     assert "51.23456" in page
     assert document["objective"] == {"before": result.before.objective, "returned": result.best.objective,
                                      "nearby": None}
-    assert f"{writers.number(result.best.objective)} returned" in objectives(result)
-    assert f"{writers.number(result.best.objective)} returned" in page
+    assert f"{numbers.number(result.best.objective)} returned" in objectives(result)
+    assert f"{numbers.number(result.best.objective)} returned" in page
 
 
 def test_figures_beside_a_limit_are_those_of_everywhere() -> None:
     """As `number` has them; with more digits where it has the limit's own."""
     for value, limit in pairwise((35.0, 34.99961, 0.0, 1.2345678, float("inf"), 12345.6, -3.0)):
-        assert writers.beside(value, limit) == writers.number(value) or writers.number(value) == writers.number(limit)
-    assert writers.beside(34.99961, 35.0) == "34.9996"
-    assert writers.beside(35.0, 35.0) == "35"
-    assert [writers.percent(share) for share in (0.0, -0.0, 0.1234, -0.0001, 2e-5, -0.74)] == [
+        assert numbers.beside(value, limit) == numbers.number(value) or numbers.number(value) == numbers.number(limit)
+    assert numbers.beside(34.99961, 35.0) == "34.9996"
+    assert numbers.beside(35.0, 35.0) == "35"
+    assert [numbers.percent(share) for share in (0.0, -0.0, 0.1234, -0.0001, 2e-5, -0.74)] == [
         "0 %", "0 %", "12 %", "−0.01 %", "0.002 %", "−74 %"]
 
 

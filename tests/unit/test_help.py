@@ -17,11 +17,11 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from emcas_fmu.bench.verdict import Judged, summary_table
-from emcas_fmu.bench.writers import number, rounded
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
 from emcas_fmu.commands.group import PANELS, summary
 from emcas_fmu.errors import in_words, unreadable
+from emcas_fmu.pages.numbers import number, rounded
 from emcas_fmu.runtime import library
 from emcas_fmu.runtime.compiler import PLATFORMS
 from emcas_fmu.support.progress import LOG

@@ -29,12 +29,12 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq, minimize_scalar
 
 from ...actuators import capabilities, parts, require
-from ...bench.provenance import ESTIMATE, resting_on
-from ...bench.writers import write_page
+from ...bench.conditions import ESTIMATE, resting_on
 from ...errors import EmcasError
 from ...figures.plots import BLUE, GREEN, INK, PURPLE, VERMILLION, column, picture, style, write
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
+from ...pages.page import write_page
 from ...parameters import ParameterSet
 from ...physics import drive, heat
 from ...simulation import Array
@@ -273,4 +273,4 @@ def write_picture(e: Envelope, path: Path, parameters: ParameterSet) -> None:
         shown = picture(drawn, "Torque-speed envelope", " ".join([
             f"Torque for {e.duration:g} s and for any time (shaded), and the limits.",
             *resting_on({name: names for name, names in e.estimates.items() if name == TORQUE})]))
-    write_page(path, "bench/picture.html.j2", [parameters], picture=shown)
+    write_page(path, "pages/picture.html.j2", [parameters], picture=shown)

@@ -13,6 +13,7 @@ from ...bench import writers
 from ...bench.linear.frequency import continuous_poles
 from ...bench.linear.systems import System
 from ...figures import plots
+from ...pages.page import write_page
 from ...reference.cases import LOAD
 from . import final_values
 from .analyse import Analysis, ClosedLoop
@@ -121,6 +122,6 @@ def write_report(analysis: Analysis, path: Path) -> None:
         loops.append((f"{reference} u, thesis’s model", f["thesis_linear"]["loops"]["reference"]))
     finals = [(label, f["final_values"][name]) for name, label in (("p", "P"), ("pi", "PI"), ("as_set", "as set"))
               if name in f["final_values"]]
-    writers.write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=f, loops=loops,
+    write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=f, loops=loops,
                        finals=finals, actuator=analysis.actuator.actuator, reference=reference,
                        small=unseen(analysis.actuator.actuator), pictures=plots.pictures(drawings(analysis)))

@@ -16,6 +16,7 @@ from rich.markup import escape
 from ... import __version__
 from ...bench import writers
 from ...figures import plots
+from ...pages.page import write_page
 from ...support.writing import append
 from .comparison import Comparison, Row
 from .model import NEVER, output_units
@@ -167,7 +168,7 @@ def _cell(text: str) -> str:
 
 def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison gives the same bytes."""
-    writers.write_page(path, "studies/baseline/page.html.j2", [comparison.identification],
+    write_page(path, "studies/baseline/page.html.j2", [comparison.identification.source],
                        about=comparison.identification, comparison=comparison, verdict=verdict(comparison),
                        remedy=remedy, columns=[">" * (k in NUMERIC) + name for k, name in enumerate(HEADER)],
                        numeric=NUMERIC, cells=cells, pictures=plots.pictures(_drawings(comparison)))

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import shown
-from ...bench.provenance import Source
-from ...bench.writers import write_page
 from ...figures.plots import pictures
+from ...pages.page import write_page
+from ...pages.provenance import Source
 from ...reference.files import parameters_hash
 from .figures import drawings
 from .measure import lacking

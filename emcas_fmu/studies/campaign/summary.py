@@ -16,7 +16,7 @@ from ... import __version__
 from ...actuators import NONLINEAR
 from ...bench.metrics import Figure, shown
 from ...bench.requirements import Requirement
-from ...bench.writers import rounded
+from ...pages.numbers import rounded
 from ...simulation import Array
 from . import fault_detection
 from .experiments import REQUIREMENT

@@ -23,6 +23,8 @@ from ...bench.subject import ParameterSubject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...figures.plots import COMMAND, Drawing, figure, pictures
+from ...pages import numbers
+from ...pages.page import write_page
 from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file
 from ...support.progress import Progress, silent
 
@@ -142,7 +144,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
         table.add_row(first.name, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, row))
     yield table
     for name, values in result.differing.items() if len(result.models) == 1 else ():
-        yield escape(f"{name}: {', '.join(writers.number(value) for value in values)}")
+        yield escape(f"{name}: {', '.join(numbers.number(value) for value in values)}")
     for column in result.columns:
         missed = [j.name for j in column.judged if not j.passed and not j.skipped]
         yield (f"{escape(column.name)}: [green]meets all[/]" if column.passed else
@@ -152,7 +154,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
 def _cell(j: Judged) -> str:
     if j.skipped:
         return "[dim]not judged[/]"
-    return f"{j.more}{writers.number(j.measured)} {'[green]ok[/]' if j.passed else '[bold red]FAIL[/]'}"
+    return f"{j.more}{numbers.number(j.measured)} {'[green]ok[/]' if j.passed else '[bold red]FAIL[/]'}"
 
 
 def as_dict(result: Result) -> dict[str, Any]:
@@ -167,7 +169,7 @@ def as_dict(result: Result) -> dict[str, Any]:
 
 def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
-    writers.write_page(path, "studies/compare/page.html.j2", [c.parameters for c in result.columns], result=result,
+    write_page(path, "studies/compare/page.html.j2", [c.parameters for c in result.columns], result=result,
                        pictures=pictures(_drawings(result)))
 
 

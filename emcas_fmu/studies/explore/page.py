@@ -20,8 +20,10 @@ from ...bench.excitation import COMMAND, LOAD, Excitation
 from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.subject import Identification, ParameterSubject, Subject
 from ...bench.verdict import SENSES, at_start
-from ...bench.writers import page, plain, typeset
+from ...bench.writers import plain
 from ...errors import EmcasError
+from ...pages.numbers import typeset
+from ...pages.page import page
 from ...parameters import Entry, ParameterSet, load_parameters
 from ...reference import cases
 from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels

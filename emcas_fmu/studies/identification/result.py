@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
-from ...bench.writers import write_page
 from ...figures.plots import Drawing, pictures
+from ...pages.page import write_page
 from ...parameters import ParameterSet
 from .estimation import METHOD, Fit
 from .records import Record, read_records, require

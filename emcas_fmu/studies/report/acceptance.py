@@ -11,8 +11,8 @@ import numpy as np
 
 from ...actuators import NONLINEAR
 from ...bench import verdict
+from ...bench.conditions import conditions
 from ...bench.excitation import STEP, Excitation
-from ...bench.provenance import conditions
 from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.runs import StoppedError
 from ...bench.subject import Identification, Subject

@@ -14,6 +14,8 @@ from rich.table import Column
 from ... import __version__
 from ...bench import writers
 from ...bench.verdict import in_words, remarks, summary_table
+from ...pages import numbers
+from ...pages.page import stated, write_page
 from .acceptance import Result
 from .outcome import Outcome
 from .pictures import pictures
@@ -32,7 +34,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
         first = outcome.title
         for label, q, sign, value in outcome.headlines():
             label += " (estimate)" * bool(outcome.estimate)
-            figures.add_row(first, escape(label), sign + writers.number(value), "" if q.unit == "1" else q.unit)
+            figures.add_row(first, escape(label), sign + numbers.number(value), "" if q.unit == "1" else q.unit)
             first = ""
     yield figures
     for remark in remarks(result.judged):
@@ -75,9 +77,9 @@ def write_report(result: Result, path: Path, date: str = "", document: str = "",
     headlines: list[tuple[Outcome, bool, str, str, str]] = []
     for each in result.outcomes.values():
         headlines += [(each, True, "not finished", "", "")] if each.stopped else []
-        headlines += [(each, not k, label, sign + writers.with_unit(value, q.unit), "estimate" * bool(each.estimate))
+        headlines += [(each, not k, label, sign + numbers.with_unit(value, q.unit), "estimate" * bool(each.estimate))
                       for k, (label, q, sign, value) in enumerate(each.headlines())]
-    writers.write_page(path, "studies/report/page.html.j2", [result.about], date, r=result, about=result.about,
+    write_page(path, "studies/report/page.html.j2", [result.about.source], date, r=result, about=result.about,
                        document=document, revision=revision, pictures=pictures(result), headlines=headlines,
-                       conditions=[(label, writers.stated(value, unit, name))
+                       conditions=[(label, stated(value, unit, name))
                                    for label, name, value, unit in result.conditions])

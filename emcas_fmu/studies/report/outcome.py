@@ -9,13 +9,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ...bench import metrics, writers
+from ...bench import metrics
 from ...bench.excitation import Excitation
 from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import FIGURES, result_name, unit_of
 from ...bench.runs import Run
 from ...bench.subject import Subject
-from ...bench.writers import typeset
+from ...pages import numbers
+from ...pages.numbers import typeset
 from ...reference.cases import LOAD
 
 Array = NDArray[Any]
@@ -120,7 +121,7 @@ class Outcome:
     def shown(self, group: str, q: Quantity) -> str:
         """Return a figure as it is shown in a column."""
         value = self.figures[group][q.key]
-        text = writers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
+        text = numbers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
         return self.sign(group, q.key) + text
 
     def headlines(self) -> list[tuple[str, Quantity, str, Value]]:

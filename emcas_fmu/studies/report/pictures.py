@@ -13,9 +13,9 @@ from ...bench.excitation import HOLD, LOAD
 from ...bench.metrics import ACCURACY as _ACCURACY
 from ...bench.runs import Run
 from ...bench.verdict import Judged
-from ...bench.writers import with_unit
 from ...figures import plots
 from ...figures.plots import COMMAND, LIMIT, Drawing, Picture, legend_above
+from ...pages.numbers import with_unit
 from .acceptance import Result
 from .outcome import Array, Outcome
 

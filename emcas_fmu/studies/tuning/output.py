@@ -13,6 +13,8 @@ from ... import __version__
 from ...bench import writers
 from ...bench.metrics import FIGURES, shown
 from ...figures.plots import pictures
+from ...pages.numbers import beside, number, percent, with_unit
+from ...pages.page import write_page
 from ...parameters import file_entry, write_parameters
 from .evaluate import Evaluation
 from .optimise import Result
@@ -40,9 +42,9 @@ def summary(result: Result) -> Table:
                   title=f"{'Gains begun with' if result.unimproved else 'Tuned gains'}: {_listed(result.best.gains)}",
                   title_justify="left")
     for row in rows(result, result.best):
-        table.add_row(row["requirement"], row["case"], writers.with_unit(row["measured"], row["unit"], row["limit"]),
-                      f"{'≤' if row['sense'] == 'maximum' else '≥'} {writers.with_unit(row['limit'], row['unit'])}",
-                      writers.percent(row["margin"]), "ok" if row["met"] else "MISSED")
+        table.add_row(row["requirement"], row["case"], with_unit(row["measured"], row["unit"], row["limit"]),
+                      f"{'≤' if row['sense'] == 'maximum' else '≥'} {with_unit(row['limit'], row['unit'])}",
+                      percent(row["margin"]), "ok" if row["met"] else "MISSED")
     return table
 
 
@@ -64,19 +66,19 @@ def verdict(result: Result) -> str:
     so_far = (f"stopped by Ctrl-C, {none if result.unimproved else f'the best of {count}'}: " if result.stopped else
               f"{none}, which is returned: " if result.unimproved else "")
     if result.met:
-        return (f"{so_far}all requirements are met in every case; smallest margin {writers.percent(worst.margin)}; "
+        return (f"{so_far}all requirements are met in every case; smallest margin {percent(worst.margin)}; "
                 f"{binding}")
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
     return (f"{so_far}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
-            f"{worst.case}, stands at {writers.beside(100.0 * worst.share, 100.0)} % of its limit; {binding}")
+            f"{worst.case}, stands at {beside(100.0 * worst.share, 100.0)} % of its limit; {binding}")
 
 
 def objectives(result: Result) -> str:
     """Return a line: the objective of the initial and of the returned gains, and its change near these."""
     before, returned = result.before.objective, result.best.objective
     steep = "" if isnan(result.nearby) else (
-        f"; at most {writers.number(result.nearby)} where a third digit changes by one")
-    return f"objective: {writers.beside(before, returned)} before, {writers.number(returned)} returned{steep}"
+        f"; at most {number(result.nearby)} where a third digit changes by one")
+    return f"objective: {beside(before, returned)} before, {number(returned)} returned{steep}"
 
 
 def at_bounds(result: Result) -> str:
@@ -91,7 +93,7 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
     If the search found nothing better, the set stays as it is, with the sources of its values.
     """
     worst = result.best.worst
-    note = f"{command}; smallest margin {writers.percent(worst.margin)} ({worst.requirement}, case {worst.case})"
+    note = f"{command}; smallest margin {percent(worst.margin)} ({worst.requirement}, case {worst.case})"
     units = {e.variable.name: e.variable.unit for e in result.study.base.entries}
     gains = {name: file_entry([value], units[name], "tuned", note)
              for name, value in result.best.gains.items() if not result.unimproved}
@@ -118,7 +120,7 @@ def write_json(result: Result, path: Path, command: str) -> None:
 def write_report(result: Result, path: Path, pair: tuple[str, str] | None = None) -> None:
     """Write the page of a result; the same result gives the same bytes."""
     by_case = {(j.requirement, j.case): j for j in result.best.judgements}
-    writers.write_page(
+    write_page(
         path, "studies/tuning/page.html.j2", [result.study.base], result=result, verdict=verdict(result), shown=shown,
         objectives=objectives(result), gain=gain,
         by_case=by_case, rows=list(zip(rows(result, result.best), rows(result, result.before), strict=True)),

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...bench import metrics
 from ...bench.runs import Run
-from ...bench.writers import rounded
+from ...pages.numbers import rounded
 from ...reference.cases import LEAD_IN
 
 # "Linear against nonlinear": amplitudes [deg], and the angle below which both agree according to the thesis.

@@ -18,6 +18,8 @@ from rich.table import Column, Table
 from ...bench import writers
 from ...bench.verdict import remarks, summary_table
 from ...figures.plots import pictures
+from ...pages import numbers
+from ...pages.page import write_page
 from .pictures import drawings
 from .validation import TRAJECTORY_LIMIT, CaseResult, Result
 
@@ -34,7 +36,7 @@ def _cases(result: Result) -> Table:
         title=f"largest error to {result.compared_with}")
     for case in result.cases:
         errors = [case.errors.get(name) for name in shown]
-        table.add_row(case.name, *(writers.number(error.maximum) if error else "–" for error in errors))
+        table.add_row(case.name, *(numbers.number(error.maximum) if error else "–" for error in errors))
     return table
 
 
@@ -91,6 +93,6 @@ def write_junit(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
-    writers.write_page(path, "studies/validate/page.html.j2", [result.about], result=result, about=result.about,
+    write_page(path, "studies/validate/page.html.j2", [result.about.source], result=result, about=result.about,
                        trajectory={j.name: j for j in result.trajectory}, trajectory_limit=TRAJECTORY_LIMIT,
                        pictures=pictures(drawings(result)))

@@ -1,0 +1,68 @@
+"""The provenance of a result: command, parameters and date."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+from ..actuators import get
+from ..parameters import ParameterSet
+from ..reference.files import parameters_hash
+from ..support.dates import today
+
+SHIPPED = "the shipped parameters"
+_COMMAND: ContextVar[str] = ContextVar("command", default="")
+
+
+@contextmanager
+def made_by(arguments: Sequence[str]) -> Iterator[None]:
+    """Name this command, with its arguments as they were typed, in all pages written within the context."""
+    token = _COMMAND.set(shlex.join(arguments))
+    try:
+        yield
+    finally:
+        _COMMAND.reset(token)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A source of a page: `file` and its hash, the hash of all values, and the values `changed` beyond the files."""
+
+    what: str
+    file: str
+    sha256: str = ""
+    values_sha256: str = ""
+    model: str = ""
+    changed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Made:
+    """How a page was made; `command` is empty for a Python program."""
+
+    sources: tuple[Source, ...]
+    command: str
+    date: str
+
+
+def made(*of: ParameterSet | Source) -> Made:
+    """Return how a page with these sources is made now."""
+    sources = [source for each in of for source in ((each,) if isinstance(each, Source) else _of_a_set(each))]
+    return Made(tuple(dict.fromkeys(sources)), _COMMAND.get(), today())
+
+
+def shipped(model: str) -> str:
+    """Return the name of an actuator's default parameters in words."""
+    source = get(model).source
+    return f"the parameters of {source.name}" if source else SHIPPED
+
+
+def _of_a_set(p: ParameterSet) -> Iterator[Source]:
+    files = p.files or ((shipped(p.model), ""),)
+    for file, sha256 in files[:-1]:
+        yield Source("parameters", file, sha256)
+    changed = tuple(e.variable.name for e in p.entries if e.source == "user" and not e.file)
+    yield Source("parameters", *files[-1], parameters_hash(p.values), p.actuator.name, changed)
