@@ -11,15 +11,16 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from .. import __copyright__, __license__, __version__
 from ..actuators import capabilities
+from ..pages.page import page
+from ..pages.provenance import repeatable
 from ..parameters import ParameterSet
 from ..runtime import schedule
 from .description import describe, parameters_in_words
-from .figures import response_figures
+from .figures import response_pictures
 from .format import Format
 from .interface import FmuInterface, start_values
 
@@ -74,20 +75,15 @@ def _typeset(text: str) -> Markup:
 
 def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str], fmi: Format,
           platforms: Sequence[str]) -> str:
-    environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
-                              trim_blocks=True, lstrip_blocks=True)
-    environment.filters["typeset"] = _typeset
     equations = [*unit.actuator.modules, schedule, *([unit.line.equations] if unit.line else [])]
-    page = environment.get_template("documentation.html.j2").render(
-        model=unit.model, description=describe(unit), parameters=parameters_in_words(unit, sets),
-        origin=unit.actuator.origin, version=__version__, guid=guid,
-        fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
-        arrays=fmi.arrays,
-        step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
-        figures=response_figures(sets[0]), equations=list(filter(None, map(_docstring, equations))),
-        tables=[(title, _rows(unit, causality, sets, fmi)) for title, causality in (
-            ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))])
-    return unit.respelt(page)
+    tables = [(title, _rows(unit, causality, sets, fmi)) for title, causality in (
+        ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))]
+    text = page("fmi/documentation.html.j2", made=repeatable(*sets), prose=_typeset, model=unit.model, guid=guid,
+                description=describe(unit), parameters=parameters_in_words(unit, sets), origin=unit.actuator.origin,
+                fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
+                arrays=fmi.arrays, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
+                pictures=response_pictures(sets[0]), equations=list(filter(None, map(_docstring, equations))))
+    return unit.respelt(text)
 
 
 def _docstring(module: ModuleType) -> str | None:

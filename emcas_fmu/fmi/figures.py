@@ -1,4 +1,4 @@
-"""Pictures inside the FMU, drawn from the parameter set it is built of."""
+"""Pictures in the documentation of an FMU: responses with its parameters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from math import radians
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..figures.plots import INK, figure, style, svg
+from ..figures.plots import INK, Picture, figure, style, svg
 from ..parameters import ParameterSet, are_defaults
 from ..reference import files
 from ..simulation import simulate
@@ -61,9 +61,9 @@ def _slew(parameters: ParameterSet) -> Figure:
 
 
 @lru_cache(maxsize=8)  # one set is often built in several ways
-def response_figures(parameters: ParameterSet) -> tuple[tuple[str, str], ...]:
-    """Return (caption, inline SVG) of responses computed with this parameter set."""
+def response_pictures(parameters: ParameterSet) -> tuple[Picture, ...]:
+    """Return pictures of responses computed with this parameter set."""
     captions = {"Step responses; dots, where shown, are the stored independent reference.": _steps,
                 "A step to the command limit.": _slew}
     with style():
-        return tuple((caption, svg(draw(parameters), caption)) for caption, draw in captions.items())
+        return tuple(Picture(caption, svg(draw(parameters), caption), caption) for caption, draw in captions.items())

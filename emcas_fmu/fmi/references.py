@@ -16,10 +16,9 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from .. import __version__
 from ..actuators import get, parts
+from ..pages.page import page
 from ..parameters import ParameterError, ParameterSet
 from ..reference import files
 from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
@@ -45,8 +44,6 @@ _FINS_STOP = 0.3  # s, of these, since they may be integrated for each fin
 # After the first digit of a variable's nominal value. What another machine's integration differs by, some 1e-12 of it,
 # then hardly ever changes a digit; rounding takes less than a hundredth of the tolerance.
 _DIGITS = 6
-_ENVIRONMENT = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
-                           trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
 
 
 @dataclass(frozen=True)
@@ -199,13 +196,13 @@ def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, b
         add(f"{each.name}_ref.csv", TABLE, "result", f"Results: {each.title}",
             files.csv_text(each.results).encode())
     relate(f"../../{TEXT}", "text/plain", "document", "How the references were made, and how to repeat them")
-    contents[TEXT] = _ENVIRONMENT.get_template("references.txt.j2").render(
-        model=unit.model, kind=unit.actuator.name, fins=unit.fins, version=__version__,
-        arrays=any(column.ndim > 1 for each in experiments for column in each.stimuli.values()),
-        standard=VERSION, folder=FOLDER,
+    text = page(
+        "fmi/references.txt.j2", model=unit.model, kind=unit.actuator.name, fins=unit.fins, standard=VERSION,
+        arrays=any(column.ndim > 1 for each in experiments for column in each.stimuli.values()), folder=FOLDER,
         experiments=experiments, off={each.name: degrees(each.off) for each in experiments}, ROLES=ROLES,
         roles={ROLES[each.independent] for each in experiments},
-        reference=Path(str(get(parts(unit.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE)).encode()
+        reference=Path(str(get(parts(unit.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE))
+    contents[TEXT] = f"{text}\n".encode()
     contents[f"{FOLDER}/{MANIFEST}"] = to_bytes(element("fmiReferences", {
         "xmlns:fmi-ls": "http://fmi-standard.org/fmi-ls-manifest", "fmi-ls:fmi-ls-name": NAME,
         "fmi-ls:fmi-ls-version": VERSION,

@@ -6,7 +6,8 @@ import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import PurePath
 
 from ..actuators import get
 from ..parameters import ParameterSet
@@ -52,6 +53,11 @@ def made(*of: ParameterSet | Source) -> Made:
     """Return how a page with these sources is made now."""
     sources = [source for each in of for source in ((each,) if isinstance(each, Source) else _of_a_set(each))]
     return Made(tuple(dict.fromkeys(sources)), _COMMAND.get(), today())
+
+
+def repeatable(*of: ParameterSet) -> Made:
+    """Return how a page with these sources was made, without date, command and folders: the same at every build."""
+    return Made(tuple(replace(source, file=PurePath(source.file).name) for source in made(*of).sources), "", "")
 
 
 def shipped(model: str) -> str:

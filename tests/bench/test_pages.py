@@ -17,7 +17,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.support.dates import today
 
 FOLDER = Path(emcas_fmu.__file__).parent
-TEMPLATES = [path for path in sorted(FOLDER.rglob("*.html.j2")) if path.parent.name != "fmi"]  # has a style of its own
+TEMPLATES = sorted(FOLDER.rglob("*.html.j2"))
 WITH_TABLES = [path for path in TEMPLATES if "<table" in path.read_text(encoding="utf-8")]
 
 

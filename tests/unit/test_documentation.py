@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from emcas_fmu import __version__
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi import documentation
@@ -14,6 +15,7 @@ from emcas_fmu.fmi.documentation import documents
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.fmi.native import FORMATS
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.files import parameters_hash
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 
 MARKUP = re.compile(r":\w+:`|`|\*\*")
@@ -32,7 +34,7 @@ EXTENDED = [next(f"{name}+{extension}" for name in NAMES if takes(name, extensio
 
 
 def page(model: str, fins: int, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(documentation, "response_figures", lambda parameters: ())  # pictures are of no concern here
+    monkeypatch.setattr(documentation, "response_pictures", lambda parameters: ())  # pictures are of no concern here
     unit, base = FmuInterface(fins, model), load_parameters(model=model)
     sets = fin_sets(base, fins, "cross", {}) if fins > 1 else (base,)
     return documents(unit, sets, "", "native", (), FORMATS["2"], ("linux64",))["documentation/index.html"].decode()
@@ -50,3 +52,15 @@ def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "elastic drive line between them (<code>physics.drive_line</code>)" in page("elastic", 1, monkeypatch)
     assert "or with <code>encoder.on_fin</code> it is" in page("elastic", 1, monkeypatch)
     assert documentation._typeset("a < b, ``c`` and `d`") == "a &lt; b, <code>c</code> and <code>d</code>"
+
+
+def test_contents_and_provenance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page begins with its contents, and ends with the parameters, their hash and the version."""
+    text = page("nonlinear", 1, monkeypatch)
+    assert '<meta name="viewport"' in text
+    listed = re.findall(r'<a href="#section-\d+">(.*?)</a>', text)
+    assert {"How to wire it", "Equations", "Inputs", "Outputs", "Parameters"} <= set(listed)
+    footer = " ".join(text.partition("<footer>")[2].split())
+    assert parameters_hash(load_parameters().values) in footer
+    assert f"emcas {__version__}" in footer
+    assert '<th scope="row">on</th>' not in footer  # the same page whenever it is built
