@@ -42,22 +42,22 @@ def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code:
         'static const char *const KIND[] = {"Real", "Integer", "Boolean"};\n'
         f"{formats}\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
-        f"static const variable VARIABLE[UNIT_VARIABLES] = {{\n{rows}\n}};\n\n"
-        f"static const double START[UNIT_VARIABLES] = {{\n{values}\n}};\n{fmi.tables(unit)}")
+        f"static const variable VARIABLE[FMU_VARIABLES] = {{\n{rows}\n}};\n\n"
+        f"static const double START[FMU_VARIABLES] = {{\n{values}\n}};\n{fmi.tables(unit)}")
 
 
 def _sizes(unit: FmuInterface) -> str:
     """Return numbers of variables of the whole unit, and where each fin's are."""
     at = unit.reference
-    numbers = {"UNIT_INPUTS": len(unit.inputs), "UNIT_OUTPUTS": len(unit.outputs),
-               "UNIT_VARIABLES": len(unit.variables),
+    numbers = {"FMU_INPUTS": len(unit.inputs), "FMU_OUTPUTS": len(unit.outputs),
+               "FMU_VARIABLES": len(unit.variables),
                "FIN_PARAMETER_BEGIN": len(unit.variables) - unit.fins * len(unit.actuator.parameters),
                "MOTION_BEGIN": at["acceleration.x"],
                "MIXING_BEGIN": at.get(MIXING[0].name, 0)}
     enum = ",\n".join(f"    {name} = {number}" for name, number in numbers.items())
     rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
-    return (f"enum {{\n{enum}\n}};\n\n/* Where each fin's inputs are, in the order of model.h. */\n"
-            f"static const unsigned char PLACE[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")
+    return (f"enum {{\n{enum}\n}};\n\n/* The index of each fin's inputs, in the order of model.h. */\n"
+            f"static const unsigned char INPUT_INDEX[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")
 
 
 def names_header(unit: FmuInterface, guid: str, fmi: Format) -> str:

@@ -15,8 +15,8 @@ from ..trace.python_source import python_source
 from .interface import MIXING, VEHICLE, FmuInterface
 
 # What the slave needs of this package, under a name of its own in the FMU.
-_EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/slave.py", "fmi/fmi2/stored.py",
-             "fmi/fmi2/wrapper.py", "runtime/__init__.py", "runtime/core.py", "rules.py")
+_EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/reporting.py", "fmi/fmi2/slave.py",
+             "fmi/fmi2/stored.py", "fmi/fmi2/wrapper.py", "runtime/__init__.py", "runtime/core.py", "rules.py")
 # Of pythonfmu, the slave's base class and what that needs: not what builds FMUs.
 _BASE = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 _PYTHONFMU = Path(pythonfmu.__file__).resolve().parent
@@ -47,7 +47,7 @@ def slave_attributes(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> 
     # Enumerations are got as integers are.
     rows = tuple((unit.spelt(v.name), "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum,
                   v.maximum) for v in unit.variables)
-    one = {"rows": rows, "start_values": starts, "unit_guid": guid, "motion": unit.reference[VEHICLE[0]],
+    one = {"rows": rows, "start_values": starts, "fmu_guid": guid, "motion": unit.reference[VEHICLE[0]],
            "rules": tuple((unit.respelt(rule.message), rule.scanned, rule.warning) for rule in actuator.all_rules),
            "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
     return one if unit.fins == 1 else {
@@ -63,7 +63,7 @@ def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
     # Under a name of its own: a host may have another version of it, or build FMUs.
-    files["fmi/fmi2/slave.py"] = files["fmi/fmi2/slave.py"].replace("from pythonfmu", "from ...pythonfmu")
+    files["fmi/fmi2/reporting.py"] = files["fmi/fmi2/reporting.py"].replace("from pythonfmu", "from ...pythonfmu")
     files |= {f"pythonfmu/{name}.py": (_PYTHONFMU / f"{name}.py").read_text(encoding="utf-8") for name in _BASE}
     files["pythonfmu/__init__.py"] = (
         '"""What a slave is derived from, of PythonFMU; generated, do not edit."""\n\n'

@@ -75,7 +75,7 @@ def test_hostile_steps_and_inputs_are_refused(scenario: Any, backend: str) -> No
         assert name in found["findings"][f"{name} nan"]["log"]
     assert found["absurd"][0] in (OK, DISCARD)
     assert found["absurd"][1]
-    assert "stands at" in found["findings"]["backwards"]["log"]
+    assert "but the instance is at" in found["findings"]["backwards"]["log"]
     assert found["same"]
 
 

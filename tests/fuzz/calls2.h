@@ -1,5 +1,5 @@
 /* The calls of FMI 2.0 for fuzz.c. */
-enum { REFERENCES = UNIT_VARIABLES, INPUT_REFERENCES = UNIT_INPUTS, MOST_VALUES = 3 };
+enum { REFERENCES = FMU_VARIABLES, INPUT_REFERENCES = FMU_INPUTS, MOST_VALUES = 3 };
 
 #define EXIT_INITIALIZATION fmi2ExitInitializationMode
 #define TERMINATE fmi2Terminate
@@ -65,7 +65,7 @@ static void special(bytes *b, instance *m, uint32_t *vr, size_t n)
     for (size_t i = 0; i < n; ++i) {
         rates[i] = number(b);
         orders[i] = byte(b) < 240 ? 1 : byte(b);
-        if (byte(b) < 200) vr[i] %= UNIT_INPUTS;
+        if (byte(b) < 200) vr[i] %= FMU_INPUTS;
     }
     fmi2SetRealInputDerivatives(m, vr, n, orders, rates);
 }

@@ -1,5 +1,5 @@
 /* The calls of FMI 3.0 for fuzz.c. */
-enum { REFERENCES = ARRAYS, INPUT_REFERENCES = UNIT_INPUTS / FINS, MOST_VALUES = 96 };
+enum { REFERENCES = ARRAYS, INPUT_REFERENCES = FMU_INPUTS / FINS, MOST_VALUES = 96 };
 
 #define EXIT_INITIALIZATION fmi3ExitInitializationMode
 #define TERMINATE fmi3Terminate

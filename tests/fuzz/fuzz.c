@@ -45,7 +45,7 @@ static double number(bytes *b)
 /* A value for a variable: often within its limits. */
 static double value_for(bytes *b, size_t vr)
 {
-    if (vr >= UNIT_VARIABLES || byte(b) < 90) return number(b);
+    if (vr >= FMU_VARIABLES || byte(b) < 90) return number(b);
     const variable *v = &VARIABLE[vr];
     const double share = byte(b) / 255.0;
     if (!core_finite(v->minimum) || !core_finite(v->maximum)) return number(b);
@@ -182,9 +182,9 @@ static void call(bytes *b, instance **unit, void **state)
         for (int i = 1 + byte(b) % 8; m && i > 0; --i) {
             const double now = m->s.start + m->s.now;
             if (do_step(m, byte(b) < 245 ? now : number(b), step_size(b)) == STATUS_OK) {
-                double out[UNIT_OUTPUTS];
+                double out[FMU_OUTPUTS];
                 memcpy(out, m->s.values + OUTPUT_BEGIN, sizeof out);
-                for (size_t j = 0; j < UNIT_OUTPUTS; ++j)
+                for (size_t j = 0; j < FMU_OUTPUTS; ++j)
                     if (!core_finite(out[j])) abort();
             }
         }

@@ -46,7 +46,7 @@ def _started(unit: FmuInterface, values: Mapping[str, Any]) -> Any:
 
 def _stored(unit: type[Slave], state: Any) -> Any:
     body = json.dumps(state).encode()
-    return unit._fmu_state_from_bytes(f"{unit.unit_guid} {zlib.crc32(body):08x} ".encode() + body)
+    return unit._fmu_state_from_bytes(f"{unit.fmu_guid} {zlib.crc32(body):08x} ".encode() + body)
 
 
 @contextmanager

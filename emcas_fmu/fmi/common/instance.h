@@ -1,8 +1,8 @@
-/* An instance: what it holds, what it reports, whether its parameters make sense, its outputs.
+/* An instance of the FMU: its data, log messages, checks of its parameters, and its outputs.
  *
- * Of no version of FMI. The file that includes this one defines before it what its version knows of a host:
- * host_services, log_message, allocate and release. interface.h is generated from the variable table: names, kinds,
- * limits, start values, rules for parameter sets.
+ * Common to all versions of FMI. The including file defines what depends on the version and its host: host_services,
+ * log_message, allocate and release. interface.h is generated from the variable table: names, kinds, limits, start
+ * values, rules for parameter sets.
  */
 #ifndef EMCAS_INSTANCE_H
 #define EMCAS_INSTANCE_H
@@ -15,7 +15,7 @@
 #include "multi_fin.h"
 #include "parameter_checks.h"
 
-/* What a call comes to: the numbers of fmi2Status and fmi3Status. */
+/* The status of a call, with the numbers of fmi2Status and fmi3Status. */
 enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR };
 
 /* HANDLING_EVENT is FMI 3.0's event mode. */
@@ -25,23 +25,23 @@ enum {
     BEFORE_RUN = INSTANTIATED | INITIALIZING,
     DURING_RUN = RUNNING | HANDLING_EVENT,
     ANY_PHASE = BEFORE_RUN | DURING_RUN | TERMINATED,
-    OUTPUT_BEGIN = UNIT_INPUTS,
-    PARAMETER_BEGIN = UNIT_INPUTS + UNIT_OUTPUTS,
+    OUTPUT_BEGIN = FMU_INPUTS,
+    PARAMETER_BEGIN = FMU_INPUTS + FMU_OUTPUTS,
     MESSAGE = 1024
 };
-_Static_assert((int)UNIT_OUTPUTS == (int)MULTI_FIN_OUTPUTS, "a unit's outputs are those of the line and of the fins");
+_Static_assert((int)FMU_OUTPUTS == (int)MULTI_FIN_OUTPUTS, "the outputs of the FMU are those of the line and of the fins");
 _Static_assert((int)FIN_PARAMETER_BEGIN == (int)PARAMETER_BEGIN + (MULTI_FIN_LINE ? MODEL_LINE_PARAMETERS : 0),
-               "a unit's parameters are those of the line and of the fins");
+               "the parameters of the FMU are those of the line and of the fins");
 
-/* All that reset and the FMU state functions copy. */
+/* Everything that reset and the FMU state functions copy. */
 typedef struct {
-    double values[UNIT_VARIABLES];
-    double rates[UNIT_INPUTS]; /* of the inputs, for the next step (FMI 2.0) */
+    double values[FMU_VARIABLES];
+    double rates[FMU_INPUTS]; /* of the inputs, for the next step (FMI 2.0) */
     double start, now;          /* now counts from the start */
     int32_t phase;
-    int32_t rated;      /* some rate was given */
-    int32_t terminated; /* the last step could not be followed (FMI 2.0) */
-    int32_t fresh;      /* the outputs in values are those of now */
+    int32_t rated;      /* a rate is set */
+    int32_t terminated; /* the last step could not be computed (FMI 2.0) */
+    int32_t fresh;      /* the outputs in values are up to date */
     multi_fin_state fins;
 } model_state;
 
@@ -49,18 +49,18 @@ typedef struct {
     host_services host;
     const char *name;
     uint32_t logged;    /* a bit for each category */
-    int32_t unprepared; /* fins are not bound to the parameters */
-    int32_t check_inputs; /* one may not be finite */
-    int32_t moved;      /* what the vehicle's motion makes is not that of the inputs */
+    int32_t unprepared; /* parameters have changed since the fins were bound to them */
+    int32_t check_inputs; /* an input may not be finite */
+    int32_t moved;      /* motion_loads are out of date */
     multi_fin fins;
-    double motion_loads[FINS][CORE_MOTION_LOADS]; /* what the vehicle's motion makes of each fin */
-    bool warned[FINS][RULES]; /* which warnings the log has */
+    double motion_loads[FINS][CORE_MOTION_LOADS]; /* of the vehicle's motion, on each fin */
+    bool warned[FINS][RULES]; /* warnings that have been logged */
     model_state s;
 } instance;
 
-/* Serialized: this before a model_state. */
+/* The head of a serialized state; a model_state follows. */
 typedef struct {
-    char magic[64]; /* MODEL_STATE: the interface and the code that wrote it */
+    char magic[64]; /* MODEL_STATE identifies the interface and the code that wrote it */
     uint64_t check;
 } state_head;
 
@@ -73,7 +73,7 @@ enum {
     EVERY_CATEGORY = (1 << CATEGORIES) - 1
 };
 
-/* Gives its status, so that a refusal is one line. */
+/* Log a message. Returns `status`, so that a refusal is one line. */
 static int report(const instance *m, int status, const char *format, ...)
 {
     const unsigned category = (unsigned)(status - STATUS_WARNING);
@@ -97,7 +97,7 @@ static const char *phase_name(int32_t at)
                                 : "terminated";
 }
 
-/* Whether a call may come now; if not, it changes nothing. */
+/* Return whether a function may be called in the current phase; log an error if not. */
 static bool allowed(const instance *m, int phases, const char *function)
 {
     if (!m) return false;
@@ -106,15 +106,15 @@ static bool allowed(const instance *m, int phases, const char *function)
     return false;
 }
 
-/* Whether an array that a call needs is missing. */
+/* Return whether an array is missing that a call needs; log an error if so. */
 static bool array_missing(const instance *m, size_t n, const void *first, const void *second, const char *function)
 {
     if (n == 0 || (first && second)) return false;
-    report(m, STATUS_ERROR, "%s: no array given", function);
+    report(m, STATUS_ERROR, "%s: an array is missing", function);
     return true;
 }
 
-/* Switch logging of `n` categories, of all if it is 0, on or off. */
+/* Switch logging of `n` categories on or off; of all categories if `n` is 0. */
 static int choose_categories(instance *m, bool on, size_t n, const char *const categories[], const char *function)
 {
     uint32_t chosen = n ? 0 : EVERY_CATEGORY;
@@ -137,7 +137,7 @@ static const double *parameters(const instance *m, size_t fin)
     return m->s.values + FIN_PARAMETER_BEGIN + fin * MODEL_PARAMETERS;
 }
 
-/* Whether a value is outside its variable's limits, with a report. */
+/* Return whether a value is outside its variable's limits; log an error if so. */
 static bool out_of_range(const instance *m, size_t vr, double value)
 {
     const variable *v = &VARIABLE[vr];
@@ -152,7 +152,7 @@ static bool out_of_range(const instance *m, size_t vr, double value)
     return true;
 }
 
-/* A rule's message: a format of no more than RULE_NUMBERS numbers, the rest is not looked at. */
+/* Log the message of a rule, a format of at most RULE_NUMBERS numbers. */
 static void report_rule(const instance *m, int status, size_t fin, const char *message, const double *n)
 {
     char format[MESSAGE] = "";
@@ -161,10 +161,10 @@ static void report_rule(const instance *m, int status, size_t fin, const char *m
     report(m, status, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }
 
-/* Whether the parameters are sets to compute with. */
+/* Return whether all parameters are within their limits and keep the rules. */
 static bool all_rules_hold(const instance *m)
 {
-    for (size_t vr = PARAMETER_BEGIN; vr < FIN_PARAMETER_BEGIN; ++vr) /* those of no fin */
+    for (size_t vr = PARAMETER_BEGIN; vr < FIN_PARAMETER_BEGIN; ++vr) /* those of the line */
         if (!core_finite(m->s.values[vr]) || m->s.values[vr] < VARIABLE[vr].minimum
             || m->s.values[vr] > VARIABLE[vr].maximum)
             return false;
@@ -173,13 +173,13 @@ static bool all_rules_hold(const instance *m)
     return true;
 }
 
-/* The same, with a report of every problem: of single values, or if there is none, of their combination. */
+/* The same; log every value out of its limits, or if there is none, every broken rule. */
 static bool sound(const instance *m)
 {
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
     bool good = true;
     if (all_rules_hold(m)) return true;
-    for (size_t vr = PARAMETER_BEGIN; vr < UNIT_VARIABLES; ++vr)
+    for (size_t vr = PARAMETER_BEGIN; vr < FMU_VARIABLES; ++vr)
         good &= !out_of_range(m, vr, m->s.values[vr]);
     if (!good) return false;
     for (size_t fin = 0; fin < FINS; ++fin) {
@@ -191,7 +191,7 @@ static bool sound(const instance *m)
     return false;
 }
 
-/* Log the warnings about the parameters, each once until it no longer holds; the status of the call stays OK. */
+/* Log the warnings about the parameters, each once until it no longer holds. */
 static void warn(instance *m)
 {
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
@@ -210,19 +210,19 @@ static void prepare(instance *m)
 {
     multi_fin_bind(&m->fins, m->s.values + PARAMETER_BEGIN, parameters(m, 0)); /* the line's come first */
     m->unprepared = 0;
-    m->moved = 1; /* it depends on parameters too */
+    m->moved = 1; /* motion loads depend on parameters, too */
 }
 
 /* -- inputs and outputs ------------------------------------------------------- */
 
-/* What acts on a fin by the unit's inputs `values`. */
+/* Compute the inputs of a fin's core from the inputs `values` of the FMU. */
 static void acting(const instance *m, size_t fin, const double *values, const double *motion_loads, core_inputs *out)
 {
 #if FINS == 1
-    const double *in = values; /* a single fin's inputs are the unit's */
+    const double *in = values; /* a single fin's inputs are those of the FMU */
 #else
     double in[MODEL_INPUTS];
-    for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = values[PLACE[fin][i]];
+    for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = values[INPUT_INDEX[fin][i]];
 #endif
     multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, motion_loads, out);
 }
@@ -238,19 +238,19 @@ static void update_motion_loads(const instance *m, const double *values, double 
         core_motion_loads(m->fins.p[fin], m->fins.c[fin], values + MOTION_BEGIN, out[fin]);
 }
 
-static void carry_now(instance *m)
+static void update_motion_loads_now(instance *m)
 {
     update_motion_loads(m, m->s.values, m->motion_loads);
     m->moved = 0;
 }
 
-/* Bring the outputs up to now. Inputs that the next step will refuse change no output. */
+/* Bring the outputs up to date. Inputs that are not finite, which the next step will refuse, change no output. */
 static void refresh(instance *m)
 {
     const bool before = m->s.phase & BEFORE_RUN;
     core_inputs now[FINS];
     m->s.fresh = 1;
-    if (!core_all_finite(m->s.values, UNIT_INPUTS)) return;
+    if (!core_all_finite(m->s.values, FMU_INPUTS)) return;
     if (before && !all_rules_hold(m)) {
         for (size_t vr = OUTPUT_BEGIN; vr < PARAMETER_BEGIN; ++vr)
             m->s.values[vr] = VARIABLE[vr].kind == REAL ? NAN : 0.0;
@@ -258,35 +258,35 @@ static void refresh(instance *m)
     }
     if (before || m->unprepared) prepare(m);
     if (before) multi_fin_start(&m->fins, &m->s.fins);
-    carry_now(m);
+    update_motion_loads_now(m);
     acting_now(m, now);
     multi_fin_outputs(&m->fins, &m->s.fins, now, m->s.values + OUTPUT_BEGIN);
 }
 
 /* -- variables ---------------------------------------------------------------- */
 
-/* Whether the variable in a place may be set; nothing is written before all of a call have been looked at. A NaN
- * input may: the step it is meant for is refused. */
-static bool settable(const instance *m, size_t place, double value)
+/* Return whether a variable may be set; log an error if not. A call writes nothing before all its values are checked.
+ * An input may be NaN: the next step will be refused. */
+static bool settable(const instance *m, size_t index, double value)
 {
-    if (place >= OUTPUT_BEGIN && place < PARAMETER_BEGIN)
-        report(m, STATUS_ERROR, "%s is an output and cannot be set", VARIABLE[place].name);
-    else if (place < OUTPUT_BEGIN || (m->s.phase & BEFORE_RUN))
+    if (index >= OUTPUT_BEGIN && index < PARAMETER_BEGIN)
+        report(m, STATUS_ERROR, "%s is an output and cannot be set", VARIABLE[index].name);
+    else if (index < OUTPUT_BEGIN || (m->s.phase & BEFORE_RUN))
         return true;
-    else if (!VARIABLE[place].tunable)
-        report(m, STATUS_ERROR, "%s is fixed and cannot be set after initialization", VARIABLE[place].name);
+    else if (!VARIABLE[index].tunable)
+        report(m, STATUS_ERROR, "%s is fixed and cannot be set after initialization", VARIABLE[index].name);
     else
-        return !out_of_range(m, place, value);
+        return !out_of_range(m, index, value);
     return false;
 }
 
-static void set_one(instance *m, size_t place, double value)
+static void set_one(instance *m, size_t index, double value)
 {
-    m->s.values[place] = value;
+    m->s.values[index] = value;
     m->s.fresh = 0;
     if (!core_finite(value)) m->check_inputs = 1;
-    if (place >= PARAMETER_BEGIN) m->unprepared = 1;
-    if (place - MOTION_BEGIN < MODEL_MOTION) m->moved = 1; /* unsigned: none below */
+    if (index >= PARAMETER_BEGIN) m->unprepared = 1;
+    if (index - MOTION_BEGIN < MODEL_MOTION) m->moved = 1; /* unsigned: smaller indices wrap around */
 }
 
 /* -- life cycle --------------------------------------------------------------- */
@@ -300,19 +300,19 @@ static void reset_instance(instance *m)
     memset(m->warned, 0, sizeof m->warned);
 }
 
-/* A new instance of that name, or none, with a report of why. */
+/* Return a new instance of that name; NULL, with the reason logged, if it cannot be created. */
 static instance *new_instance(const host_services *host, const char *name, const char *guid, bool logging)
 {
     const bool named = name && *name;
     const size_t length = named ? strlen(name) + 1 : 0;
-    /* For reports if there will be no instance. */
+    /* Logs the reason if there will be no instance. */
     const instance none = {
         .host = *host, .name = named ? name : MODEL_NAME, .logged = logging ? EVERY_CATEGORY : 0};
     instance *m = NULL;
     if (!named)
         report(&none, STATUS_ERROR, "the instance has no name");
     else if (!guid || strcmp(guid, MODEL_GUID) != 0)
-        report(&none, STATUS_ERROR, "the " GUID_NAME " asked for is %s, this unit's is %s", guid ? guid : "none",
+        report(&none, STATUS_ERROR, "the " GUID_NAME " of the call is %s, this FMU has %s", guid ? guid : "none",
                MODEL_GUID);
     else if (!(m = allocate(host, sizeof *m + length)))
         report(&none, STATUS_ERROR, "no memory for an instance");
@@ -330,7 +330,7 @@ static void free_instance(instance *m)
     release(&host, m);
 }
 
-/* Begin to initialize: to run from `start` [s]. */
+/* Set the start time [s]. */
 static int begin_initialization(instance *m, double start)
 {
     if (!core_finite(start)) return report(m, STATUS_ERROR, "start time %.9g is not finite", start);
@@ -338,7 +338,7 @@ static int begin_initialization(instance *m, double start)
     return STATUS_OK;
 }
 
-/* Start to run if the parameters are sets to compute with; else they may be corrected and the call repeated. */
+/* Start to run if the parameters are sound; otherwise they may be corrected and the call repeated. */
 static int finish_initialization(instance *m, int32_t next_phase)
 {
     if (!sound(m)) return STATUS_ERROR;

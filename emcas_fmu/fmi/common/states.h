@@ -1,4 +1,4 @@
-/* FMU states: kept, put back, serialized. Of no version of FMI. */
+/* FMU states: copied, restored, serialized. Common to all versions of FMI. */
 #ifndef EMCAS_STATES_H
 #define EMCAS_STATES_H
 
@@ -13,7 +13,7 @@ static uint64_t checksum(const void *data, size_t size)
     return hash;
 }
 
-/* What a fin's core must fulfil at `now`. Gives the reason if it does not. */
+/* Return why a core cannot be in this state at `now` [s]; NULL if it can. */
 static const char *unsound_core(const core_state *core, const core_schedule *plan, double now)
 {
     if (!core_all_finite(core->plant.x, CORE_PLANT) || !core_all_finite(core->tentative.x, CORE_PLANT)
@@ -43,7 +43,7 @@ static const char *unsound_line(const multi_fin *m, const model_state *s)
     if (!core_finite(s->fins.line)) return "state of the supply's line";
     if (s->fins.instant < 1) return "place in time of the supply's line";
 #if MULTI_FIN_LINE
-    /* The next instant of a line that is not stiff lies ahead, within an interval. */
+    /* The next instant of a line that is not stiff is ahead, within an interval. */
     const double interval = multi_fin_interval(m), ahead = (double)s->fins.instant * interval - s->now;
     if (!multi_fin_stiff(m) && (ahead < 0.0 || ahead > interval * (1.0 + 1e-9) + 1e-9))
         return "place in time of the supply's line";
@@ -53,22 +53,21 @@ static const char *unsound_line(const multi_fin *m, const model_state *s)
     return NULL;
 }
 
-/* What a state must fulfil that did not come out of an instance itself: it may have been
- * stored, sent, or made up. Gives the reason if it does not. */
+/* Return why a deserialized state cannot be one of this FMU, NULL if it can: it may have been damaged or made up. */
 static const char *unsound(const instance *m, const model_state *s)
 {
     if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED
         && !(s->phase == HANDLING_EVENT && handles_events(&m->host)))
         return "unknown phase";
     if (!core_finite(s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
-    if (!core_all_finite(s->rates, UNIT_INPUTS)) return "input derivatives";
-    for (size_t i = 0; i < UNIT_VARIABLES; ++i) {
+    if (!core_all_finite(s->rates, FMU_INPUTS)) return "input derivatives";
+    for (size_t i = 0; i < FMU_VARIABLES; ++i) {
         const double value = s->values[i];
         if (VARIABLE[i].kind != REAL
             && (!core_finite(value) || value != floor(value) || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
-            return VARIABLE[i].name; /* no whole number, no truth */
+            return VARIABLE[i].name; /* not an integer, or not 0 or 1 */
     }
-    if (s->phase & BEFORE_RUN) return NULL; /* the core is made anew */
+    if (s->phase & BEFORE_RUN) return NULL; /* the core will be started anew */
     instance probe = {.host = m->host, .name = m->name};
     probe.s = *s;
     if (!all_rules_hold(&probe)) return "parameters out of their limits";
@@ -82,21 +81,21 @@ static const char *unsound(const instance *m, const model_state *s)
     return unsound_line(&probe.fins, s);
 }
 
-static int keep_state(instance *m, void **state, const char *function)
+static int copy_state(instance *m, void **state, const char *function)
 {
     if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
-    if (!state) return report(m, STATUS_ERROR, "%s: nowhere to put it", function);
+    if (!state) return report(m, STATUS_ERROR, "%s: the pointer for the result is NULL", function);
     if (!*state) *state = allocate(&m->host, sizeof(model_state));
     if (!*state) return report(m, STATUS_ERROR, "%s: no memory", function);
     memcpy(*state, &m->s, sizeof m->s);
     return STATUS_OK;
 }
 
-static int put_back_state(instance *m, const void *state, const char *function)
+static int restore_state(instance *m, const void *state, const char *function)
 {
     const model_state *s = state;
     if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
-    if (!s) return report(m, STATUS_ERROR, "%s: no state given", function);
+    if (!s) return report(m, STATUS_ERROR, "%s: the state is NULL", function);
     if (memcmp(m->s.values + PARAMETER_BEGIN, s->values + PARAMETER_BEGIN, sizeof s->values - PARAMETER_BEGIN * sizeof(double)) != 0)
         m->unprepared = 1;
     m->s = *s;

@@ -1,4 +1,4 @@
-/* Moving an instance on in time: what a communication step must fulfil, and what it comes to. Of no version of FMI. */
+/* Communication steps of an instance: checks before a step and the status after it. Common to all versions of FMI. */
 #ifndef EMCAS_STEP_H
 #define EMCAS_STEP_H
 
@@ -7,7 +7,7 @@
 static int bad_inputs(const instance *m, double time)
 {
     int status = STATUS_OK;
-    for (size_t i = 0; i < UNIT_INPUTS; ++i)
+    for (size_t i = 0; i < FMU_INPUTS; ++i)
         if (!core_finite(m->s.values[i]))
             status = report(m, STATUS_ERROR, "input at %.17g s is not finite: %s = %.9g", time, VARIABLE[i].name,
                             m->s.values[i]);
@@ -37,13 +37,13 @@ static core_result held_step(instance *m, double end)
     return run(m, end, in, NULL);
 }
 
-/* Whether a step from `time` of `size` can be tried: where it would end [s from the start]. */
+/* Check a step of `size` [s] from `time` [s] and prepare for it. Sets its end [s from the start]. */
 static int step_end(instance *m, double time, double size, double *end)
 {
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
         return report(m, STATUS_ERROR, "communication step %.17g s at %.17g s is not positive and finite", size, time);
     if (m->check_inputs) {
-        if (!core_all_finite(m->s.values, UNIT_INPUTS)) return bad_inputs(m, time);
+        if (!core_all_finite(m->s.values, FMU_INPUTS)) return bad_inputs(m, time);
         m->check_inputs = 0;
     }
     if (m->unprepared) {
@@ -51,17 +51,17 @@ static int step_end(instance *m, double time, double size, double *end)
         warn(m);
     }
     const double begin = time - m->s.start;
-    /* A clock that began late counts in coarser units than the slack. */
+    /* The times of a clock that starts late are coarser than the slack. */
     if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
-        return report(m, STATUS_ERROR, "step from %.17g s, but the slave stands at %.17g s, %.3g s away", time,
+        return report(m, STATUS_ERROR, "step from %.17g s, but the instance is at %.17g s, %.3g s away", time,
                       m->s.start + m->s.now, begin - m->s.now);
     *end = begin + size;
     if (*end < m->s.now) *end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
-    if (m->moved) carry_now(m);
+    if (m->moved) update_motion_loads_now(m);
     return STATUS_OK;
 }
 
-/* What a step that has been taken comes to. */
+/* Return the status of a step, and move the time on if it was computed. */
 static int step_done(instance *m, core_result result, double time, double size, double end)
 {
     if (result != CORE_DONE) return refused_step(m, result, time, size);

@@ -1,7 +1,7 @@
 /* FMI 2.0 for co-simulation around core.h.
  *
- * A variable's value reference is its place in the table: inputs, outputs, parameters. There
- * is no global state that changes and no allocation while stepping.
+ * A variable's value reference is its index in the table of inputs, outputs and parameters. There is no global state
+ * that changes and no allocation while stepping.
  */
 #include <stdbool.h>
 #include <stdlib.h>
@@ -15,7 +15,7 @@ typedef fmi2CallbackFunctions host_services;
 static void log_message(const host_services *host, const char *name, int status, const char *category, char *text)
 {
     if (!host->logger) return;
-    /* As a format of its own: hosts in other languages cannot follow variable arguments. */
+    /* The text is the format: hosts in other languages cannot read variable arguments. */
     for (char *at = text; *at; ++at)
         if (*at == '%') *at = '/';
     host->logger(host->componentEnvironment, name, (fmi2Status)status, category, text);
@@ -51,7 +51,7 @@ _Static_assert((int)STATUS_OK == (int)fmi2OK && (int)STATUS_WARNING == (int)fmi2
 
 static bool is_a(const instance *m, size_t vr, int kind)
 {
-    if (vr < UNIT_VARIABLES && VARIABLE[vr].kind == kind) return true;
+    if (vr < FMU_VARIABLES && VARIABLE[vr].kind == kind) return true;
     report(m, fmi2Error, "no %s variable has value reference %u", KIND[kind], (unsigned)vr);
     return false;
 }
@@ -80,7 +80,7 @@ static bool is_a(const instance *m, size_t vr, int kind)
         if (array_missing(m, n, vr, value, "fmi2Get" #Kind)) return fmi2Error;                                  \
         if (!m->s.fresh) refresh(m);                                                                            \
         for (size_t i = 0; i < n; ++i) {                                                                        \
-            if (vr[i] < UNIT_VARIABLES && VARIABLE[vr[i]].kind == expected)                                    \
+            if (vr[i] < FMU_VARIABLES && VARIABLE[vr[i]].kind == expected)                                    \
                 value[i] = (fmi2##Kind)m->s.values[vr[i]];                                                      \
             else                                                                                                \
                 status = report(m, fmi2Error, "no " #Kind " variable has value reference %u", (unsigned)vr[i]); \
@@ -92,7 +92,7 @@ DEFINE_SET(Real, REAL, AS_NUMBER)
 DEFINE_SET(Integer, INTEGER, AS_NUMBER)
 DEFINE_SET(Boolean, BOOLEAN, AS_FLAG)
 DEFINE_GET(Real, REAL)
-/* Neither can hold a NaN or a number too large: they come in as what they are. */
+/* These values are always in the range of their type: they are checked when they are set. */
 DEFINE_GET(Integer, INTEGER)
 DEFINE_GET(Boolean, BOOLEAN)
 
@@ -157,16 +157,16 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 
 /* -- stepping ----------------------------------------------------------------- */
 
-/* A step in which the inputs change: of the vehicle's motion by what it makes at its ends. The inputs then stand
- * at the end of their ramps, and are held there until they are set or given derivatives again. */
+/* Step with inputs that change linearly; motion loads are interpolated between those at the ends. Afterwards the inputs
+ * are at the ends of their ramps, and are held there until they or their derivatives are set again. */
 static core_result ramped_step(instance *m, double begin, double end)
 {
-    double final[UNIT_INPUTS], motion_loads[FINS][CORE_MOTION_LOADS];
+    double final[FMU_INPUTS], motion_loads[FINS][CORE_MOTION_LOADS];
     const double size = end - begin;
     core_inputs in[FINS];
     core_ramp ramp[FINS];
-    for (size_t i = 0; i < UNIT_INPUTS; ++i) final[i] = m->s.values[i] + m->s.rates[i] * size;
-    if (!(size > 0.0) || !core_all_finite(final, UNIT_INPUTS)) return CORE_NOT_FINITE;
+    for (size_t i = 0; i < FMU_INPUTS; ++i) final[i] = m->s.values[i] + m->s.rates[i] * size;
+    if (!(size > 0.0) || !core_all_finite(final, FMU_INPUTS)) return CORE_NOT_FINITE;
     update_motion_loads(m, final, motion_loads);
     acting_now(m, in);
     for (size_t fin = 0; fin < FINS; ++fin) {
@@ -197,7 +197,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     if (step_end(m, time, size, &end) != STATUS_OK) return fmi2Error;
     const double begin = time - m->s.start;
     const core_result result = m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
-    m->s.terminated = result != CORE_DONE; /* else fmpy asks for the same step for ever */
+    m->s.terminated = result != CORE_DONE; /* otherwise fmpy repeats the same step for ever */
     return step_done(m, result, time, size, end);
 }
 
@@ -207,11 +207,11 @@ fmi2Status fmi2CancelStep(fmi2Component c)
     return m ? report(m, fmi2Error, "fmi2CancelStep: steps are not asynchronous") : fmi2Error;
 }
 
-/* Whether a status of a kind may be written to `value`: the one `available`, if any (NO_STATUS). */
+/* Check a request for a kind of status, of which one is `available` or none (NO_STATUS). */
 static fmi2Status status_of(const instance *m, int kind, int available, const char *function, const void *value)
 {
     if (!allowed(m, RUNNING | TERMINATED, function)) return fmi2Error;
-    if (!value) return report(m, fmi2Error, "%s: nowhere to put it", function);
+    if (!value) return report(m, fmi2Error, "%s: the pointer for the result is NULL", function);
     if (kind != available) return report(m, fmi2Discard, "%s: status kind %d is not available", function, kind);
     return fmi2OK;
 }
@@ -271,7 +271,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     if (type != fmi2CoSimulation)
         report(&none, fmi2Error, "only fmi2CoSimulation is supported, not type %d", (int)type);
     else if (!functions->allocateMemory != !functions->freeMemory)
-        report(&none, fmi2Error, "allocateMemory and freeMemory must be given together");
+        report(&none, fmi2Error, "allocateMemory and freeMemory must be set together");
     else
         return new_instance(functions, name, guid, logging);
     return NULL;
@@ -323,12 +323,12 @@ fmi2Status fmi2Reset(fmi2Component c)
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
-    return keep_state(c, state, "fmi2GetFMUstate");
+    return copy_state(c, state, "fmi2GetFMUstate");
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
 {
-    return put_back_state(c, state, "fmi2SetFMUstate");
+    return restore_state(c, state, "fmi2SetFMUstate");
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)

@@ -14,9 +14,9 @@ from .slave import Slave
 class MultiFinSlave(Slave):
     """Base of the generated slave class of several fins.
 
-    It adds the names of one fin's parameters, the value references of the inputs of each fin's actuator and of the
-    mixing inputs, what goes before a fin's messages, and the state that the line which feeds them starts with. The
-    line's parameters come before those of the fins.
+    The generated class adds the names of one fin's parameters, the value references of each fin's inputs and of the
+    mixing inputs, the prefix of a fin's messages, and the initial state of the supply's line. The line's parameters
+    come before those of the fins.
     """
 
     names: ClassVar[tuple[str, ...]]

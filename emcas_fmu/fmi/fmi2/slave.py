@@ -1,67 +1,48 @@
 """The co-simulation slave: FMI calls on one side, :class:`emcas_fmu.runtime.core.Core` on the other.
 
-Standard library and pythonfmu's base class only: it is embedded in the FMU.
-
-The wrapper that loads this class turns any Python exception into fmi2Fatal and then
-releases the instance twice, so nothing raised here may leave it. It can return
-fmi2Discard from fmi2DoStep and nothing but fmi2OK elsewhere.
-
-A reference that is unknown, or of another type, is logged as an error where it is read
-or written, and harms no step: what is read is NaN, 0 or false, what is written goes
-nowhere. As the caller is told fmi2OK, the write is said on standard error, too.
-Any other call that cannot be honoured is logged and remembered, and the next fmi2DoStep
-is discarded, the state unchanged: for good while the cause lasts (a refused parameter, a
-non-finite input), once where it does not (a write to an output or to a parameter that is
-fixed by now, a call out of order, an interrupt from the keyboard). An interrupt that
-Python delivers between a call and its first line cannot be caught here.
+Standard library only, but for pythonfmu's base class: it is embedded in the FMU.
+reporting.py describes what it refuses and logs, and how.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partialmethod
 from math import inf, isfinite, nan
 from typing import Any, ClassVar
 
-from pythonfmu import Fmi2Slave
-from pythonfmu.enums import Fmi2Status
-
 from ...rules import TOO_LATE, check_ranges, check_rules
 from ...runtime.core import Core, Functions, Sizes, finite, inputs_of
 from . import stored
+from .reporting import RefusedError, ReportingSlave
 from .stored import CorruptState, StoredState, is_text, wrong_variable
 
 _BEFORE_RUN = ("instantiated", "initialization")
 
 
-class _RefusedError(Exception):
-    """A step that is discarded, or a state that is not restored; the message says why."""
+class Slave(ReportingSlave):
+    """Base of the generated slave class, which adds the class attributes that are not derived here."""
 
-
-class Slave(Fmi2Slave):  # type: ignore[misc]
-    """Base of the generated slave class, which adds all that is not derived below."""
-
-    make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the kernel's functions
+    make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the core's functions with these parameters
     make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
-    rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # message of each check, whether scanned and a warning
-    # Of each variable, by value reference, name, kind, causality, variability, minimum and maximum: inputs first, then
-    # outputs, then parameters; and the start values of all of them.
+    rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of each check: message, whether scanned, whether a warning
+    # Each variable's name, kind, causality, variability, minimum and maximum, by value reference: inputs first, then
+    # outputs, then parameters. And their start values.
     rows: ClassVar[tuple[tuple[str, str, str, str, float, float], ...]]
     start_values: ClassVar[tuple[Any, ...]]
-    unit_guid: ClassVar[str]
-    motion: ClassVar[int]  # where the vehicle's motion begins among the rows
-    sizes: ClassVar[tuple[int, ...]]  # of a core, in the order of Sizes
-    power: ClassVar[int | None]  # place of the supply's power among a fin's outputs, None without a supply
+    fmu_guid: ClassVar[str]
+    motion: ClassVar[int]  # index of the first of the vehicle's motion among the rows
+    sizes: ClassVar[tuple[int, ...]]  # of a core, the fields of Sizes
+    power: ClassVar[int | None]  # index of the supply's power among a fin's outputs; None without a supply
     # Derived from the rows once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
     _inputs: ClassVar[range]
     _outputs: ClassVar[range]
     _parameters: ClassVar[range]
-    _motion_slice: ClassVar[slice]  # the vehicle's motion stands together
+    _motion_slice: ClassVar[slice]  # of the vehicle's motion
     _output_slice: ClassVar[slice]
     _core_sizes: ClassVar[Sizes]
-    _unknown: ClassVar[Any]  # in place of what a motion makes
+    _unknown: ClassVar[Any]  # motion loads of a motion that is not finite
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -83,21 +64,17 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         super().__init__(**kwargs)
         self._values: list[Any] = list(self.start_values)
         self._core: Core | None = None
-        self._bound: tuple[Any, ...] = ()  # parameter values the core was made with
+        self._bound: tuple[Any, ...] = ()  # parameter values of the core
         self._start = 0.0
         self._now = 0.0  # seconds since the start
-        self._phase = "instantiated"
-        self._misuse = ""
         self._refusal = ""
-        self._warned: set[tuple[str, str]] = set()  # warnings that the log has
-        self._said: set[str] = set()  # what standard error has
-        self._changed = True  # parameters since the kernel was bound
-        self._current = False  # outputs in _values are those of now
+        self._warned: set[tuple[str, str]] = set()  # warnings that have been logged
+        self._changed = True  # parameters have changed since the core was bound to them
+        self._current = False  # outputs in _values are up to date
         self._motion: list[float] = []
-        self._held: tuple[Any, ...] | None = None  # the core's inputs, until a variable is set
-        self._ready = False  # nothing stands against a step
+        self._held: tuple[Any, ...] | None = None  # inputs of the core, until a variable is set
         self._slack = 0.0
-        self._motion_loads: Any = None  # what this motion makes
+        self._motion_loads: Any = None  # of _motion
 
     # -- FMI life cycle --------------------------------------------------------
 
@@ -138,11 +115,11 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         before, now = None, self._now
         try:
             begin = current_time - self._start
-            # All is well: the way every step but a few takes. A comparison with NaN is false.
+            # The usual step. A comparison with NaN is false.
             if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
                 core: Any = self._core
                 end = begin + step_size
-                if end < now:  # a host's clock may run back within the tolerance, the trajectory does not
+                if end < now:  # a host's time may run back within the tolerance, the trajectory does not
                     end = now
                 inputs = self._held or self._checked_inputs(core, current_time)
                 before = core.state
@@ -151,35 +128,35 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
                 self._current = True
                 return True
             return self._step(current_time, step_size)
-        except _RefusedError as error:
+        except RefusedError as error:
             return self._discard(str(error))
-        except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see the module's docstring
+        except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see reporting.py
             if before is not None:
                 core.state, self._now, self._current = before, now, False
             return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
 
     def _step(self, current_time: float, step_size: float) -> bool:
-        """Take a step that needs a closer look first."""
+        """Check a step in full, and take it."""
         if self._phase != "running":
-            raise _RefusedError(f"fmi2DoStep called while {self._phase}")
+            raise RefusedError(f"fmi2DoStep called while {self._phase}")
         if self._refusal:
-            raise _RefusedError(f"initialization was refused: {self._refusal}")
+            raise RefusedError(f"initialization was refused: {self._refusal}")
         if self._misuse:
             misuse, self._misuse = self._misuse, ""
             self._ready = not self._changed
-            raise _RefusedError(misuse)
+            raise RefusedError(misuse)
         if self._changed or self._core is None:
             problems = self._parameter_problems()
             if problems:
-                raise _RefusedError("; ".join(problems))
+                raise RefusedError("; ".join(problems))
             self._bind(anew=False)
             self._warn()
         self._ready = True
         begin = current_time - self._start
         if not 0.0 < step_size < inf:
-            raise _RefusedError(f"communication step {step_size!r} s at {current_time!r} s is not positive and finite")
+            raise RefusedError(f"communication step {step_size!r} s at {current_time!r} s is not positive and finite")
         if not abs(begin - self._now) <= self._slack:
-            raise _RefusedError(f"step from {current_time!r} s, but the slave stands at {self._start + self._now!r} s")
+            raise RefusedError(f"step from {current_time!r} s, but the instance is at {self._start + self._now!r} s")
         return self.do_step(current_time, step_size)
 
     def _checked_inputs(self, core: Core, current_time: float) -> tuple[Any, ...]:
@@ -188,18 +165,18 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             self._held = inputs
             return inputs
         bad = [f"{self.rows[i][0]} = {self._values[i]!r}" for i in self._inputs if not isfinite(self._values[i])]
-        raise _RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
+        raise RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
 
     def _core_inputs(self, core: Core) -> tuple[Any, ...]:
         motion = self._values[self._motion_slice]
         if motion != self._motion:
-            # Not finite: let the caller's check find it, trigonometry would raise.
+            # Where it is not finite, the caller's check finds it; trigonometry would raise.
             self._motion_loads = core.motion_loads(*motion) if isfinite(sum(motion)) else self._unknown
             self._motion = motion
         return self._acting(core)
 
     def _bind(self, anew: bool) -> Core:
-        """Let the core follow the parameters; before the end of initialization it starts anew."""
+        """Bind the core to the parameters; with `anew`, before the end of initialization, start it anew."""
         values = self._parameter_values()
         if self._core is None or anew:
             self._core = self._made(values)
@@ -211,13 +188,13 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return self._core
 
     def _forget(self) -> None:
-        """Drop what follows from the core and the inputs, of which one is another now."""
+        """Forget what was computed from the core and the inputs, since one of them has changed."""
         self._motion, self._held, self._current = [], None, False
         if self._core is not None:
-            # A clock that began late counts in coarser units than the core's slack.
+            # The times of a clock that starts late are coarser than the core's slack.
             self._slack = self._core.slack + 1e-15 * abs(self._start)
 
-    # What several fins do otherwise.
+    # Overridden for several fins.
 
     def _functions(self, values: Mapping[str, Any]) -> Any:
         return type(self).make(values)
@@ -238,7 +215,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return isfinite(sum(inputs))
 
     def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-        """Return each fin's parameters under the names of a single one's, by what goes before its messages."""
+        """Return each fin's parameters by their names in a single actuator, by the prefix of its messages."""
         return {"": values}
 
     def _broken_rules(self, values: Mapping[str, Any]) -> list[str]:
@@ -254,7 +231,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
                     for message in check_rules([(check, *rule)], warnings=True)}
         for (prefix, rule), message in warnings.items():
             if (prefix, rule) not in self._warned:
-                self._log(prefix + message, Fmi2Status.warning)
+                self._warning(prefix + message)
         self._warned = set(warnings)
 
     def _parameter_values(self) -> dict[str, Any]:
@@ -278,12 +255,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             unknown = ", ".join(str(v) for v in vrs if v not in references)
             self._error(f"no {kind} variable has value reference {unknown}")
             return [values[vr] if vr in references else missing for vr in vrs]
-        except BaseException as error:  # noqa: BLE001  see the module's docstring
+        except BaseException as error:  # noqa: BLE001  see reporting.py
             self._misused(f"reading variables: {type(error).__name__}: {error}")
             return [missing] * len(vrs)
 
     def _refresh(self) -> None:
-        """Bring the outputs in `_values` up to now; NaN and false where there are none."""
+        """Bring the outputs in `_values` up to date; NaN and false where there are none."""
         core = self._core
         if self._phase in _BEFORE_RUN:
             core = None if self._parameter_problems() else self._bind(anew=True)
@@ -291,7 +268,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self._outputs]
         elif self._finite(inputs := self._held or self._core_inputs(core)):
             self._values[self._output_slice] = core.outputs(inputs)
-        self._current = True  # an input that the next step will refuse changes no output
+        self._current = True  # inputs that are not finite, which the next step will refuse, change no output
 
     def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
         try:
@@ -303,7 +280,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
                     self._values[vr] = value
                 else:
                     self._set_other(kind, vr, value)
-        except BaseException as error:  # noqa: BLE001  see the module's docstring
+        except BaseException as error:  # noqa: BLE001  see reporting.py
             self._misused(f"setting variables: {type(error).__name__}: {error}")
 
     def _set_other(self, kind: str, vr: int, value: Any) -> None:
@@ -360,12 +337,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._forget()
 
     def _checked(self, state: StoredState) -> Any:
-        """Return a stored state if it could have come out of an instance: as `unsound` of states.h has it.
+        """Return a stored state if it can be one of this FMU; the checks are those of `unsound` in states.h.
 
-        Raises _RefusedError.
+        Raises RefusedError.
         """
         if len(state) != len(self._get_fmu_state()):
-            raise _RefusedError("FMU state refused: number of values")
+            raise RefusedError("FMU state refused: number of values")
         start, now, phase, misuse, refusal, changed, values, bound, core_state = state
         parameters = [self.rows[i] for i in self._parameters]
         if phase not in (*_BEFORE_RUN, "running", "terminated"):
@@ -373,10 +350,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         elif not (finite(start) and finite(now) and now >= 0.0):
             problem = "time"
         elif not (is_text(misuse) and is_text(refusal) and isinstance(changed, bool)):
-            problem = "what was refused before"
+            problem = "text of a refusal"
         elif wrong := wrong_variable(values, self.rows):
             problem = wrong
-        elif phase in _BEFORE_RUN:  # the core is made anew
+        elif phase in _BEFORE_RUN:  # the core will be started anew
             return start, 0.0, phase, misuse, refusal, True, values, (), None
         elif core_state is None:
             problem = "" if bound == () and (refusal or phase == "terminated") else "no core"
@@ -391,56 +368,18 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
                 core = self._made(by_name)
                 problem = _too_late(start, core) or core.unsound(core_state, now, self._shape_of_inputs())
         if problem:
-            raise _RefusedError(f"FMU state refused: {problem}")
+            raise RefusedError(f"FMU state refused: {problem}")
         return state
 
     @classmethod
     def _fmu_state_to_bytes(cls, state: Any) -> bytes:
-        return stored.to_bytes(cls.unit_guid, None if isinstance(state, CorruptState) else state)
+        return stored.to_bytes(cls.fmu_guid, None if isinstance(state, CorruptState) else state)
 
     @classmethod
     def _fmu_state_from_bytes(cls, data: bytes) -> Any:
-        return stored.from_bytes(cls.unit_guid, data)
-
-    # -- trouble ---------------------------------------------------------------
-
-    def _allowed(self, phase: str, function: str) -> bool:
-        """Return whether a call may come now."""
-        if self._phase != phase:
-            self._misused(f"{function} called while {self._phase}")
-        return self._phase == phase
-
-    def _guard(self, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except _RefusedError as error:
-            self._misused(str(error))
-        except BaseException as error:  # noqa: BLE001  see the module's docstring
-            self._misused(f"{type(error).__name__}: {error}")
-
-    def _misused(self, message: str) -> None:
-        self._misuse = message
-        self._ready = False
-        self._error(message)
-
-    def _error(self, message: str) -> None:
-        self._log(message, Fmi2Status.error)
-
-    def _say(self, message: str) -> None:
-        """Print once what a host with logging off would not hear of."""
-        if message not in self._said:
-            print(f"{self.instance_name}: {message}", file=sys.stderr)
-        self._said.add(message)
-
-    def _discard(self, message: str) -> bool:
-        self._log(message, Fmi2Status.discard)
-        return False
-
-    def _log(self, message: str, status: Any) -> None:
-        # The wrapper hands the text to the host as a printf format.
-        self.log(message.replace("%", "%%"), status)
+        return stored.from_bytes(cls.fmu_guid, data)
 
 
 def _too_late(start: float, core: Any) -> str:
-    """Return the message for a start time [s] where a clock counts too coarsely for a core's ticks, else ""."""
+    """Return the message for a start time [s] at which numbers are too coarse for a core's ticks; otherwise ""."""
     return "" if abs(start) <= core.latest else TOO_LATE % (start, core.latest)

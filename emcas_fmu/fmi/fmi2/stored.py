@@ -1,4 +1,4 @@
-"""FMU states as bytes: what is read back is a state of the same FMU, or the reason why it is none.
+"""FMU states as bytes; reading them back gives a state of the same FMU, or the reason why the bytes are not one.
 
 Standard library only: it is embedded in the FMU.
 """
@@ -14,23 +14,23 @@ from ...runtime.core import finite
 
 
 class CorruptState(str):
-    """What deserialization gives for bytes that are no state of this FMU: the reason."""
+    """The reason why bytes are not a state of this FMU; the result of deserializing them."""
 
 
 class StoredState(tuple[Any, ...]):
-    """What deserialization gives for bytes with the right checksum: a state, unless it was made up."""
+    """A state deserialized from bytes with the right checksum; it may still be made up."""
 
     __slots__ = ()
 
 
 def to_bytes(guid: str, state: Any) -> bytes:
-    """Return a state with a checksum, and the GUID of the FMU that it is of."""
+    """Return a state as bytes, with a checksum and the GUID of its FMU."""
     body = json.dumps(state).encode()
     return f"{guid} {zlib.crc32(body):08x} ".encode() + body
 
 
 def from_bytes(guid: str, data: bytes) -> CorruptState | StoredState:
-    """Return the state that bytes are of the FMU with this GUID, or why they are none."""
+    """Return the state of the FMU with this GUID that bytes contain, or the reason why they do not."""
     try:
         of, check, body = bytes(data).split(b" ", 2)
         if of.decode() != guid:
@@ -38,7 +38,7 @@ def from_bytes(guid: str, data: bytes) -> CorruptState | StoredState:
         if int(check, 16) != zlib.crc32(body):
             return CorruptState("its checksum is wrong")
         state = _tuples(json.loads(body))
-        return StoredState(state) if isinstance(state, tuple) else CorruptState("it holds no state")
+        return StoredState(state) if isinstance(state, tuple) else CorruptState("it contains no state")
     except Exception as error:  # noqa: BLE001  nothing may leave the slave
         return CorruptState(f"it cannot be read ({type(error).__name__})")
 
@@ -48,12 +48,12 @@ def _tuples(value: Any) -> Any:
 
 
 def is_text(value: Any) -> bool:
-    """Return whether a value is a text that a host can be given."""
+    """Return whether a value is a text that can be passed to a host."""
     return isinstance(value, str) and "\0" not in value and value.encode(errors="ignore").decode() == value
 
 
 def wrong_variable(values: Any, rows: Sequence[tuple[Any, ...]]) -> str:
-    """Return the name of the first variable of which a stored value cannot be, "" if there is none."""
+    """Return the name of the first variable that cannot have its stored value; "" if there is none."""
     if not (isinstance(values, tuple) and len(values) == len(rows)):
         return "number of variables"
 

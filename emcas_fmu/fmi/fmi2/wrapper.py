@@ -1,4 +1,4 @@
-"""What pythonfmu's wrapper needs of the entry module of an FMU. Standard library only: it is embedded in the FMU."""
+"""Workarounds for pythonfmu's wrapper in the entry module of an FMU. Standard library only: embedded in the FMU."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ _kept: list[Mapping[str, Any]] = []
 
 
 def keep(namespace: Mapping[str, Any]) -> None:
-    """Hold one more reference to a module's namespace, and see to the wrapper's end.
+    """Hold one more reference to a module's namespace, and release the wrapper's state when the process ends.
 
     The wrapper executes the entry module at every instantiation and afterwards drops a
-    reference to its namespace that it only borrowed; without this the namespace would
-    be freed under later instances.
+    borrowed reference to its namespace; without this the namespace would be freed
+    while later instances use it.
     """
     if not _kept and sys.platform == "linux":
         atexit.register(_release_wrapper, str(namespace.get("__file__", "")))
@@ -23,11 +23,11 @@ def keep(namespace: Mapping[str, Any]) -> None:
 
 
 def _release_wrapper(entry: str) -> None:
-    """Let the wrapper release its state while that is still its own.
+    """Make the wrapper release its state before the process destroys it.
 
-    As the process ends its static state is destroyed, and then released once more by the library's own
-    finalizer: a count is decremented in memory that was freed, which now and then aborts a host that was done.
-    Released before, by the same finalizer, there is nothing left to be released twice.
+    When the process ends, the wrapper's static state is destroyed and then released once more by the library's
+    finalizer: a count is decremented in freed memory, which sometimes aborts a host that has finished. Calling the
+    same finalizer before leaves nothing to release twice.
     """
     folder = entry.rpartition("/resources/")[0]
     try:
@@ -40,5 +40,5 @@ def _release_wrapper(entry: str) -> None:
             if folder and path.startswith(f"{folder}/binaries/"):
                 # Only if it is still loaded; the file may be gone.
                 ctypes.CDLL(path, mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()
-    except Exception:  # noqa: BLE001  the interpreter is ending, and without this all is as it was
+    except Exception:  # noqa: BLE001  the interpreter is ending; without this call everything else still works
         pass

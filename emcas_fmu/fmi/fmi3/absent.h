@@ -1,12 +1,12 @@
-/* Functions of FMI 3.0 that this unit has no use for, which say so: they are exported because hosts look for all of
- * them, and the model description claims none. A part of fmi3.c.
+/* Functions of FMI 3.0 that the FMU does not support: they log an error. They are exported because hosts look up all
+ * of them; the model description says that none is supported. A part of fmi3.c.
  */
 #ifndef EMCAS_ABSENT_H
 #define EMCAS_ABSENT_H
 
 #include "instance.h"
 
-/* Takes arguments that are not looked at. */
+/* Uses arguments that are otherwise unused. */
 static void ignore(int first, ...)
 {
     (void)first;

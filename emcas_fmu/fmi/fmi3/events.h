@@ -1,18 +1,18 @@
 /* Steps that end at events: a discrete output changes, or a fin sticks or comes loose. A part of fmi3.c.
  *
- * An event is looked for at the ends of ticks and then between them, by steps from copies of the state, to within the
- * tolerance of communication points. The trajectory is that of one long step, since it does not depend on where these
- * are. What begins and ends within one tick is not seen.
+ * An event is detected at the end of a tick and then located within it by bisection, with steps from copies of the
+ * state, to within the tolerance of communication points. The trajectory is that of one long step, since it does not
+ * depend on communication points. An event that begins and ends within one tick is not detected.
  */
 #ifndef EMCAS_EVENTS_H
 #define EMCAS_EVENTS_H
 
 #include "step.h"
 
-/* Whether two sets of outputs differ in nothing that is an event. */
+/* Return whether there is no event between two sets of outputs. */
 static bool same_situation(const double *a, const double *b)
 {
-    for (size_t i = 0; i < UNIT_OUTPUTS; ++i)
+    for (size_t i = 0; i < FMU_OUTPUTS; ++i)
         if (VARIABLE[OUTPUT_BEGIN + i].kind != REAL && a[i] != b[i]) return false;
     for (size_t fin = 0; fin < FINS; ++fin) {
         const size_t rate = LINE_OUTPUTS + fin * MODEL_OUTPUTS + OUTPUT_FIN_RATE;
@@ -21,8 +21,9 @@ static bool same_situation(const double *a, const double *b)
     return true;
 }
 
-/* Where events are looked for next [s from the start]: where a fin's tick ends, or about where the one after it does
- * if now is its end, or the fins' line has its next instant; and the shortest tick [s]. */
+/* Return the time [s from the start] at which to look for an event next, the first of: the end of a fin's tick, about
+ * the end of the following one if the current time is that end, the next instant of the fins' line. Sets the shortest
+ * tick [s]. */
 static double next_tick(const instance *m, double *shortest)
 {
     double next = HUGE_VAL;
@@ -41,7 +42,7 @@ static double next_tick(const instance *m, double *shortest)
     return next;
 }
 
-/* Go on to `end` from a kept state. */
+/* Step to `end` from a copy of the state. */
 static core_result step_from(instance *m, const multi_fin_state *kept, double from, double end)
 {
     m->s.fins = *kept;
@@ -49,11 +50,11 @@ static core_result step_from(instance *m, const multi_fin_state *kept, double fr
     return held_step(m, end);
 }
 
-/* Move on to `*end` [s from the start], or to the first event before it, which `*end` is then; all or nothing. */
+/* Step to `*end` [s from the start], or to the first event before it and set `*end` to it; all or nothing. */
 static core_result step_to_event(instance *m, double *end, bool *event)
 {
     const model_state begun = m->s;
-    double before[UNIT_OUTPUTS], shortest;
+    double before[FMU_OUTPUTS], shortest;
     core_result result = CORE_DONE;
     memcpy(before, m->s.values + OUTPUT_BEGIN, sizeof before);
     next_tick(m, &shortest);
@@ -75,7 +76,7 @@ static core_result step_to_event(instance *m, double *end, bool *event)
             else
                 high = middle;
         }
-        /* What lies within the tolerance before a tick or an instant is met there. */
+        /* An event within the tolerance before a tick or an instant is there. */
         if (until - high <= m->fins.slack) high = until;
         if (result == CORE_DONE) result = step_from(m, &kept, from, high);
         *end = high;
@@ -84,10 +85,10 @@ static core_result step_to_event(instance *m, double *end, bool *event)
     return result;
 }
 
-/* The same to `end` in one go, however many events there are: whether the situation there is another. */
+/* Step to `end` in one go over any events; `event` is whether the situation there is another. */
 static core_result step_over_events(instance *m, double end, bool *event)
 {
-    double before[UNIT_OUTPUTS];
+    double before[FMU_OUTPUTS];
     memcpy(before, m->s.values + OUTPUT_BEGIN, sizeof before);
     const core_result result = held_step(m, end);
     *event = result == CORE_DONE && !same_situation(before, m->s.values + OUTPUT_BEGIN);

@@ -1,7 +1,7 @@
 /* FMI 3.0 for co-simulation around core.h.
  *
- * A variable is a scalar or an array; where its elements are among the scalars of the unit is in VALUE (interface.h).
- * There is no global state that changes and no allocation while stepping.
+ * A variable is a scalar or an array; ARRAY (interface.h) gives the indices of its elements among the scalars of the
+ * FMU. There is no global state that changes and no allocation while stepping.
  */
 #include <stdbool.h>
 #include <stdlib.h>
@@ -17,8 +17,8 @@
 
 #define GUID_NAME "instantiation token"
 
-/* What the host said and gave at instantiation, and what of the clock is no state: whether it ticks in this event, and
- * whether the host knows its interval. */
+/* The arguments of instantiation, and two flags of the clock that are not part of the state: whether it ticks in this
+ * event, and whether the host knows its interval. */
 typedef struct {
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback logger;
@@ -53,6 +53,7 @@ static bool handles_events(const host_services *host)
 #include "step.h"
 
 #include "absent.h"
+#include "clock.h"
 #include "events.h"
 
 _Static_assert((int)STATUS_OK == (int)fmi3OK && (int)STATUS_WARNING == (int)fmi3Warning
@@ -60,13 +61,13 @@ _Static_assert((int)STATUS_OK == (int)fmi3OK && (int)STATUS_WARNING == (int)fmi3
 
 /* -- variables ---------------------------------------------------------------- */
 
-/* Place of an element of a variable among the unit's scalars: its fins' elements one after the other. */
-static size_t place(const array *v, size_t element)
+/* Return the index of an element of a variable among the scalars of the FMU. Elements are counted fin by fin. */
+static size_t scalar_index(const array *v, size_t element)
 {
     return v->first + element / v->size * v->stride + element % v->size;
 }
 
-/* Whether the variables are of a type and have as many elements in all as there are values. */
+/* Return whether the variables are of a type and have `count` elements in all; log an error if not. */
 static bool are_of(const instance *m, int type, const fmi3ValueReference vr[], size_t n, const void *value,
                    size_t count, const char *function)
 {
@@ -81,19 +82,19 @@ static bool are_of(const instance *m, int type, const fmi3ValueReference vr[], s
         elements += ARRAY[vr[i]].size * ARRAY[vr[i]].fins;
     }
     if (elements == count) return true;
-    report(m, STATUS_ERROR, "%s: the variables have %lu elements, and %lu values are given", function,
+    report(m, STATUS_ERROR, "%s: the variables have %lu elements, the call has %lu values", function,
            (unsigned long)elements, (unsigned long)count);
     return false;
 }
 
 static double value_at(const instance *m, size_t vr, size_t element)
 {
-    return vr == TIME ? m->s.start + m->s.now : m->s.values[place(&ARRAY[vr], element)];
+    return vr == TIME ? m->s.start + m->s.now : m->s.values[scalar_index(&ARRAY[vr], element)];
 }
 
 static bool may_be_set(const instance *m, size_t vr, size_t element, double value)
 {
-    if (vr != TIME) return settable(m, place(&ARRAY[vr], element), value);
+    if (vr != TIME) return settable(m, scalar_index(&ARRAY[vr], element), value);
     report(m, STATUS_ERROR, "%s is set by the steps", ARRAY[vr].name);
     return false;
 }
@@ -111,7 +112,7 @@ static bool may_be_set(const instance *m, size_t vr, size_t element, double valu
                 good &= may_be_set(m, vr[i], e, (double)value[k]);                                                \
         for (size_t i = 0, k = 0; good && i < n; ++i)                                                             \
             for (size_t e = 0; e < ARRAY[vr[i]].size * ARRAY[vr[i]].fins; ++e, ++k)                               \
-                set_one(m, place(&ARRAY[vr[i]], e), (double)value[k]);                                            \
+                set_one(m, scalar_index(&ARRAY[vr[i]], e), (double)value[k]);                                            \
         return good ? fmi3OK : fmi3Error;                                                                         \
     }
 
@@ -130,7 +131,7 @@ static bool may_be_set(const instance *m, size_t vr, size_t element, double valu
     }
 
 DEFINE_GET(Float64, FLOAT64)
-/* These cannot hold a NaN or a number too large: they come in as what they are. */
+/* These values are always in the range of their type: they are checked when they are set. */
 DEFINE_GET(Int32, INT32)
 DEFINE_GET(UInt32, UINT32)
 DEFINE_GET(Int64, INT64)
@@ -183,67 +184,6 @@ fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t n
     return none_of(c, ANY_PHASE & ~TERMINATED, n, "fmi3SetBinary");
 }
 
-/* -- the clock of the samples --------------------------------------------------- */
-
-/* Whether a call names the clock and nothing else. */
-static bool is_clock(const instance *m, int phases, const fmi3ValueReference vr[], size_t n, const void *value,
-                     const char *function)
-{
-    if (!allowed(m, phases, function) || array_missing(m, n, vr, value, function)) return false;
-    for (size_t i = 0; i < n; ++i)
-        if (vr[i] >= ARRAYS || ARRAY[vr[i]].type != TICKS) {
-            report(m, STATUS_ERROR, "%s: no clock has value reference %u", function, (unsigned)vr[i]);
-            return false;
-        }
-    return true;
-}
-
-fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Clock value[])
-{
-    const instance *m = c;
-    if (!is_clock(m, HANDLING_EVENT, vr, n, value, "fmi3GetClock")) return fmi3Error;
-    for (size_t i = 0; i < n; ++i) value[i] = m->host.ticks;
-    return fmi3OK;
-}
-
-/* The controller samples by itself: that the clock ticks tells it nothing, and has to come when it samples. */
-fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
-{
-    instance *m = c;
-    if (!is_clock(m, HANDLING_EVENT, vr, n, value, "fmi3SetClock")) return fmi3Error;
-    for (size_t i = 0; i < n; ++i) {
-        const core_state *core = m->s.fins.core;
-        if (!value[i] && m->host.ticks)
-            return report(m, STATUS_ERROR, "fmi3SetClock: %s cannot be deactivated", CLOCK_NAME);
-        if (value[i] && (core->position != 0 || core->partial))
-            return report(m, STATUS_ERROR, "fmi3SetClock: %s does not tick at %.17g s, which is no sample",
-                          CLOCK_NAME, m->s.start + m->s.now);
-    }
-    for (size_t i = 0; i < n; ++i) m->host.ticks = value[i];
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 intervals[],
-                                  fmi3IntervalQualifier qualifiers[])
-{
-    instance *m = c;
-    if (!is_clock(m, INITIALIZING | DURING_RUN, vr, n, intervals, "fmi3GetIntervalDecimal")) return fmi3Error;
-    if (array_missing(m, n, qualifiers, qualifiers, "fmi3GetIntervalDecimal")) return fmi3Error;
-    for (size_t i = 0; i < n; ++i) {
-        intervals[i] = parameters(m, 0)[SAMPLE_TIME];
-        qualifiers[i] = m->host.interval_known ? fmi3IntervalUnchanged : fmi3IntervalChanged;
-        m->host.interval_known = m->s.phase != INITIALIZING; /* the sample time is fixed from then on */
-    }
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
-{
-    if (!is_clock(c, INITIALIZING | DURING_RUN, vr, n, shifts, "fmi3GetShiftDecimal")) return fmi3Error;
-    for (size_t i = 0; i < n; ++i) shifts[i] = 0.0;
-    return fmi3OK;
-}
-
 /* -- stepping ----------------------------------------------------------------- */
 
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 size, fmi3Boolean no_set_state,
@@ -259,14 +199,14 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 size, fmi3Bo
         return report(m, STATUS_ERROR, "fmi3DoStep: argument missing");
     if (step_end(m, time, size, &end) != STATUS_OK) return fmi3Error;
     if (m->host.event_mode && !m->s.fresh) refresh(m);
-    const double asked = end;
+    const double requested = end;
     const core_result result = !m->host.event_mode  ? held_step(m, end)
                              : m->host.early_return ? step_to_event(m, &end, &event)
                                                     : step_over_events(m, end, &event);
     const int status = step_done(m, result, time, size, end);
     *event_needed = event;
     *terminate_simulation = false;
-    *early_return = status == STATUS_OK && end < asked;
+    *early_return = status == STATUS_OK && end < requested;
     *reached = m->s.start + m->s.now;
     return status;
 }
@@ -276,7 +216,7 @@ fmi3Status fmi3EnterEventMode(fmi3Instance c)
     instance *m = c;
     if (!allowed(m, RUNNING, "fmi3EnterEventMode")) return fmi3Error;
     if (!m->host.event_mode)
-        return report(m, STATUS_ERROR, "fmi3EnterEventMode: the instance was made without event mode");
+        return report(m, STATUS_ERROR, "fmi3EnterEventMode: the instance was created without event mode");
     m->s.phase = HANDLING_EVENT;
     return fmi3OK;
 }
@@ -322,7 +262,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     return new_instance(&host, name, token, logging);
 }
 
-/* For a kind of simulation that this unit is not for. */
+/* Log that a kind of simulation is not supported. */
 static fmi3Instance no_instance(fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger, const char *kind)
 {
     const instance none = {.host = {.environment = environment, .logger = logger}, .logged = EVERY_CATEGORY};
@@ -394,13 +334,13 @@ fmi3Status fmi3Reset(fmi3Instance c)
 
 fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
 {
-    return keep_state(c, state, "fmi3GetFMUState");
+    return copy_state(c, state, "fmi3GetFMUState");
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
 {
     instance *m = c;
-    const fmi3Status status = put_back_state(m, state, "fmi3SetFMUState");
+    const fmi3Status status = restore_state(m, state, "fmi3SetFMUState");
     if (status == fmi3OK) m->host.ticks = false;
     return status;
 }

@@ -68,7 +68,7 @@ def _in_files(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str
 
 
 FORMAT = Format(
-    version="3.0", main="fmi3.c", package="emcas_fmu.fmi.fmi3", written=("absent.h", "events.h"),
+    version="3.0", main="fmi3.c", package="emcas_fmu.fmi.fmi3", written=("absent.h", "clock.h", "events.h"),
     headers=lambda: standard_headers(("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")),
     by_machine=True, of_sources={}, tables=_tables,
     host_variables=_host_variables, listed=_listed, in_files=_in_files, model_description=model_description,

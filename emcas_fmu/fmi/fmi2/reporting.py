@@ -1,0 +1,81 @@
+"""Log messages, refusals and misuse of the slave of FMI 2.0.
+
+Standard library and pythonfmu's base class only: it is embedded in the FMU.
+
+The wrapper that loads the slave turns any Python exception into fmi2Fatal and then
+releases the instance twice, so no exception may leave the slave. The wrapper can return
+fmi2Discard from fmi2DoStep and nothing but fmi2OK elsewhere.
+
+A reference that is unknown, or of another type, is logged as an error where it is read
+or written, and does not affect the steps: a read returns NaN, 0 or false, a write is
+ignored. As the caller gets fmi2OK, the write is also reported on standard error.
+Any other call that must be refused is logged and remembered, and the next fmi2DoStep
+is discarded, the state unchanged: for good while the cause lasts (a refused parameter, a
+non-finite input), once where it does not (a write to an output or to a parameter that is
+fixed by now, a call out of order, an interrupt from the keyboard). An interrupt that
+Python delivers between a call and its first line cannot be caught here.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from pythonfmu import Fmi2Slave
+from pythonfmu.enums import Fmi2Status
+
+
+class RefusedError(Exception):
+    """A step that is discarded, or a state that is not restored; the message is the reason."""
+
+
+class ReportingSlave(Fmi2Slave):  # type: ignore[misc]
+    """Base of the slave: its phase, the misuse that the next step is refused for, and its messages."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._phase = "instantiated"
+        self._misuse = ""
+        self._ready = False  # the next step needs no further check
+        self._said: set[str] = set()  # messages already on standard error
+
+    def _allowed(self, phase: str, function: str) -> bool:
+        """Return whether a function may be called now."""
+        if self._phase != phase:
+            self._misused(f"{function} called while {self._phase}")
+        return self._phase == phase
+
+    def _guard(self, action: Callable[[], None]) -> None:
+        """Run an action; an exception is misuse."""
+        try:
+            action()
+        except RefusedError as error:
+            self._misused(str(error))
+        except BaseException as error:  # noqa: BLE001  see the module's docstring
+            self._misused(f"{type(error).__name__}: {error}")
+
+    def _misused(self, message: str) -> None:
+        self._misuse = message
+        self._ready = False
+        self._error(message)
+
+    def _warning(self, message: str) -> None:
+        self._log(message, Fmi2Status.warning)
+
+    def _error(self, message: str) -> None:
+        self._log(message, Fmi2Status.error)
+
+    def _say(self, message: str) -> None:
+        """Print a message once, for hosts that have logging off."""
+        if message not in self._said:
+            print(f"{self.instance_name}: {message}", file=sys.stderr)
+        self._said.add(message)
+
+    def _discard(self, message: str) -> bool:
+        self._log(message, Fmi2Status.discard)
+        return False
+
+    def _log(self, message: str, status: Any) -> None:
+        # The wrapper hands the text to the host as a printf format.
+        self.log(message.replace("%", "%%"), status)

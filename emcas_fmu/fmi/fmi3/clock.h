@@ -1,0 +1,66 @@
+/* The clock of the controllers' samples. A part of fmi3.c. */
+#ifndef EMCAS_CLOCK_H
+#define EMCAS_CLOCK_H
+
+#include "instance.h"
+
+/* Return whether all value references of a call are the clock's; log an error if not. */
+static bool is_clock(const instance *m, int phases, const fmi3ValueReference vr[], size_t n, const void *value,
+                     const char *function)
+{
+    if (!allowed(m, phases, function) || array_missing(m, n, vr, value, function)) return false;
+    for (size_t i = 0; i < n; ++i)
+        if (vr[i] >= ARRAYS || ARRAY[vr[i]].type != TICKS) {
+            report(m, STATUS_ERROR, "%s: no clock has value reference %u", function, (unsigned)vr[i]);
+            return false;
+        }
+    return true;
+}
+
+fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Clock value[])
+{
+    const instance *m = c;
+    if (!is_clock(m, HANDLING_EVENT, vr, n, value, "fmi3GetClock")) return fmi3Error;
+    for (size_t i = 0; i < n; ++i) value[i] = m->host.ticks;
+    return fmi3OK;
+}
+
+/* The controller samples by itself: the clock may be activated only when it samples, to no effect. */
+fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
+{
+    instance *m = c;
+    if (!is_clock(m, HANDLING_EVENT, vr, n, value, "fmi3SetClock")) return fmi3Error;
+    for (size_t i = 0; i < n; ++i) {
+        const core_state *core = m->s.fins.core;
+        if (!value[i] && m->host.ticks)
+            return report(m, STATUS_ERROR, "fmi3SetClock: %s cannot be deactivated", CLOCK_NAME);
+        if (value[i] && (core->position != 0 || core->partial))
+            return report(m, STATUS_ERROR, "fmi3SetClock: %s does not tick at %.17g s, which is not a sample",
+                          CLOCK_NAME, m->s.start + m->s.now);
+    }
+    for (size_t i = 0; i < n; ++i) m->host.ticks = value[i];
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 intervals[],
+                                  fmi3IntervalQualifier qualifiers[])
+{
+    instance *m = c;
+    if (!is_clock(m, INITIALIZING | DURING_RUN, vr, n, intervals, "fmi3GetIntervalDecimal")) return fmi3Error;
+    if (array_missing(m, n, qualifiers, qualifiers, "fmi3GetIntervalDecimal")) return fmi3Error;
+    for (size_t i = 0; i < n; ++i) {
+        intervals[i] = parameters(m, 0)[SAMPLE_TIME];
+        qualifiers[i] = m->host.interval_known ? fmi3IntervalUnchanged : fmi3IntervalChanged;
+        m->host.interval_known = m->s.phase != INITIALIZING; /* the sample time is fixed from then on */
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
+{
+    if (!is_clock(c, INITIALIZING | DURING_RUN, vr, n, shifts, "fmi3GetShiftDecimal")) return fmi3Error;
+    for (size_t i = 0; i < n; ++i) shifts[i] = 0.0;
+    return fmi3OK;
+}
+
+#endif
