@@ -1,4 +1,4 @@
-"""What the descriptions of every FMI version share: units, dependencies, terminals, text of numbers."""
+"""Parts of a model description that the FMI versions share: units, types, dependencies, terminals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .interface import AZIMUTH, FINS, MIXING, FmuInterface
 from .units import DIFFERENCES, default_display, display, fmi_unit, quantity
 
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
-# Relative, for a host's own solvers: the unit steps as it does, which is within 2e-5 of the travel of its references.
+# Relative, for a host's solvers. It does not affect the FMU, which is within 2e-5 of the travel of its references.
 TOLERANCE = 1e-4
 
 _MIXED = tuple(v.name for v in MIXING)
@@ -39,14 +39,14 @@ def element(tag: str, attributes: Mapping[str, str | None], children: Iterable[E
 
 
 def text(value: Any) -> str:
-    """Return a value as XML has it: true, 3, 0.25."""
+    """Return a value as text for XML: true, 3, 0.25."""
     if isinstance(value, bool):
         return "true" if value else "false"
     return str(value) if isinstance(value, int) else repr(float(value)).removesuffix(".0")
 
 
 def limit(value: float) -> str | None:
-    """Return a limit as XML has it; None where there is none."""
+    """Return a limit as text for XML; None if it is infinite."""
     return text(value) if isfinite(value) else None
 
 
@@ -57,66 +57,65 @@ def to_bytes(root: Element) -> bytes:
     return body + b"\n"
 
 
-def describe(unit: FmuInterface) -> str:
-    """Return what the unit is, in a sentence."""
-    line = f" on one {unit.line.name}" if unit.line else ""
-    return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{line}")
+def describe(interface: FmuInterface) -> str:
+    """Return a description of the FMU in a sentence."""
+    line = f" on one {interface.line.name}" if interface.line else ""
+    return interface.actuator.title + ("" if interface.fins == 1 else f"; {interface.fins} fins{line}")
 
 
-def about(unit: FmuInterface, sets: Sequence[ParameterSet], tool: str) -> dict[str, str]:
-    """Return the attributes that tell people whose a unit is, when and by what `tool` it was made, and its parameters.
+def about(interface: FmuInterface, sets: Sequence[ParameterSet], tool: str) -> dict[str, str]:
+    """Return the attributes of a model description for people: description, version, author, `tool`, date.
 
     None of them is part of the interface. `sets` are the fins' parameters. Raises EmcasError for a SOURCE_DATE_EPOCH
-    that is no number.
+    that is not a number.
     """
     marks = [parameters_hash(each.values) for each in sets]
-    mark = marks[0] if unit.fins == 1 else hashlib.sha256("".join(marks).encode()).hexdigest()
-    return {"description": f"{describe(unit)}; {parameters_in_words(unit, sets)}",
-            "version": f"{__version__}+{mark[:8]}" if _changed(unit, sets) else __version__,
+    mark = marks[0] if interface.fins == 1 else hashlib.sha256("".join(marks).encode()).hexdigest()
+    return {"description": f"{describe(interface)}; {parameters_in_words(interface, sets)}",
+            "version": f"{__version__}+{mark[:8]}" if _changed(interface, sets) else __version__,
             "author": __author__, "copyright": __copyright__, "license": __license__,
             "generationTool": tool, "generationDateAndTime": dates.reproducible()}
 
 
-def parameters_in_words(unit: FmuInterface, sets: Sequence[ParameterSet]) -> str:
-    """Return what is special about the fins' parameters: where fins stand, and by which files how many values differ
-    from the actuator's default ones."""
+def parameters_in_words(interface: FmuInterface, sets: Sequence[ParameterSet]) -> str:
+    """Return a phrase about the fins' parameters: azimuths, how many values differ from the default, by which files."""
     places = [f"{degrees(each.values[AZIMUTH]):g}" for each in sets]
-    at = "" if unit.fins == 1 else f"fins at {', '.join(places)} deg; "
-    changed = len(_changed(unit, sets))
+    at = "" if interface.fins == 1 else f"fins at {', '.join(places)} deg; "
+    changed = len(_changed(interface, sets))
     if not changed:
         return f"{at}default parameters"
     files = dict.fromkeys(PurePath(file).name for each in sets for file, _ in each.files)
     return f"{at}{changed} value{'s' * (changed > 1)} changed" + (f" by {', '.join(files)}" if files else "")
 
 
-def _changed(unit: FmuInterface, sets: Sequence[ParameterSet]) -> set[str]:
-    """Return the names of parameters and start values that are not an actuator's default ones in every fin."""
-    shipped = load_parameters(model=unit.kind).values
+def _changed(interface: FmuInterface, sets: Sequence[ParameterSet]) -> set[str]:
+    """Return the names of parameters and start values that differ from the default in a fin."""
+    shipped = load_parameters(model=interface.kind).values
     changed = {name for each in sets for name, value in each.values.items() if value != shipped[name]}
-    return changed if unit.fins == 1 else changed - {AZIMUTH}
+    return changed if interface.fins == 1 else changed - {AZIMUTH}
 
 
 def of_fin(name: str) -> str:
-    """Return a variable's structured name without what says of which fin it is, or that it is an array of theirs."""
+    """Return a variable's structured name without the prefix of a fin or of an array of all fins."""
     return name.rpartition("].")[2].removeprefix(FINS)
 
 
 def type_name(v: Variable) -> str | None:
-    """Name of a variable's type, one for all fins: its quantity, or an enumeration's own; None of others.
+    """Return the name of a variable's type, the same for all fins: its quantity or enumeration; None for others.
 
-    No variable may be called so (FMI 2.0.5, section 2.2.3).
+    No variable may have the name of a type (FMI 2.0.5, section 2.2.3).
     """
     if v.items:
         return of_fin(v.name) + "_type"
     return quantity(v) or None if v.kind == "Real" else None
 
 
-def types(unit: FmuInterface) -> dict[str, Variable]:
-    """Return a variable of each type by the type's name. Raises EmcasError where a variable is called so."""
-    named = {name: v for v in unit.variables if (name := type_name(v))}
-    if clash := [v.name for v in unit.variables if unit.spelt(v.name) in named]:
-        raise EmcasError(f"{unit.actuator.name}: {clash[0]} is what the model description calls a type; give the "
-                         "variable another name")
+def types(interface: FmuInterface) -> dict[str, Variable]:
+    """Return a variable of each type by the type's name. Raises EmcasError if a variable has the name of a type."""
+    named = {name: v for v in interface.variables if (name := type_name(v))}
+    if clash := [v.name for v in interface.variables if interface.spelt(v.name) in named]:
+        raise EmcasError(f"{interface.actuator.name}: {clash[0]} is the name of a type in the model description; "
+                         "give the variable another name")
     return dict(sorted(named.items()))
 
 
@@ -134,9 +133,9 @@ def enumeration_items(v: Variable) -> Iterator[Element]:
 
 
 def typed_attributes(v: Variable) -> dict[str, str | None]:
-    """Return the attributes of a variable that go with its type but its start.
+    """Return the attributes of a variable that depend on its type, without the start value.
 
-    Of a real variable's type they repeat the unit alone, for readers of no types.
+    A real variable repeats the unit of its type, for readers that ignore types.
     """
     unit, shown = (v.unit, display(v)) if v.kind == "Real" else (None, None)
     return {"declaredType": type_name(v), "unit": unit,
@@ -145,10 +144,10 @@ def typed_attributes(v: Variable) -> dict[str, str | None]:
             "nominal": None if v.nominal is None else text(v.nominal)}
 
 
-def unit_definitions(unit: FmuInterface) -> Element:
-    """Return the UnitDefinitions element, which all versions write alike."""
+def unit_definitions(interface: FmuInterface) -> Element:
+    """Return the UnitDefinitions element, the same in all versions."""
     shown: dict[str, set[str]] = {}
-    for v in unit.variables:
+    for v in interface.variables:
         if v.kind == "Real":
             shown.setdefault(v.unit, set()).update(filter(None, (display(v), default_display(quantity(v)))))
     return element("UnitDefinitions", {}, (_unit_definition(name, shown[name]) for name in sorted(shown)))
@@ -165,7 +164,7 @@ def _unit_definition(name: str, displays: Collection[str]) -> Element:
 
 
 def log_categories(version: int) -> Element:
-    """Return the LogCategories element of a version of FMI; pythonfmu's words are of the second."""
+    """Return the LogCategories element for a version of FMI; pythonfmu's descriptions are for version 2."""
     return element("LogCategories", {}, (
         element("Category", {"name": name, "description": description.replace("fmi2", f"fmi{version}")})
         for name, description in Fmi2Slave.log_categories.items()))
@@ -177,40 +176,41 @@ def default_experiment() -> Element:
                                          "stepSize": text(STEP_SIZE)})
 
 
-def dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
-    """Return for each output the inputs it depends on at once, at a communication point."""
-    return _of_unit(unit, codegen.direct_inputs(unit.kind), _MIXED)
+def dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
+    """Return for each output the inputs that act on it directly, at a communication point."""
+    return _for_all_fins(interface, codegen.direct_inputs(interface.kind), _MIXED)
 
 
-def initial_dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
-    """Return for each output the inputs and parameters its initial value depends on."""
-    values = codegen.initial_values(unit.kind)
-    listed = _of_unit(unit, {output: value.names for output, value in values.items()}, (*_MIXED, AZIMUTH))
-    if unit.line and unit.actuator.supply and values[unit.actuator.supply.power.name] == ZERO:
-        listed[unit.line.outputs[1].name] = ()  # nothing is drawn
+def initial_dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
+    """Return for each output the inputs and parameters on which its initial value depends."""
+    values = codegen.initial_values(interface.kind)
+    listed = _for_all_fins(interface, {output: value.names for output, value in values.items()}, (*_MIXED, AZIMUTH))
+    if interface.line and interface.actuator.supply and values[interface.actuator.supply.power.name] == ZERO:
+        listed[interface.line.outputs[1].name] = ()  # no current or flow
     return listed
 
 
-def _of_unit(unit: FmuInterface, of_one: Mapping[str, Collection[str]], mixed: tuple[str, ...],
-             ) -> dict[str, tuple[str, ...]]:
-    """Return what each output of a unit depends on; `of_one` is that of a single fin, whose command is `mixed`."""
+def _for_all_fins(interface: FmuInterface, of_one: Mapping[str, Collection[str]], mixed: tuple[str, ...],
+                  ) -> dict[str, tuple[str, ...]]:
+    """Return the dependencies of each output; `of_one` are those of a single fin, `mixed` act on its command, too."""
     def of_fin(fin: int, output: str) -> set[str]:
         needed = of_one.get(output, ())
-        more = mixed if unit.fins > 1 and fin_port.COMMAND.name in needed else ()
-        return {name if name in _MIXED else unit.name(name, fin) for name in (*needed, *more)}
+        more = mixed if interface.fins > 1 and fin_port.COMMAND.name in needed else ()
+        return {name if name in _MIXED else interface.name(name, fin) for name in (*needed, *more)}
 
-    listed = {unit.name(v.name, fin): of_fin(fin, v.name) for fin in range(unit.fins) for v in unit.actuator.outputs}
-    if unit.line and unit.actuator.supply:
-        source, power = {unit.actuator.supply.input.name}, unit.actuator.supply.power.name
-        every = set().union(*(of_fin(fin, power) for fin in range(unit.fins)))
-        drawn = source | every  # power over what the line gives
-        listed |= zip((v.name for v in unit.line_outputs), (source, drawn, every), strict=True)
-    return {v.name: tuple(sorted(listed[v.name], key=unit.reference.__getitem__)) for v in unit.outputs}
+    listed = {interface.name(v.name, fin): of_fin(fin, v.name)
+              for fin in range(interface.fins) for v in interface.actuator.outputs}
+    if interface.line and interface.actuator.supply:
+        source, power = {interface.actuator.supply.input.name}, interface.actuator.supply.power.name
+        every = set().union(*(of_fin(fin, power) for fin in range(interface.fins)))
+        drawn = source | every  # the power divided by the line's voltage or pressure
+        listed |= zip((v.name for v in interface.line_outputs), (source, drawn, every), strict=True)
+    return {v.name: tuple(sorted(listed[v.name], key=interface.reference.__getitem__)) for v in interface.outputs}
 
 
-def _terminals(unit: FmuInterface, arrays: bool) -> Iterator[Terminal]:
-    """Yield the terminals of the fin port and the actuator's; of several fins those of each, or of `arrays` of them."""
-    actuator, several = unit.actuator, unit.fins > 1
+def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
+    """Yield the terminals of fin port and actuator; with several fins those of each, or of `arrays` of all."""
+    actuator, several = interface.actuator, interface.fins > 1
     if several:
         yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)
     for terminal in (*fin_port.TERMINALS, *actuator.terminals):
@@ -218,18 +218,18 @@ def _terminals(unit: FmuInterface, arrays: bool) -> Iterator[Terminal]:
             yield terminal
             continue
         if arrays:
-            yield Terminal(terminal.name, terminal.description, tuple(map(unit.array_name, terminal.members)))
+            yield Terminal(terminal.name, terminal.description, tuple(map(interface.array_name, terminal.members)))
             continue
-        for fin in range(unit.fins):
+        for fin in range(interface.fins):
             yield Terminal(f"{terminal.name}{fin + 1}", f"fin {fin + 1}: {terminal.description}",
-                           tuple(unit.name(member, fin) for member in terminal.members))
+                           tuple(interface.name(member, fin) for member in terminal.members))
     if supply := actuator.supply:
-        outputs = unit.line_outputs if several else (supply.power,)
+        outputs = interface.line_outputs if several else (supply.power,)
         yield Terminal(supply.line.group, supply.line.supply, (supply.input.name, *(v.name for v in outputs)))
 
 
-def terminals_and_icons(unit: FmuInterface, arrays: bool = False) -> Element:
-    """Return inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others).
+def terminals_and_icons(interface: FmuInterface, arrays: bool = False) -> Element:
+    """Return inputs and outputs grouped in terminals, for tools that show these (a file of FMI 3.0).
 
     With `arrays` the variables of several fins are arrays.
     """
@@ -240,6 +240,6 @@ def terminals_and_icons(unit: FmuInterface, arrays: bool = False) -> Element:
         element("Terminals", {}, (
             element("Terminal", {"name": t.name, "matchingRule": "bus", "description": t.description}, (
                 element("TerminalMemberVariable", {
-                    "variableName": unit.spelt(member), "memberName": unit.spelt(of_fin(member)),
+                    "variableName": interface.spelt(member), "memberName": interface.spelt(of_fin(member)),
                     "variableKind": "signal"}) for member in t.members))
-            for t in _terminals(unit, arrays)))])
+            for t in _terminals(interface, arrays)))])

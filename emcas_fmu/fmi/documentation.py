@@ -43,12 +43,12 @@ def _text(value: Any) -> str:
     return f"{value:.6g}"
 
 
-def _rows(unit: FmuInterface, causality: str, sets: Sequence[ParameterSet], fmi: Format) -> list[dict[str, Any]]:
-    """Return rows of the variables of a causality; of an array its values, once if they are all the same."""
-    entries = {unit.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
-    starts, names = start_values(unit, [p.values for p in sets]), [v.name for v in unit.variables]
-    rows, screw = [], capabilities.SCREW_AND_LEVER in unit.actuator.provides
-    for v, dimensions, places in fmi.listed(unit):
+def _rows(interface: FmuInterface, causality: str, sets: Sequence[ParameterSet], fmi: Format) -> list[dict[str, Any]]:
+    """Return table rows of the variables of a causality; an array's values once if they are all the same."""
+    entries = {interface.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
+    starts, names = start_values(interface, [p.values for p in sets]), [v.name for v in interface.variables]
+    rows, screw = [], capabilities.SCREW_AND_LEVER in interface.actuator.provides
+    for v, dimensions, places in fmi.listed(interface):
         if v.causality != causality:
             continue
         row: dict[str, Any] = {"v": v, "dimensions": dimensions, "source": "", "note": ""}
@@ -58,7 +58,7 @@ def _rows(unit: FmuInterface, causality: str, sets: Sequence[ParameterSet], fmi:
             row |= {"range": limits, "value": values[0] if len(set(values)) == 1 else ", ".join(values)}
             if names[places[0]] in entries:
                 entry = entries[names[places[0]]]
-                # Of the fin port's, which every actuator has, the shipped file tells what is so with a screw.
+                # Shipped notes on parameters of the fin port, which every actuator has, may be about a screw.
                 applies = screw or entry.file != "emcas.toml" or "screw" not in entry.note
                 row |= {"source": entry.source, "note": entry.note if applies else ""}
         rows.append(row)
@@ -66,33 +66,33 @@ def _rows(unit: FmuInterface, causality: str, sets: Sequence[ParameterSet], fmi:
 
 
 def _typeset(text: str) -> Markup:
-    """Return text of the source, a docstring or a note, as HTML.
+    """Return a docstring or note as HTML.
 
-    Names between backticks are code; references lose their role and the package's name.
+    Names between backticks become code, without Sphinx role and package.
     """
     return Markup(re.sub(r"(?::\w+:)?(`{1,2})(?:emcas_fmu\.)?(.+?)\1", r"<code>\2</code>", str(escape(text))))
 
 
-def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str], fmi: Format,
+def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str], fmi: Format,
           platforms: Sequence[str]) -> str:
-    equations = [*unit.actuator.modules, schedule, *([unit.line.equations] if unit.line else [])]
-    tables = [(title, _rows(unit, causality, sets, fmi)) for title, causality in (
+    equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
+    tables = [(title, _rows(interface, causality, sets, fmi)) for title, causality in (
         ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))]
-    text = page("fmi/documentation.html.j2", made=repeatable(*sets), prose=_typeset, model=unit.model, guid=guid,
-                description=describe(unit), parameters=parameters_in_words(unit, sets), origin=unit.actuator.origin,
-                fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
+    text = page("fmi/documentation.html.j2", made=repeatable(*sets), prose=_typeset, actuator=interface.actuator,
+                model=interface.model, guid=guid, description=describe(interface), fins=interface.fins,
+                parameters=parameters_in_words(interface, sets), line=interface.line, notes=notes, platforms=platforms,
                 arrays=fmi.arrays, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
                 pictures=response_pictures(sets[0]), equations=list(filter(None, map(_docstring, equations))))
-    return unit.respelt(text)
+    return interface.respelt(text)
 
 
 def _docstring(module: ModuleType) -> str | None:
-    """Return a module's docstring as its source has it: run with -OO, the module has none."""
+    """Return a module's docstring from its source: with -OO the module has none."""
     return ast.get_docstring(ast.parse(inspect.getsource(module)))
 
 
 def _license(package: str) -> str:
-    """Return the licence of a package as it ships it; where it is not installed as a package, its name."""
+    """Return the text of a package's licence; its name if the package is not installed."""
     try:
         shipped = distribution(package).files or []
     except PackageNotFoundError:
@@ -103,7 +103,7 @@ def _license(package: str) -> str:
 
 
 def _licenses(model: str, backend: str) -> dict[str, bytes]:
-    """Return licences: license.txt, where readers begin (FMI 2.0.5, section 2.3), which says what else there is."""
+    """Return licence files; license.txt, which FMI 2.0.5 prescribes in section 2.3, refers to the others."""
     others = {
         "python": "pythonfmu-license.txt is that of PythonFMU: of the binaries, and of pythonfmu in resources.",
         "native": "In sources, the headers whose names begin with fmi are the FMI standard's; each has its licence."}
@@ -113,18 +113,18 @@ def _licenses(model: str, backend: str) -> dict[str, bytes]:
     return {f"documentation/licenses/{name}": content.encode() for name, content in files.items()}
 
 
-def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, notes: Sequence[str],
+def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, notes: Sequence[str],
               fmi: Format, platforms: Sequence[str]) -> dict[str, bytes]:
-    """Return everything that is documentation: archive name to content.
+    """Return all documentation files by archive name.
 
-    `notes` say how the unit answers its host; it has binaries for `platforms`.
+    `notes` are HTML on replies to the host; the FMU has binaries for `platforms`.
     """
     picture = Path(__file__).with_name("icon.png").read_bytes()
     external = {"documentation/externalDependencies.txt": _EXTERNAL.encode()} if backend == "python" else {}
     return {
-        "documentation/index.html": _page(unit, sets, guid, notes, fmi, platforms).encode(),
+        "documentation/index.html": _page(interface, sets, guid, notes, fmi, platforms).encode(),
         **external,
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,
-        **_licenses(unit.model, backend),
+        **_licenses(interface.model, backend),
     }

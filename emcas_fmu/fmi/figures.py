@@ -44,7 +44,7 @@ def _steps(parameters: ParameterSet) -> Figure:
 
 
 def _slew(parameters: ParameterSet) -> Figure:
-    """Draw the largest step: where voltage, current and rate limits shape the response."""
+    """Plot the largest step, in which limits of voltage, current and rate shape the response."""
     limit = float(parameters.values["command.limit"])
     result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python", model=parameters.model,
                       fin_command=lambda t: limit if t > 0.01 else 0.0)

@@ -1,4 +1,4 @@
-"""What differs between the versions of FMI for a unit in C; each is described in its folder (fmi2, fmi3)."""
+"""The differences between the versions of FMI; the folders fmi2 and fmi3 describe one each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .interface import FmuInterface
 
 @dataclass(frozen=True)
 class HostVariable:
-    """A variable as a host in C refers to it: its name and value reference, and in words what it is."""
+    """A variable for a host in C: its name, value reference, and a comment."""
 
     name: str
     reference: int
@@ -25,15 +25,14 @@ class HostVariable:
 
 @dataclass(frozen=True)
 class Format:
-    """A version of FMI: its C besides what the versions share, and its model description.
+    """A version of FMI: its C code in addition to the common files, and its model description.
 
-    `main` is the file handed to the compiler, `written` are the files beside it, of the same folder; `headers` gives
-    the standard's. `tables` gives what interface.h has besides the unit's scalars. `options` are attributes of the
-    CoSimulation element, `notes` say on the page in the FMU how the unit answers its host. `by_machine` is whether each
-    kind of machine has a folder of its own for its library, or each platform. `of_sources` are arguments of
-    `model_description` that name the sources. `in_files` gives what fins have by
-    their own names, and at the times of all, by the names of the unit. `listed` gives each variable, its dimensions in
-    words, and the places of its elements among the unit's scalars.
+    `main` is the file to compile, which includes the files `written`, in the same folder, and the standard's `headers`.
+    `tables` returns the part of interface.h that the version adds. `options` are attributes of the CoSimulation
+    element; `notes` are HTML for the documentation in the FMU, on its replies to the host. With `by_machine` each kind
+    of machine has a folder for its library, otherwise each platform. `of_sources` are arguments of `model_description`
+    that name the sources. `in_files` returns columns or values of all fins under the names of the interface. `listed`
+    yields each variable, its dimensions in words, and the indices of its elements among the scalars.
     """
 
     version: str
@@ -53,12 +52,12 @@ class Format:
 
     @property
     def arrays(self) -> bool:
-        """Whether variables may be arrays."""
+        """Whether variables can be arrays."""
         return self.version != "2.0"
 
     @property
     def token(self) -> str:
-        """What the version calls the identification of the interface in the header for hosts."""
+        """The word for the identification of the interface, in the header for hosts."""
         return "TOKEN" if self.arrays else "GUID"
 
 
@@ -69,5 +68,5 @@ def standard_headers(names: Sequence[str]) -> dict[str, str]:
 
 
 def about(causality: str, kind: str, unit: str, elements: Any = "") -> str:
-    """Return what a variable is, in words for a comment."""
+    """Return causality, type, unit and elements of a variable as a comment."""
     return ", ".join(filter(None, (causality, kind, unit, str(elements))))

@@ -1,7 +1,7 @@
-"""What a unit of one or several actuators shows: the interface, out of the actuator's declaration.
+"""The interface of an FMU of one or several actuators, from the actuator's declaration.
 
-A single actuator shows its variables themselves. Several show what belongs to each under ``fin[1].``, ``fin[2].``
-and so on; vehicle motion and supply are shared, and the supply's line and mixing inputs come with them.
+The FMU of a single actuator has the actuator's variables. With several, the variables of each are under ``fin[1].``,
+``fin[2].`` and so on; they share vehicle motion and supply, and have mixing inputs and the supply's line in addition.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from ..variables import Variable, real_input
 
 MOST_FINS = 8
 SPELLINGS = ("structured", "flat")
-"""Of variables' names: ``fin[2].fault.jam.begin`` or ``fin2_fault_jam_begin``, as FMI calls these conventions."""
+"""Naming conventions of FMI: ``fin[2].fault.jam.begin`` or ``fin2_fault_jam_begin``."""
 LAYOUTS = ("plus", "cross")
 AZIMUTH = "mounting.azimuth"
 FINS = "fins."
-"""What the name of an array of every fin's begins with, where arrays are (FMI 3.0)."""
-# In texts: a name, or what the names of a group begin with, as in heat.*; and what those of a fin begin with.
+"""Prefix of the name of an array with an element for each fin (FMI 3.0)."""
+# In texts: a name, or the prefix of a group as in heat.*; and the prefix of a fin.
 _NAME = re.compile(r"(?<!\w)[a-z_]\w*(?:\.[a-z_]\w*)*(?:\[\w\]|\.(?=\*))?")
 _OF_FIN = re.compile(r"\bfin\[\d\]\.?")
 VEHICLE = tuple(v.name for v in fin_port.MOTION)
@@ -61,9 +61,9 @@ def flat(name: str) -> str:
 class FmuInterface:
     """`fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`) in one FMU.
 
-    The names here are structured ones; in what the FMU shows they have the `spelling` (:data:`SPELLINGS`). A variable's
-    value reference is its place in `variables`. Inputs come first, then outputs, then parameters; of each the shared
-    ones first, then fin by fin in the actuator's order.
+    Names here are structured; the FMU's have the `spelling` (:data:`SPELLINGS`). A variable's value reference is its
+    index in `variables`: inputs, outputs, parameters; each group begins with the shared variables, followed by those of
+    each fin in the actuator's order.
     """
 
     fins: int
@@ -72,7 +72,7 @@ class FmuInterface:
 
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
-            raise EmcasError(f"--fins {self.fins}: a unit has 1 to {MOST_FINS} fins")
+            raise EmcasError(f"--fins {self.fins}: an FMU has 1 to {MOST_FINS} fins")
         if self.spelling not in SPELLINGS:
             raise EmcasError(f"--names {self.spelling}: there is {' and '.join(SPELLINGS)}")
         spelt: dict[str, str] = {}
@@ -83,7 +83,7 @@ class FmuInterface:
 
     @property
     def model(self) -> str:
-        """Name of the model (:func:`model_name`)."""
+        """The name of the model (:func:`model_name`)."""
         return model_name(self.actuator.name, self.fins)
 
     @property
@@ -92,15 +92,15 @@ class FmuInterface:
         return get(self.kind)
 
     def name(self, variable: str, fin: int) -> str:
-        """Return the interface's name of a variable of fin 0, 1, ..."""
+        """Return the name of a variable of fin 0, 1, ... in the interface."""
         return variable if self.fins == 1 or variable in self.shared else f"fin[{fin + 1}].{variable}"
 
     def spelt(self, name: str) -> str:
-        """Return a variable's name as the FMU shows it."""
+        """Return a variable's name as spelt in the FMU."""
         return flat(name) if self.spelling == "flat" else name
 
     def respelt(self, text: str) -> str:
-        """Return a text with the names in it as the FMU shows them."""
+        """Return a text with the names in it as spelt in the FMU."""
         if self.spelling != "flat":
             return text
 
@@ -114,35 +114,35 @@ class FmuInterface:
 
     @cached_property
     def _written(self) -> frozenset[str]:
-        """What texts may call variables of a fin or the line: their names, those of arrays, what groups begin with."""
+        """The names of variables and arrays, and prefixes of groups, that may occur in texts."""
         line = self.line.parameters if self.line else ()
         names = [v.name for v in (*self.actuator.inputs, *self.actuator.outputs, *self.actuator.parameters, *line)]
         parts = [name.partition("[")[0].split(".") for name in (*names, *map(self.array_name, names))]
         return frozenset((*names, *(".".join(each[:i]) for each in parts for i in range(1, len(each) + 1))))
 
     def of_fin(self, number: object) -> str:
-        """Return what messages call the fin of a number from 1 on."""
+        """Return the name of a fin in messages, by its number from 1."""
         return f"fin{number}" if self.spelling == "flat" else f"fin[{number}]"
 
     def array_name(self, variable: str) -> str:
-        """Return the name of the array that has a variable of every fin, where arrays are (FMI 3.0)."""
+        """Return the name of the array with a variable's elements for all fins (FMI 3.0)."""
         return variable if self.fins == 1 or variable in self.shared else f"{FINS}{variable}"
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
-        """Names of the inputs that all fins have in common: vehicle motion and supply."""
+        """Names of the inputs that all fins share: vehicle motion and supply."""
         supply = self.actuator.supply
         return VEHICLE if supply is None else (*VEHICLE, supply.input.name)
 
     @property
     def line(self) -> Line | None:
-        """The line that several fins share; None of one, and of fins without a supply."""
+        """The supply line that several fins share; None for a single fin or without a supply."""
         supply = self.actuator.supply
         return None if supply is None or self.fins == 1 else supply.line
 
     @cached_property
     def line_outputs(self) -> tuple[Variable, ...]:
-        """Outputs of the line: what the fins get, what they draw, and their power."""
+        """Outputs of the line: the supply at the fins, the current or flow drawn, and their power."""
         supply = self.actuator.supply
         if self.line is None or supply is None:
             return ()
@@ -150,9 +150,9 @@ class FmuInterface:
 
     @cached_property
     def groups(self) -> tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...]:
-        """Inputs, outputs and parameters: of each those that fins share, and those each has, by its own names.
+        """Inputs, outputs and parameters, each as a pair: the shared variables, and those of each fin by its own names.
 
-        A single fin shares nothing.
+        A single fin has no shared variables.
         """
         actuator, supply = self.actuator, self.actuator.supply
         if self.fins == 1:
@@ -200,7 +200,7 @@ SINGLE = FmuInterface(1)
 
 
 def azimuths(fins: int, layout: str) -> tuple[float, ...]:
-    """Return azimuths [deg] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
+    """Return azimuths [deg] of equally spaced fins: the first on body y (``plus``) or half a space further (``cross``).
 
     Raises EmcasError for another layout.
     """
@@ -210,10 +210,10 @@ def azimuths(fins: int, layout: str) -> tuple[float, ...]:
     return tuple(space * (k + (0.5 if layout == "cross" else 0.0)) for k in range(fins))
 
 
-def fin_files(given: Sequence[str]) -> dict[int, Path]:
-    """Return parameter files of single fins from 1 on, given as ``N=FILE``. Raises EmcasError."""
+def fin_files(arguments: Sequence[str]) -> dict[int, Path]:
+    """Return the parameter files of arguments ``N=FILE`` by the number of the fin. Raises EmcasError."""
     files: dict[int, Path] = {}
-    for text in given:
+    for text in arguments:
         number, separator, file = text.partition("=")
         if not separator or not file or not number.isdigit():
             raise EmcasError(f"--fin {text}: expected a fin's number from 1 on and a file, as in --fin 2=second.toml")
@@ -226,16 +226,16 @@ def fin_files(given: Sequence[str]) -> dict[int, Path]:
 @checked
 def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
              files: Mapping[int, Path | str] = MappingProxyType({})) -> tuple[ParameterSet, ...]:
-    """Return each fin's parameters: `base` where the layout puts it, with the fin's file, if there is one, over it.
+    """Return each fin's parameters: `base` with the azimuth of the `layout`, overridden by the fin's file if any.
 
-    `layout` is ``plus`` or ``cross``; `files` are by the fin's number, from 1. Raises EmcasError for a fin, number or
-    layout there is not, and where fins differ in what they share; ParameterError for a file's problems.
+    `layout` is ``plus`` or ``cross``; `files` are by the fin's number, from 1. Raises EmcasError for an unknown fin or
+    layout, or fins that differ in shared values; ParameterError for a file's problems.
     """
     FmuInterface(fins)
     places = azimuths(fins, layout)
     for fin in files:
         if not 1 <= fin <= fins:
-            raise EmcasError(f"--fin {fin}={files[fin]}: the unit has fins 1 to {fins}")
+            raise EmcasError(f"--fin {fin}={files[fin]}: the FMU has fins 1 to {fins}")
     sets = tuple(load_parameters(files.get(fin), base.with_values({AZIMUTH: f"{azimuth} deg"}))
                  for fin, azimuth in enumerate(places, 1))
     require_shared(sets, ", ".join(map(str, files.values())))
@@ -243,22 +243,22 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
 
 
 def require_shared(sets: Sequence[ParameterSet], where: str) -> None:
-    """Raise EmcasError where fins differ in a start value of an input they share."""
-    unit = FmuInterface(1, sets[0].model)
-    for name in (v.key for v in unit.inputs if v.key is not None and v.name in unit.shared):
+    """Raise EmcasError if fins differ in the start value of a shared input."""
+    interface = FmuInterface(1, sets[0].model)
+    for name in (v.key for v in interface.inputs if v.key is not None and v.name in interface.shared):
         if len({each.values[name] for each in sets}) > 1:
             raise EmcasError(f"{where}: {name} differs between fins, which share it; change it for every fin")
 
 
-def start_values(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
-    """Start value of every variable of the interface; 0 or False for outputs.
+def start_values(interface: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
+    """Return the start value of every variable of the interface; 0 or False for outputs.
 
-    `sets` are the fins' parameter values; what is shared is taken from the first.
+    `sets` are the fins' parameter values; those of the first apply to shared variables.
     """
-    parameters = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
-                  for p in unit.actuator.parameters} | dict(unit.line.values if unit.line else {})
-    keyed = {unit.name(v.name, fin): values[v.key] for fin, values in reversed(list(enumerate(sets)))
-             for v in unit.actuator.inputs if v.key is not None}
+    parameters = {interface.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
+                  for p in interface.actuator.parameters} | dict(interface.line.values if interface.line else {})
+    keyed = {interface.name(v.name, fin): values[v.key] for fin, values in reversed(list(enumerate(sets)))
+             for v in interface.actuator.inputs if v.key is not None}
 
     def start(v: Variable) -> Any:
         if v.causality == "output":
@@ -267,4 +267,4 @@ def start_values(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple
             return keyed.get(v.name, v.start)
         return parameters[v.name]
 
-    return tuple(start(v) for v in unit.variables)
+    return tuple(start(v) for v in interface.variables)

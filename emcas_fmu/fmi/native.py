@@ -23,75 +23,76 @@ FORMATS = {"2": fmi2.FORMAT, "3": fmi3.FORMAT}
 _COMMON = ("instance.h", "states.h", "step.h")
 
 
-def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code: str, fmi: Format) -> str:
-    """Return interface.h: the variables, start values and the unit's identity."""
+def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, code: str, fmi: Format) -> str:
+    """Return interface.h: variables, start values, and the identity of the FMU."""
     rows = ",\n".join(
-        f"    {{{c_text(unit.spelt(v.name))}, {'INTEGER' if v.items else v.kind.upper()}, "
-        f"{int(v.variability == 'tunable')}, {c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in unit.variables)
+        f"    {{{c_text(interface.spelt(v.name))}, {'INTEGER' if v.items else v.kind.upper()}, "
+        f"{int(v.variability == 'tunable')}, {c_number(v.minimum)}, {c_number(v.maximum)}}}"
+        for v in interface.variables)
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
                       for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE"))
     return header(
-        "interface", "The interface: variables, their places, identity", "#include <math.h>\n\n"
-        f"#define MODEL_NAME {c_text(unit.model)}\n#define MODEL_GUID {c_text(guid)}\n"
+        "interface", "The interface: variables, their indices, identity", "#include <math.h>\n\n"
+        f"#define MODEL_NAME {c_text(interface.model)}\n#define MODEL_GUID {c_text(guid)}\n"
         f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
-        f"#define FINS {unit.fins}\n/* What goes before a fin's messages. */\n"
-        f"#define OF_FIN {c_text(unit.of_fin('%u') + ': ')}\n\n{_sizes(unit)}\n"
+        f"#define FINS {interface.fins}\n/* Prefix of a fin's messages. */\n"
+        f"#define OF_FIN {c_text(interface.of_fin('%u') + ': ')}\n\n{_sizes(interface)}\n"
         "enum { REAL, INTEGER, BOOLEAN };\n"
         'static const char *const KIND[] = {"Real", "Integer", "Boolean"};\n'
         f"{formats}\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
         f"static const variable VARIABLE[FMU_VARIABLES] = {{\n{rows}\n}};\n\n"
-        f"static const double START[FMU_VARIABLES] = {{\n{values}\n}};\n{fmi.tables(unit)}")
+        f"static const double START[FMU_VARIABLES] = {{\n{values}\n}};\n{fmi.tables(interface)}")
 
 
-def _sizes(unit: FmuInterface) -> str:
-    """Return numbers of variables of the whole unit, and where each fin's are."""
-    at = unit.reference
-    numbers = {"FMU_INPUTS": len(unit.inputs), "FMU_OUTPUTS": len(unit.outputs),
-               "FMU_VARIABLES": len(unit.variables),
-               "FIN_PARAMETER_BEGIN": len(unit.variables) - unit.fins * len(unit.actuator.parameters),
+def _sizes(interface: FmuInterface) -> str:
+    """Return C code with the numbers of variables, and the indices of each fin's inputs."""
+    at = interface.reference
+    numbers = {"FMU_INPUTS": len(interface.inputs), "FMU_OUTPUTS": len(interface.outputs),
+               "FMU_VARIABLES": len(interface.variables),
+               "FIN_PARAMETER_BEGIN": len(interface.variables) - interface.fins * len(interface.actuator.parameters),
                "MOTION_BEGIN": at["acceleration.x"],
                "MIXING_BEGIN": at.get(MIXING[0].name, 0)}
     enum = ",\n".join(f"    {name} = {number}" for name, number in numbers.items())
-    rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
+    rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in interface.places)
     return (f"enum {{\n{enum}\n}};\n\n/* The index of each fin's inputs, in the order of model.h. */\n"
-            f"static const unsigned char INPUT_INDEX[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")
+            f"static const unsigned char INPUT_INDEX[FINS][{len(interface.actuator.inputs)}] = {{\n{rows}\n}};\n")
 
 
-def names_header(unit: FmuInterface, guid: str, fmi: Format) -> str:
+def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
     """Return MODEL.h, for a host in C: model identifier, GUID and every variable's value reference as macros.
 
     ``fin_command`` of EMCAS is ``EMCAS_VR_FIN_COMMAND``, ``fin[2].fin_angle`` of EMCAS4 ``EMCAS4_VR_FIN_2_FIN_ANGLE``.
     """
-    prefix = enumerator(unit.model)
-    lines = [f"#define {prefix}_MODEL {c_text(unit.model)}", f"#define {prefix}_{fmi.token} {c_text(guid)}"]
+    prefix = enumerator(interface.model)
+    lines = [f"#define {prefix}_MODEL {c_text(interface.model)}", f"#define {prefix}_{fmi.token} {c_text(guid)}"]
     taken: set[str] = set()
-    for v in fmi.host_variables(unit):
+    for v in fmi.host_variables(interface):
         name = enumerator(v.name)
         name = f"{name}_{v.reference}" if name in taken else name  # a.b_c and a_b.c are two variables
         taken.add(name)
-        lines.append(f"#define {prefix}_VR_{name} {v.reference}u /* {unit.spelt(v.name)}: {v.about} */")
-    return header(f"{unit.model}_names", f"{unit.model}: model identifier, {fmi.token} and value references for a host",
-                  "\n".join(lines) + "\n")
+        lines.append(f"#define {prefix}_VR_{name} {v.reference}u /* {interface.spelt(v.name)}: {v.about} */")
+    title = f"{interface.model}: model identifier, {fmi.token} and value references for a host"
+    return header(f"{interface.model}_names", title, "\n".join(lines) + "\n")
 
 
-def sources(unit: FmuInterface, starts: Sequence[Any], guid: str, fmi: Format = fmi2.FORMAT) -> dict[str, str]:
-    """Return everything needed to compile the unit: file name to text; only the format's `main` is handed to the
-    compiler."""
+def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Format = fmi2.FORMAT) -> dict[str, str]:
+    """Return all source files by name. The format's `main`, which includes the others, is compiled."""
     code = {**{name: handwritten(name, fmi.package) for name in (fmi.main, *fmi.written)},
             **{name: handwritten(name, "emcas_fmu.fmi.common") for name in _COMMON},
-            "multi_fin.h": handwritten("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind, unit.respelt)}
+            "multi_fin.h": handwritten("multi_fin.h"),
+            **core_sources(interface.fins > 1, interface.kind, interface.respelt)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
-    return {**code, **fmi.headers(), "interface.h": interface_header(unit, starts, guid, digest, fmi),
-            f"{unit.model}.h": names_header(unit, guid, fmi)}
+    return {**code, **fmi.headers(), "interface.h": interface_header(interface, starts, guid, digest, fmi),
+            f"{interface.model}.h": names_header(interface, guid, fmi)}
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
-    """Return platforms to build for: those named, by FMI 2.0 or 3.0, else all (with a system compiler: this machine's).
+    """Return the platforms to build for: those named as in FMI 2.0 or 3.0, otherwise all (with `cc`, this machine's).
 
-    Raises CompilerError for an unknown one and for one a system compiler cannot build.
+    Raises CompilerError for an unknown platform, or one for which the system compiler `cc` cannot build.
     """
     local = local_platform()
     if platforms is None:
@@ -110,9 +111,9 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
 
 def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
              progress: Progress | None = None, fmi: Format = fmi2.FORMAT) -> dict[str, bytes]:
-    """Return libraries for the platforms: archive name to content.
+    """Return libraries for the platforms by archive name.
 
-    Raises CompilerError if there is no compiler or it refuses.
+    Raises CompilerError if there is no compiler or it fails.
     """
     compiler: Compiler = find(cc)
     LOG.info(f"compiling {model} for {', '.join(p.name for p in platforms)} (the first time up to a minute each) ...")
@@ -131,7 +132,7 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
 def build_description(model: str, fmi: Format) -> Element:
     """Return buildDescription.xml (FMI 3.0's file) of the sources.
 
-    It names no prefix of the functions, though the sources take one: tools that build a library would put it in.
+    It has no prefix of the functions, though the sources support one: tools would use it when they build a library.
     """
     return element("fmiBuildDescription", {"fmiVersion": "3.0"}, (
         element("BuildConfiguration", {"modelIdentifier": model, "platform": platform}, [

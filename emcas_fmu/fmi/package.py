@@ -1,4 +1,4 @@
-"""From a parameter set to an FMU file; the same inputs give the same bytes."""
+"""Build of an FMU file from a parameter set; the same inputs give the same bytes."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ BACKENDS = ("python", "native")
 @checked
 @dataclass(frozen=True)
 class Built:
-    """What was built: the file, its size [bytes], the GUID, the platforms it has binaries for, and the warnings of its
-    parameters."""
+    """A built FMU: its file, size [bytes], GUID, the platforms of its binaries, and warnings about its parameters."""
 
     path: Path
     size: int
@@ -39,42 +38,42 @@ class Built:
     warnings: tuple[str, ...]
 
 
-def interface_guid(starts: tuple[Any, ...], unit: FmuInterface, fmi: Format = native.FORMATS["2"]) -> str:
-    """Return a hash of the interface: of the model description with its GUID left empty."""
-    description = to_bytes(fmi.model_description(starts, "", unit=unit))
+def interface_guid(starts: tuple[Any, ...], interface: FmuInterface, fmi: Format = native.FORMATS["2"]) -> str:
+    """Return a GUID that is a hash of the interface: of the model description with an empty GUID."""
+    description = to_bytes(fmi.model_description(starts, "", interface=interface))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 
 
-def _native(unit: FmuInterface, starts: tuple[Any, ...], guid: str, platforms: Sequence[str] | None, cc: str | None,
-            progress: Progress | None, fmi: Format) -> dict[str, bytes]:
-    files = native.sources(unit, starts, guid, fmi)
-    contents = native.binaries(unit.model, files, native.chosen(platforms, cc), cc, progress, fmi)
+def _native(interface: FmuInterface, starts: tuple[Any, ...], guid: str, platforms: Sequence[str] | None,
+            cc: str | None, progress: Progress | None, fmi: Format) -> dict[str, bytes]:
+    files = native.sources(interface, starts, guid, fmi)
+    contents = native.binaries(interface.model, files, native.chosen(platforms, cc), cc, progress, fmi)
     contents |= {f"sources/{name}": text.encode() for name, text in files.items()}
-    contents["sources/buildDescription.xml"] = to_bytes(native.build_description(unit.model, fmi))
+    contents["sources/buildDescription.xml"] = to_bytes(native.build_description(interface.model, fmi))
     return contents
 
 
-def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,
+def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,
               cc: str | None, progress: Progress | None, fmi: Format,
               ) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
-    starts = start_values(unit, [p.values for p in sets])
-    guid = interface_guid(starts, unit, fmi)
-    # Neither Python's nor the compiler's version: any that is supported gives the same FMU but for the binaries.
+    starts = start_values(interface, [p.values for p in sets])
+    guid = interface_guid(starts, interface, fmi)
+    # Without the versions of Python and compiler: all supported ones give the same FMU except for the binaries.
     tool = f"emcas-fmu {__version__}"
     of_sources: Mapping[str, Any] = {}
     if backend == "native":
-        contents = _native(unit, starts, guid, platforms, cc, progress, fmi)
+        contents = _native(interface, starts, guid, platforms, cc, progress, fmi)
         options, of_sources, notes = dict(fmi.options), fmi.of_sources, fmi.notes
     else:
-        contents, options = python.exported(unit, starts, guid)
+        contents, options = python.exported(interface, starts, guid)
         notes = python.NOTES
         tool += f" with {python.TOOL}"
-    contents["modelDescription.xml"] = to_bytes(
-        fmi.model_description(starts, guid, options=options, about=about(unit, sets, tool), unit=unit, **of_sources))
+    contents["modelDescription.xml"] = to_bytes(fmi.model_description(
+        starts, guid, options=options, about=about(interface, sets, tool), interface=interface, **of_sources))
     contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(
-        terminals_and_icons(unit, fmi.arrays))
+        terminals_and_icons(interface, fmi.arrays))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
-    contents.update(documents(unit, sets, guid, backend, notes, fmi, built_for))
+    contents.update(documents(interface, sets, guid, backend, notes, fmi, built_for))
     return contents, guid, built_for
 
 
@@ -85,14 +84,13 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
           references: bool = True, clock: bool = False, names: str = SPELLINGS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
-    `backend` is ``python``, of FMI 2.0 unless given, or ``native``, which alone knows FMI 3.0 (`fmi` of ``3``). For
-    the native one are `platforms` to build for (all if not given), `cc` a system compiler instead of zig (this
-    platform only). With `clock` an FMU of FMI 3.0 has a clock of the controllers' samples. `names` of variables are
-    ``structured``, or ``flat``: without dots and brackets.
-    More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
-    files of single fins (from 1), over the others'. Unless `references` is False it carries responses to compare with
-    (:mod:`.references`). Raises EmcasError for what cannot be asked for, ParameterError for a file's problems,
-    BuildError if the FMU cannot be written and CompilerError if there is no compiler.
+    `backend` is ``python`` (FMI 2.0 only; its default) or ``native``, the default for `fmi` ``3``. The native back end
+    builds for `platforms` (default: all) with zig, or with the system compiler `cc` for this platform only. With
+    `clock` an FMU of FMI 3.0 has a clock of the controllers' samples. `names` of variables are ``structured``, or
+    ``flat``: without dots and brackets. Several `fins` share a supply and are in the `layout` ``plus`` or ``cross``;
+    `files` are parameter files of single fins, by number from 1, that override `parameters`. With `references` the FMU
+    contains responses to compare with (:mod:`.references`). Raises EmcasError for invalid arguments, ParameterError
+    for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is no compiler.
     """
     fmi = str(fmi)
     if fmi not in native.FORMATS:
@@ -109,12 +107,12 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     output = Path(output)
     check_target(output, ".fmu", BuildError)
     if fins == 1 and files:
-        raise BuildError("--fin is for a unit of several: give --fins too")
+        raise BuildError("--fin is for an FMU of several fins: add --fins")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    unit, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else native.FORMATS[fmi]
-    contents, guid, built_for = _contents(unit, sets, backend, platforms, cc, progress, chosen)
-    carried, doubts = reference_files(unit, sets, chosen, progress) if references else ({}, ())
-    contents.update(carried)
+    interface, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else native.FORMATS[fmi]
+    contents, guid, built_for = _contents(interface, sets, backend, platforms, cc, progress, chosen)
+    embedded, doubts = reference_files(interface, sets, chosen, progress) if references else ({}, ())
+    contents.update(embedded)
     # modelDescription.xml first: readers that stream find it at once.
     write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *doubts))

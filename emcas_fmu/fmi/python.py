@@ -1,4 +1,4 @@
-"""The Python back end: the slave and what it needs, with pythonfmu's wrapper."""
+"""The Python back end: the slave and the modules that it needs, with pythonfmu's wrapper."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ..runtime import codegen
 from ..trace.python_source import python_source
 from .interface import MIXING, VEHICLE, FmuInterface
 
-# What the slave needs of this package, under a name of its own in the FMU.
+# Modules of this package that the slave needs.
 _EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/reporting.py", "fmi/fmi2/slave.py",
              "fmi/fmi2/stored.py", "fmi/fmi2/wrapper.py", "runtime/__init__.py", "runtime/core.py", "rules.py")
-# Of pythonfmu, the slave's base class and what that needs: not what builds FMUs.
+# Modules of pythonfmu that the slave needs: its base class, without what builds FMUs.
 _BASE = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 _PYTHONFMU = Path(pythonfmu.__file__).resolve().parent
 _SEVERAL = ("fmi/fmi2/multi_fin_slave.py", "runtime/multi_fin.py")
@@ -26,11 +26,11 @@ _OPTIONS = {
     "needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "false",
     "canBeInstantiatedOnlyOncePerProcess": "false", "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true",
     "canNotUseMemoryManagementFunctions": "true"}
-# For the page in the FMU: how this back end answers its host.
+# HTML for the documentation in the FMU: how this back end replies to its host.
 NOTES = (
-    "This unit computes in Python: its host's process must have Python 3.10 or later loaded, as "
+    "This FMU computes in Python: its host's process must have Python 3.10 or later loaded, as "
     "<code>externalDependencies.txt</code> says.",
-    "Inputs are held over a step: this unit does not interpolate them and takes no input derivatives.",
+    "Inputs are held over a step: this FMU does not interpolate them and takes no input derivatives.",
     "A call out of place, a write to what cannot be set, or an input that is not finite is logged, and the next step "
     "is answered with <code>fmi2Discard</code>, the state unchanged. So is a step that cannot be followed.",
     "A reference that is unknown or of another type is logged where it is used and harms no step: what is read is NaN, "
@@ -41,58 +41,58 @@ NOTES = (
 TOOL = f"PythonFMU {pythonfmu.__version__}"
 
 
-def slave_attributes(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, Any]:
-    """Return what a slave class says of a unit besides its equations (:class:`.fmi2.slave.Slave`)."""
-    actuator = unit.actuator
-    # Enumerations are got as integers are.
-    rows = tuple((unit.spelt(v.name), "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum,
-                  v.maximum) for v in unit.variables)
-    one = {"rows": rows, "start_values": starts, "fmu_guid": guid, "motion": unit.reference[VEHICLE[0]],
-           "rules": tuple((unit.respelt(rule.message), rule.scanned, rule.warning) for rule in actuator.all_rules),
+def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, Any]:
+    """Return the class attributes of a generated slave (:class:`.fmi2.slave.Slave`), without its equations."""
+    actuator = interface.actuator
+    # Hosts get enumerations as integers.
+    rows = tuple((interface.spelt(v.name), "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum,
+                  v.maximum) for v in interface.variables)
+    one = {"rows": rows, "start_values": starts, "fmu_guid": guid, "motion": interface.reference[VEHICLE[0]],
+           "rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning) for rule in actuator.all_rules),
            "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
-    return one if unit.fins == 1 else {
-        **one, "names": tuple(unit.spelt(v.name) for v in actuator.parameters), "places": unit.places,
-        "mixing": tuple(unit.reference[v.name] for v in MIXING), "of_fin": unit.of_fin("%d"),
+    return one if interface.fins == 1 else {
+        **one, "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "places": interface.places,
+        "mixing": tuple(interface.reference[v.name] for v in MIXING), "of_fin": interface.of_fin("%d"),
         "line_start": codegen.line_start(actuator)}
 
 
-def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
+def _sources(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     """Return the embedded package: file name to text."""
-    several = unit.fins > 1
+    several = interface.fins > 1
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
-    files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
-    # Under a name of its own: a host may have another version of it, or build FMUs.
+    files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {interface.model}.fmu; generated, do not edit."""\n'
+    # Inside the package's folder: a host may have another version of pythonfmu.
     files["fmi/fmi2/reporting.py"] = files["fmi/fmi2/reporting.py"].replace("from pythonfmu", "from ...pythonfmu")
     files |= {f"pythonfmu/{name}.py": (_PYTHONFMU / f"{name}.py").read_text(encoding="utf-8") for name in _BASE}
     files["pythonfmu/__init__.py"] = (
-        '"""What a slave is derived from, of PythonFMU; generated, do not edit."""\n\n'
+        '"""The base class of a slave, from PythonFMU; generated, do not edit."""\n\n'
         "from .fmi2slave import Fmi2Slave as Fmi2Slave\n")
-    files["kernel.py"] = codegen.source(several, unit.kind, unit.spelt)
-    files["checks.py"] = python_source(codegen.traced_rules(unit.kind),
+    files["kernel.py"] = codegen.source(several, interface.kind, interface.spelt)
+    files["checks.py"] = python_source(codegen.traced_rules(interface.kind),
                                        "Rules for the parameters as straight-line code; generated, do not edit.",
-                                       unit.spelt)
+                                       interface.spelt)
     base, module = ("MultiFinSlave", "multi_fin_slave") if several else ("Slave", "slave")
     attributes = "".join(f"    {name} = {pformat(value, width=110)}\n"
-                         for name, value in slave_attributes(unit, starts, guid).items())
+                         for name, value in slave_attributes(interface, starts, guid).items())
     files["model.py"] = (
-        f'"""The slave class of {unit.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
+        f'"""The slave class of {interface.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
         f"from math import inf\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.{module} import {base}\n\n\n"
-        f"class {unit.model}({base}):\n    make = staticmethod(kernel.make)\n"
+        f"class {interface.model}({base}):\n    make = staticmethod(kernel.make)\n"
         f"    make_checks = staticmethod(checks.make)\n{attributes}")
     return files
 
 
 def _libraries(model: str) -> dict[str, bytes]:
-    """Return pythonfmu's wrappers, which load the slave: archive name to content."""
+    """Return pythonfmu's wrappers, which load the slave, by archive name."""
     return {f"binaries/{path.parent.name}/{model}{path.suffix}": path.read_bytes()
             for path in sorted((_PYTHONFMU / "resources" / "binaries").glob("*/*"))
             if path.suffix in (".dll", ".so", ".dylib")}
 
 
-def exported(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
-    """Return what goes into the archive (name to content), and the attributes of its CoSimulation element."""
-    files, model = _sources(unit, starts, guid), unit.model
+def exported(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
+    """Return the files for the archive by name, and the attributes of the CoSimulation element."""
+    files, model = _sources(interface, starts, guid), interface.model
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(files.items())).encode()).hexdigest()[:12]
     package, script = f"emcas_{digest}", f"emcas_slave_{digest}"
     entry = (f'"""Entry module of {model}.fmu; generated, do not edit."""\n\n'

@@ -1,9 +1,9 @@
 """References inside the FMU, by the layered standard FMI-LS-REF: experiments that any host can repeat.
 
-https://github.com/modelica/fmi-ls-ref; its format of experiments, which now has a standard of its own, is that of its
+https://github.com/modelica/fmi-ls-ref; the format of experiments, which has a separate standard now, is that of
 version 1.0.0-alpha.1. Where the actuator has an independent integration (:mod:`emcas_fmu.reference`), the results are
-that one's; an extension laid over it may change nothing in the case. Others are what this package's own stepping
-gives, and are said to be no more.
+of that integration, provided that the actuator's extensions change nothing in the case. Otherwise they are computed by
+this package's own stepping, and labelled as that.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ FOLDER = f"extra/{NAME}"
 MANIFEST = "fmi-ls-manifest.xml"
 TEXT = "documentation/fmi-ls-ref.txt"
 EXPERIMENTS, PARAMETERS, TABLE = "application/x-ma-hs-experiments", "application/x-ssp-parameter-set", "text/csv"
-ROLES = {True: "validation", False: "smoke-test"}  # of experiments, by whether they are independent
+ROLES = {True: "validation", False: "smoke-test"}  # of experiments, by `Experiment.independent`
 _SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 
-_SHIPPED = ("step", "load_opposing", "cold", "sag")  # of one fin, where they are stored, which costs nothing
-_FINS = ("step_plus10", "step_minus5", "step_plus20", "step_minus1")  # of several, each its own
-_FINS_STOP = 0.3  # s, of these, since they may be integrated for each fin
-# After the first digit of a variable's nominal value. What another machine's integration differs by, some 1e-12 of it,
-# then hardly ever changes a digit; rounding takes less than a hundredth of the tolerance.
+_SHIPPED = ("step", "load_opposing", "cold", "sag")  # of one fin, if they are stored, which takes no time
+_FINS = ("step_plus10", "step_minus5", "step_plus20", "step_minus1")  # of several fins in turn
+_FINS_STOP = 0.3  # s, since they may have to be integrated for each fin
+# Digits after the first digit of a variable's nominal value. Differences between machines, some 1e-12 of the value,
+# then hardly ever change a digit; the rounding error is less than a hundredth of the tolerance.
 _DIGITS = 6
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What to do with a unit, by its variables' names, and what comes of it; SI.
+    """Start values and stimuli for an FMU, and the results to expect, by names of variables; SI.
 
-    `independent` tells whether the results are of an integration that has nothing to do with the unit's own stepping.
+    `independent` is whether the results are computed by an integration independent of this package's stepping.
     """
 
     name: str
@@ -62,21 +62,21 @@ class Experiment:
     results: Mapping[str, Array]
     independent: bool
     off: float
-    """Largest distance [rad] of a fin angle that the unit's own stepping, when it was built, had from the results."""
+    """Largest difference [rad] of a fin angle between the FMU's stepping, when it was built, and the results."""
 
 
-def reference_files(unit: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, progress: Progress | None = None,
-                    ) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """Return the references of a unit whose fins have these parameters, as files of the archive, and warnings."""
+def reference_files(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format,
+                    progress: Progress | None = None) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """Return the references of an FMU whose fins have these parameters, as files of the archive, and warnings."""
     warnings: list[str] = []
-    experiments = list(_experiments(unit, sets, fmi, warnings, progress or silent))
-    return (_files(unit, experiments) if experiments else {}), tuple(dict.fromkeys(warnings))
+    experiments = list(_experiments(interface, sets, fmi, warnings, progress or silent))
+    return (_files(interface, experiments) if experiments else {}), tuple(dict.fromkeys(warnings))
 
 
 # -- experiments -----------------------------------------------------------------
 
 
-def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, warnings: list[str],
+def _experiments(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, warnings: list[str],
                  progress: Progress) -> Iterator[Experiment]:
     chosen = _cases(sets)
     for done, (name, title, cases) in enumerate(chosen):
@@ -84,12 +84,12 @@ def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, 
         try:
             fins = [_response(p, case, warnings) for p, case in zip(sets, cases, strict=True)]
         except (ArithmeticError, ParameterError) as error:
-            warnings.append(f"the FMU carries no reference {name}, which it cannot follow: {error}")
+            warnings.append(f"the FMU has no reference {name}, which it cannot compute: {error}")
             continue
         yield Experiment(
-            name, title, cases[0].stop_time, cases[0].step, fmi.in_files(unit, [case.overrides for case in cases]),
-            fmi.in_files(unit, [case.inputs() for case in cases]),
-            fmi.in_files(unit, [_rounded(unit, columns) for columns, *_ in fins]),
+            name, title, cases[0].stop_time, cases[0].step, fmi.in_files(interface, [case.overrides for case in cases]),
+            fmi.in_files(interface, [case.inputs() for case in cases]),
+            fmi.in_files(interface, [_rounded(interface, columns) for columns, *_ in fins]),
             all(independent for _, independent, _ in fins), max(off for *_, off in fins))
 
 
@@ -115,10 +115,9 @@ def _plain(parameters: ParameterSet) -> ParameterSet:
 
 
 def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tuple[Mapping[str, Array], bool, float]:
-    """Return what an actuator does in a case, whether an independent integration says so, and how far its own stepping
-    is off it [rad].
+    """Return the response in a case, whether it is integrated independently, and the difference to the stepping [rad].
 
-    Raises ArithmeticError or ParameterError where its own equations cannot be followed.
+    Raises ArithmeticError or ParameterError if the actuator's equations cannot be computed.
     """
     plain = _plain(parameters)
     extended = plain.model != parameters.model
@@ -130,7 +129,7 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
         try:
             independent = _integrated(plain, case)
             off = _apart(stepped, independent)
-        except Exception as error:  # noqa: BLE001  a user's own integration may raise, or give, anything
+        except Exception as error:  # noqa: BLE001  a user's integration may raise or return anything
             warnings.append(f"the independent integration of {case.name} failed ({error!r}): inside the FMU is the "
                             "package's own response instead")
         else:
@@ -143,27 +142,27 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
 
 
 def _apart(stepped: Mapping[str, Array], independent: Mapping[str, Array]) -> float:
-    """Return the largest distance of two fin angles [rad]."""
+    """Return the largest difference of two fin angles [rad]."""
     return float(np.max(np.abs(stepped["fin_angle"] - independent["fin_angle"])))
 
 
 def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
-    """Return the outputs that the independent integration gives. Raises ValueError for what is not finite."""
-    given = response(parameters, files.suited(case, parameters.model, parameters.values))
-    columns = {name: np.asarray(given[name], dtype=float)
-               for name in ("time", *(v.name for v in parameters.actuator.outputs)) if name in given}
+    """Return the outputs of the independent integration. Raises ValueError if a value is not finite."""
+    computed = response(parameters, files.suited(case, parameters.model, parameters.values))
+    columns = {name: np.asarray(computed[name], dtype=float)
+               for name in ("time", *(v.name for v in parameters.actuator.outputs)) if name in computed}
     if bad := [name for name, column in columns.items() if not np.isfinite(column).all()]:
         raise ValueError(f"{bad[0]} is not finite")
     return columns
 
 
 def _same(columns: Mapping[str, Array], others: Mapping[str, Array]) -> bool:
-    """Return whether some columns are, to the bit, the `others` of their names."""
+    """Return whether columns are equal, to the bit, to the `others` of the same names."""
     return all(np.array_equal(columns[name], other) for name, other in others.items())
 
 
 def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
-    """Return what the package's own stepping gives, in Python: to the bit what either FMU does."""
+    """Return the response by this package's stepping in Python, which is that of either FMU to the bit."""
     inputs = case.inputs()
     del inputs["time"]
     values = {**parameters.values, **files.suited(case, parameters.model, parameters.values).overrides}
@@ -173,7 +172,7 @@ def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
 # -- files -----------------------------------------------------------------------
 
 
-def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, bytes]:
+def _files(interface: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, bytes]:
     contents: dict[str, bytes] = {}
     related: list[Element] = []
 
@@ -186,8 +185,9 @@ def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, b
 
     for independent, role in ROLES.items():
         if group := [each for each in experiments if each.independent is independent]:
-            what = "Results by independent integration" if independent else "Results by the unit's own stepping"
-            add(f"{role}.exp", EXPERIMENTS, f"experiment/{role}", what, to_bytes(_experiments_of(unit, what, group)))
+            what = "Results by independent integration" if independent else "Results by the FMU's own stepping"
+            add(f"{role}.exp", EXPERIMENTS, f"experiment/{role}", what,
+                to_bytes(_experiments_of(interface, what, group)))
     for each in experiments:
         if each.start_values:
             add(f"{each.name}.ssv", PARAMETERS, "parameter", f"Start values that differ: {each.title}",
@@ -197,11 +197,11 @@ def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, b
             files.csv_text(each.results).encode())
     relate(f"../../{TEXT}", "text/plain", "document", "How the references were made, and how to repeat them")
     text = page(
-        "fmi/references.txt.j2", model=unit.model, kind=unit.actuator.name, fins=unit.fins, standard=VERSION,
-        arrays=any(column.ndim > 1 for each in experiments for column in each.stimuli.values()), folder=FOLDER,
-        experiments=experiments, off={each.name: degrees(each.off) for each in experiments}, ROLES=ROLES,
+        "fmi/references.txt.j2", model=interface.model, kind=interface.actuator.name, fins=interface.fins,
+        standard=VERSION, arrays=any(column.ndim > 1 for each in experiments for column in each.stimuli.values()),
+        folder=FOLDER, experiments=experiments, off={each.name: degrees(each.off) for each in experiments}, ROLES=ROLES,
         roles={ROLES[each.independent] for each in experiments},
-        reference=Path(str(get(parts(unit.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE))
+        reference=Path(str(get(parts(interface.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE))
     contents[TEXT] = f"{text}\n".encode()
     contents[f"{FOLDER}/{MANIFEST}"] = to_bytes(element("fmiReferences", {
         "xmlns:fmi-ls": "http://fmi-standard.org/fmi-ls-manifest", "fmi-ls:fmi-ls-name": NAME,
@@ -211,8 +211,8 @@ def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, b
     return contents
 
 
-def _experiments_of(unit: FmuInterface, what: str, experiments: Sequence[Experiment]) -> Element:
-    return element("Experiments", {"name": unit.model, "description": what}, (
+def _experiments_of(interface: FmuInterface, what: str, experiments: Sequence[Experiment]) -> Element:
+    return element("Experiments", {"name": interface.model, "description": what}, (
         element("Experiment", {
             "name": each.name, "description": each.title, "startTime": "0", "stopTime": f"{each.stop_time:g}",
             "tolerance": f"{TOLERANCE:.3g}", "stepSize": f"{each.step:g}"}, [
@@ -235,7 +235,7 @@ def _parameter_set(experiment: Experiment) -> Element:
             element("ssv:Parameters", {}, [parameter(*item) for item in experiment.start_values.items()])])
 
 
-def _rounded(unit: FmuInterface, columns: Mapping[str, Array]) -> dict[str, Array]:
-    nominal = {v.name: v.nominal or 1.0 for v in unit.actuator.outputs}
+def _rounded(interface: FmuInterface, columns: Mapping[str, Array]) -> dict[str, Array]:
+    nominal = {v.name: v.nominal or 1.0 for v in interface.actuator.outputs}
     return {name: column if name == "time" else np.round(column, _DIGITS - floor(log10(nominal[name])))
             for name, column in columns.items()}

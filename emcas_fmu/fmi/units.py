@@ -1,4 +1,4 @@
-"""FMI's view of units: exponents of the base units, what is measured in them, and what people read it in."""
+"""Units in FMI: exponents of the base units, quantities, and display units."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _QUANTITIES = {
     "m/rad": "LengthPerAngle", "m/s": "Velocity", "m/s2": "Acceleration", "m2": "Area", "m3": "Volume",
     "m3/(s.Pa)": "HydraulicConductance", "m3/rad": "VolumePerAngle", "m3/s": "VolumeFlowRate", "rad": "Angle",
     "rad/(N.m)": "RotationalCompliance", "rad/s": "AngularVelocity", "rad/s2": "AngularAcceleration", "s": "Time"}
-# Units they are shown in, unless a variable says otherwise; others are shown in their own.
+# Display units of quantities, unless a variable has another one.
 _DISPLAYS = {"Angle": "deg", "AngularVelocity": "deg/s", "BulkModulus": "bar", "Length": "mm",
              "LengthPerAngle": "mm/rev", "Pressure": "bar", "Volume": "l", "VolumeFlowRate": "l/min"}
 DIFFERENCES = ("TemperatureDifference",)
-"""Quantities for which the offset of a unit does not count."""
+"""Quantities to which the offset of a unit does not apply."""
 
 
 @dataclass(frozen=True)
@@ -39,22 +39,22 @@ class Unit:
 
 @cache
 def fmi_unit(name: str) -> Unit:
-    """Return what FMI says of a unit. Raises UnitError for one that is not known."""
+    """Return a unit by its name. Raises UnitError if it is not known."""
     base, factor, offset = units.to_base(name)
     exponents = {symbol: base[dimension] for dimension, symbol in _BASE.items() if dimension in base}
     return Unit(exponents, factor, offset)
 
 
 def quantity(v: Variable) -> str:
-    """Return what a variable measures, as one word; empty where neither it nor its unit tells."""
+    """Return the quantity of a variable, as one word; empty if neither the variable nor its unit defines it."""
     return v.quantity or _QUANTITIES.get(v.unit, "")
 
 
 def default_display(quantity: str) -> str:
-    """Return the unit a quantity is shown in; empty where that is its own."""
+    """Return the display unit of a quantity; empty if it has none."""
     return _DISPLAYS.get(quantity, "")
 
 
 def display(v: Variable) -> str:
-    """Return the unit a variable is shown in; empty where that is its own."""
+    """Return the display unit of a variable; empty if it has none."""
     return v.display or default_display(quantity(v))

@@ -406,13 +406,13 @@ def test_unusual_units(tmp_path: Path) -> None:
     assert azimuths(3, "plus") == (0.0, 120.0, 240.0)
     (tmp_path / "low.toml").write_text('[drive]\nsupply_voltage = "28 V"\n')
     files = {2: tmp_path / "low.toml"}
-    for call, said in ((lambda: FmuInterface(0), "a unit has 1 to 8 fins"),
-                       (lambda: FmuInterface(9), "a unit has 1 to 8 fins"),
+    for call, said in ((lambda: FmuInterface(0), "an FMU has 1 to 8 fins"),
+                       (lambda: FmuInterface(9), "an FMU has 1 to 8 fins"),
                        (lambda: azimuths(4, "star"), "there is plus and cross"),
                        (lambda: fin_files(["2=a.toml", "2=b.toml"]), "fin 2 is given twice"),
                        (lambda: fin_files(["two=a.toml"]), "expected a fin's number"),
                        (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, files={5: tmp_path / "low.toml"}),
-                        "the unit has fins 1 to 4"),
+                        "the FMU has fins 1 to 4"),
                        (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, files=files),
                         "low.toml: drive.supply_voltage differs between fins"),
                        (lambda: build(load_parameters(), tmp_path / "a.fmu", files=files), "give --fins too")):

@@ -102,9 +102,9 @@ def run_to(instance: Instance3, begin: float, end: float) -> list[float]:
 def test_every_scalar_is_an_element_of_one_array(model: str, fins: int) -> None:
     unit = FmuInterface(fins, model)
     listed = arrays(unit)
-    assert sorted(place for v in listed for place in v.places) == list(range(len(unit.variables)))
+    assert sorted(place for v in listed for place in v.indices) == list(range(len(unit.variables)))
     for v in listed:
-        elements = [unit.variables[place] for place in v.places]
+        elements = [unit.variables[place] for place in v.indices]
         assert {(e.kind, e.unit, e.causality, e.variability, e.minimum, e.maximum) for e in elements} == {
             (v.variable.kind, v.variable.unit, v.variable.causality, v.variable.variability, v.variable.minimum,
              v.variable.maximum)}

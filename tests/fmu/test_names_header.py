@@ -26,7 +26,7 @@ def test_it_says_what_the_model_description_says(model: str, fins: int, fmi: str
     starts = start_values(unit, [load_parameters(model=model).values] * fins)
     guid = interface_guid(starts, unit, chosen)
     text = names_header(unit, guid, chosen)
-    described = chosen.model_description(starts, guid, unit=unit)
+    described = chosen.model_description(starts, guid, interface=unit)
     found = {name: (int(place), said) for place, name, said in MACRO.findall(text)}
     expected = {}
     for variable in described.find("ModelVariables") or ():

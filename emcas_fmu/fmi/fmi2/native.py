@@ -11,7 +11,7 @@ from ..format import Format, HostVariable, about, standard_headers
 from ..interface import FmuInterface
 from .model_description import model_description
 
-# fmpy's copy of the standard's header leaves out the prefix that sources linked into one program need.
+# fmpy's copy of the standard's header lacks the prefix that several FMUs linked into one program need.
 _NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
 _PREFIX = """FMI2_FUNCTION_PREFIX, if defined, goes before each name.
 */
@@ -33,32 +33,32 @@ def _headers() -> dict[str, str]:
     return headers
 
 
-def _host_variables(unit: FmuInterface) -> Iterator[HostVariable]:
-    for reference, v in enumerate(unit.variables):
+def _host_variables(interface: FmuInterface) -> Iterator[HostVariable]:
+    for reference, v in enumerate(interface.variables):
         kind = "Integer" if v.items else v.kind
         yield HostVariable(v.name, reference, about(v.causality, kind, v.unit if v.kind == "Real" else ""))
 
 
-def _listed(unit: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]]]:
-    return ((v, "", (place,)) for place, v in enumerate(unit.variables))
+def _listed(interface: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]]]:
+    return ((v, "", (place,)) for place, v in enumerate(interface.variables))
 
 
-def _in_files(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    return {name if name == "time" else unit.spelt(unit.name(name, fin)): value
+def _in_files(interface: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {name if name == "time" else interface.spelt(interface.name(name, fin)): value
             for fin, each in enumerate(fins) for name, value in each.items()}
 
 
 FORMAT = Format(
     version="2.0", main="fmi2.c", package="emcas_fmu.fmi.fmi2", written=(), headers=_headers, by_machine=False,
     of_sources={"source_files": ("fmi2.c",)},
-    tables=lambda unit: "", host_variables=_host_variables, listed=_listed,
+    tables=lambda interface: "", host_variables=_host_variables, listed=_listed,
     in_files=_in_files, model_description=model_description,
     options={"needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true",
              "canInterpolateInputs": "true", "maxOutputDerivativeOrder": "0", "canRunAsynchronuously": "false",
              "canBeInstantiatedOnlyOncePerProcess": "false", "canNotUseMemoryManagementFunctions": "false",
              "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "false"},
     notes=(
-        "This unit is compiled from C and needs nothing in its host; <code>sources</code> has the code, and for a host "
+        "This FMU is compiled from C and needs nothing in its host; <code>sources</code> has the code, and for a host "
         "in C a header with the GUID and the value references.",
         "Inputs are held over a step, or ramp through it with the first derivatives that "
         "<code>fmi2SetRealInputDerivatives</code> gives; derivatives hold for one step.",

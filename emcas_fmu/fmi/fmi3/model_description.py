@@ -15,23 +15,23 @@ from ..interface import SINGLE, FmuInterface
 from .arrays import CLOCK, TIME, Array, arrays
 
 
-def _variable(unit: FmuInterface, reference: int, array: Array, starts: Sequence[Any]) -> Element:
+def _variable(interface: FmuInterface, reference: int, array: Array, starts: Sequence[Any]) -> Element:
     v = array.variable
     given = v.causality in ("input", "parameter")
     return element(array.kind, {
-        "name": unit.spelt(v.name), "valueReference": str(reference), "description": unit.respelt(v.description),
-        "causality": v.causality, "variability": v.variability,
+        "name": interface.spelt(v.name), "valueReference": str(reference),
+        "description": interface.respelt(v.description), "causality": v.causality, "variability": v.variability,
         "initial": "calculated" if v.causality == "output" else None,
         **description.typed_attributes(v),
-        "start": " ".join(text(starts[place]) for place in array.places) if given else None,
+        "start": " ".join(text(starts[place]) for place in array.indices) if given else None,
     }, (element("Dimension", {"start": str(n)}) for n in array.dimensions))
 
 
-def _variables(unit: FmuInterface, starts: Sequence[Any], clock: bool) -> Iterator[Element]:
-    listed = arrays(unit)
+def _variables(interface: FmuInterface, starts: Sequence[Any], clock: bool) -> Iterator[Element]:
+    listed = arrays(interface)
     for reference, array in enumerate(listed):
-        yield _variable(unit, reference, array, starts)
-    yield _variable(unit, len(listed), Array(TIME, 0), starts)
+        yield _variable(interface, reference, array, starts)
+    yield _variable(interface, len(listed), Array(TIME, 0), starts)
     if clock:
         yield element("Clock", {
             "name": CLOCK, "valueReference": str(len(listed) + 1), "causality": "input", "variability": "discrete",
@@ -45,35 +45,35 @@ def _type(name: str, v: Variable) -> Element:
     return element("EnumerationType", {"name": name}, description.enumeration_items(v))
 
 
-def _structure(unit: FmuInterface) -> Element:
-    """Return what each output depends on: of an array what any of its elements does."""
-    listed = arrays(unit)
-    names = [v.name for v in unit.variables]
-    reference = {names[place]: i for i, array in enumerate(listed) for place in array.places}
+def _structure(interface: FmuInterface) -> Element:
+    """Return the dependencies of each output; an array has those of all its elements."""
+    listed = arrays(interface)
+    names = [v.name for v in interface.variables]
+    reference = {names[place]: i for i, array in enumerate(listed) for place in array.indices}
 
     def unknowns(tag: str, dependencies: Mapping[str, tuple[str, ...]]) -> Iterator[Element]:
         for i, array in enumerate(listed):
             if array.variable.causality == "output":
-                needed = {reference[name] for place in array.places for name in dependencies[names[place]]}
+                needed = {reference[name] for place in array.indices for name in dependencies[names[place]]}
                 yield element(tag, {"valueReference": str(i), "dependencies": " ".join(map(str, sorted(needed)))})
 
     return element("ModelStructure", {}, [
-        *unknowns("Output", description.dependencies(unit)),
-        *unknowns("InitialUnknown", description.initial_dependencies(unit))])
+        *unknowns("Output", description.dependencies(interface)),
+        *unknowns("InitialUnknown", description.initial_dependencies(interface))])
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str] = MappingProxyType({}),
-                      about: Mapping[str, str] = MappingProxyType({}), unit: FmuInterface = SINGLE,
+                      about: Mapping[str, str] = MappingProxyType({}), interface: FmuInterface = SINGLE,
                       clock: bool = False) -> Element:
     """Return the fmiModelDescription element; `options` are attributes of its CoSimulation element, `about` its own."""
     return element("fmiModelDescription", {
-        "fmiVersion": "3.0", "modelName": unit.model, "instantiationToken": guid,
-        "description": description.describe(unit), "version": __version__, **about,
-        "variableNamingConvention": unit.spelling}, [
-            element("CoSimulation", {"modelIdentifier": unit.model, **options}),
-            description.unit_definitions(unit),
-            element("TypeDefinitions", {}, (_type(name, v) for name, v in description.types(unit).items())),
+        "fmiVersion": "3.0", "modelName": interface.model, "instantiationToken": guid,
+        "description": description.describe(interface), "version": __version__, **about,
+        "variableNamingConvention": interface.spelling}, [
+            element("CoSimulation", {"modelIdentifier": interface.model, **options}),
+            description.unit_definitions(interface),
+            element("TypeDefinitions", {}, (_type(name, v) for name, v in description.types(interface).items())),
             description.log_categories(3),
             description.default_experiment(),
-            element("ModelVariables", {}, _variables(unit, starts, clock)),
-            _structure(unit)])
+            element("ModelVariables", {}, _variables(interface, starts, clock)),
+            _structure(interface)])

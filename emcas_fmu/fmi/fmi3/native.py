@@ -20,31 +20,31 @@ _TYPES = {"Float64": "FLOAT64", "Int32": "INT32", "UInt32": "UINT32", "Enumerati
 _NAMES = {**{name: name for name in _TYPES}, "Enumeration": "Enumeration (Int64)", "Clock": "Clock"}
 
 
-def _tables(unit: FmuInterface, clock: bool = False) -> str:
-    """Return where the elements of each variable are, and what the clock and the events go by."""
-    rows = [(unit.spelt(v.variable.name), _TYPES[v.kind], v.first, v.table or 1, v.fins or 1, v.stride)
-            for v in arrays(unit)]
-    rows += [(TIME.name, "FLOAT64", len(unit.variables), 1, 1, 0),
-             *([(CLOCK, "TICKS", len(unit.variables), 1, 1, 0)] if clock else ())]
+def _tables(interface: FmuInterface, clock: bool = False) -> str:
+    """Return C code with the indices of the elements of each variable, and constants for clock and events."""
+    rows = [(interface.spelt(v.variable.name), _TYPES[v.kind], v.first, v.table or 1, v.fins or 1, v.stride)
+            for v in arrays(interface)]
+    rows += [(TIME.name, "FLOAT64", len(interface.variables), 1, 1, 0),
+             *([(CLOCK, "TICKS", len(interface.variables), 1, 1, 0)] if clock else ())]
     listed = ",\n".join(f"    {{{c_text(name)}, {', '.join(map(str, row))}}}" for name, *row in rows)
-    actuator = unit.actuator
+    actuator = interface.actuator
     sample_time = [v.name for v in actuator.parameters].index("controller.sample_time")
     fin_rate = [v.name for v in actuator.outputs].index("fin_rate")
     types, names = ", ".join((*_TYPES.values(), "TICKS")), ", ".join(map(c_text, _NAMES.values()))
-    return ("\n/* Types of FMI 3.0, and where the elements of a variable are: `size` of a fin from `first` on, those "
-            f"of the next\n * fin `stride` further. */\nenum {{ {types} }};\n"
+    return ("\n/* Types of FMI 3.0, and the indices of the elements of a variable: `size` of a fin from `first` on, "
+            f"those of the\n * next fin `stride` further. */\nenum {{ {types} }};\n"
             f"static const char *const TYPE[] = {{{names}}};\n\n"
             "typedef struct {\n    const char *name;\n    int type;\n"
             "    unsigned first, size, fins, stride;\n} array;\n\n"
             f"enum {{ TIME = {len(rows) - 1 - clock}, ARRAYS = {len(rows)} }};\n"
             f"#define CLOCK_NAME {c_text(CLOCK)}\n"
             f"static const array ARRAY[ARRAYS] = {{\n{listed}\n}};\n\n"
-            "/* Of a fin: place of the sample time among the parameters, of the rate among the outputs. */\n"
+            "/* The index of the sample time among a fin's parameters, of the rate among its outputs. */\n"
             f"enum {{ SAMPLE_TIME = {sample_time}, OUTPUT_FIN_RATE = {fin_rate} }};\n")
 
 
-def _host_variables(unit: FmuInterface, clock: bool = False) -> Iterator[HostVariable]:
-    listed = arrays(unit)
+def _host_variables(interface: FmuInterface, clock: bool = False) -> Iterator[HostVariable]:
+    listed = arrays(interface)
     for reference, v in enumerate(listed):
         shape = " x ".join(map(str, v.dimensions))
         yield HostVariable(v.variable.name, reference, about(
@@ -55,15 +55,15 @@ def _host_variables(unit: FmuInterface, clock: bool = False) -> Iterator[HostVar
         yield HostVariable(CLOCK, len(listed) + 1, about("input", "Clock", ""))
 
 
-def _listed(unit: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]]]:
-    return ((v.variable, " × ".join(map(str, v.dimensions)), v.places) for v in arrays(unit))
+def _listed(interface: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]]]:
+    return ((v.variable, " × ".join(map(str, v.dimensions)), v.indices) for v in arrays(interface))
 
 
-def _in_files(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return columns and values by the unit's names; of several fins with one more dimension."""
+def _in_files(interface: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return columns or values by the names of the interface; those of several fins have one more dimension."""
     first = fins[0]
-    return {name if name == "time" else unit.spelt(unit.array_name(name)):
-            first[name] if name == "time" or unit.array_name(name) == name else np.stack(
+    return {name if name == "time" else interface.spelt(interface.array_name(name)):
+            first[name] if name == "time" or interface.array_name(name) == name else np.stack(
                 [each[name] for each in fins], axis=-1) for name in first}
 
 
@@ -77,7 +77,7 @@ FORMAT = Format(
              "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",
              "providesIntermediateUpdate": "false", "mightReturnEarlyFromDoStep": "true", "hasEventMode": "true"},
     notes=(
-        "This unit is compiled from C and needs nothing in its host; <code>sources</code> has the code, and for a host "
+        "This FMU is compiled from C and needs nothing in its host; <code>sources</code> has the code, and for a host "
         "in C a header with the instantiation token and the value references.",
         "Inputs are held over a step.",
         "Event mode is optional, and the trajectory is the same with it and without. Where a host uses it, a step that "
@@ -95,4 +95,4 @@ CLOCKED = replace(
     model_description=partial(model_description, clock=True), notes=(*FORMAT.notes, (
         f"<code>{CLOCK}</code> says when the controllers sample (of fin 1, where their sample times differ). It need "
         "not be activated: they sample by themselves.")))
-"""With a clock of the controllers' samples; hosts made with fmi4c end in a double free at any clock."""
+"""With a clock of the controllers' samples. Hosts made with fmi4c crash with a double free at any clock."""
