@@ -59,7 +59,7 @@ def test_a_variable_called_as_a_type_is_refused() -> None:
     actuator = get("second-order")
     unit = FmuInterface(1)
     unit.__dict__["variables"] = (*actuator.outputs, real_output("Torque", "N.m", "a slip", 1.0))
-    with pytest.raises(EmcasError, match="Torque is what the model description calls a type"):
+    with pytest.raises(EmcasError, match="Torque is the name of a type in the model description"):
         description.types(unit)
 
 
