@@ -24,18 +24,18 @@ EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.
 def build(
     parameters: common.ParametersOption = None,
     backend: Annotated[str | None, typer.Option(
-        help="How the FMU computes: python (needs Python in the host; FMI 2.0 unless given), or native (C, needs "
+        help="How the FMU computes: python (needs Python in the host; the default for FMI 2.0), or native (C, needs "
              "nothing; built with the extra 'native' or --cc).", metavar="python|native")] = None,
     fmi: Annotated[str, typer.Option("--fmi", help="Version of FMI; 3 is native only.", metavar="2|3")] = "2",
     clock: Annotated[bool, typer.Option("--clock", help="FMI 3.0: with a clock that ticks when the controllers sample. "
                                         "Hosts made with fmi4c, such as Ecos 0.7, crash at any clock.")] = False,
     platform: Annotated[list[str] | None, typer.Option(
-        help="Only for this platform (may be given several times): linux64, win64, darwin64 (macOS on Intel's and "
+        help="Only for this platform (may be repeated): linux64, win64, darwin64 (macOS on Intel's and "
              "Apple's processors), aarch64-linux; native only.", metavar="NAME")] = None,
     cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
                                                         "native only.", metavar="PROGRAM")] = None,
     model: common.ModelOption = NONLINEAR,
-    fins: Annotated[int, typer.Option(help="Actuators in the unit, on one supply; the model is then called EMCAS4.",
+    fins: Annotated[int, typer.Option(help="Actuators in the FMU, on one supply; with 4 the model is called EMCAS4.",
                                       metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
@@ -43,10 +43,10 @@ def build(
                                             "tools that refuse dots and brackets, or make buses of them.",
                                        metavar="structured|flat")] = "structured",
     references: Annotated[bool, typer.Option(
-        help="Pack responses that any host can repeat; of parameters not built before they take a second or more to "
-             "integrate.")] = True,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="FMU to write: EMCAS.fmu, or EMCAS4.fmu "
-                                                "with --fins 4, if not given.", metavar="FILE")] = None,
+        help="Include responses that any host can repeat; for parameters not built before they take a second or more "
+             "to integrate.")] = True,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="FMU to write; default: EMCAS.fmu, or "
+                                                "EMCAS4.fmu with --fins 4.", metavar="FILE")] = None,
 ) -> None:
     """Build the FMU of a parameter set."""
     from ..fmi.interface import FmuInterface, fin_files
@@ -66,4 +66,4 @@ def build(
     if parameters:
         count = sum(len(estimate.names) for estimate in shipped_estimates(chosen))
         common.say(f"{count} of {len(chosen.entries)} values are shipped estimates: emcas parameters, with the "
-                         "same options, says which")
+                         "same options, lists them")

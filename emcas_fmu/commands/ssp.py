@@ -26,7 +26,7 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich", invoke_without_
 @app.callback()
 def write(
     context: typer.Context,
-    fmu: Annotated[Path | None, typer.Option(help="FMU to put in; built from the parameters, native, if not given.",
+    fmu: Annotated[Path | None, typer.Option(help="FMU for the archive; default: the native FMU of the parameters is built.",
                                              metavar="FMU")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),
@@ -35,10 +35,10 @@ def write(
     fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.", metavar="N")] = 4,
     layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "
                                              "on it.", metavar="cross|plus")] = "cross",
-    fin: Annotated[list[str] | None, typer.Option(help="Parameter file of one fin, over the others' (may be given "
-                                                       "several times).", metavar="N=FILE")] = None,
-    variant: Annotated[list[str] | None, typer.Option(help="A further variant, or another cold or degraded; the file "
-                                                           "is like models/degraded.toml.",
+    fin: Annotated[list[str] | None, typer.Option(help="Parameter file of one fin, over the others' (may be "
+                                                       "repeated).", metavar="N=FILE")] = None,
+    variant: Annotated[list[str] | None, typer.Option(help="A further variant, or a replacement of cold or degraded; "
+                                                           "a file like models/degraded.toml.",
                                                       metavar="NAME=FILE")] = None,
     border: Annotated[bool, typer.Option("--system-connectors", help="Wire the fins to connectors of the system, such "
                                          "as fin1_fin_command, as fmpy's simulate_ssp needs it; libcosim and Ecos "
@@ -46,7 +46,7 @@ def write(
 ) -> None:
     """Write an SSP 1.0 archive with variants nominal, cold and degraded.
 
-    Those that change what an actuator has not are left out.
+    Variants that change parameters an actuator lacks are left out.
     """
     if context.invoked_subcommand:
         return
@@ -72,9 +72,9 @@ def write(
 
 @app.command(epilog=_CHECK)
 def check(
-    ssp: Annotated[Path, typer.Argument(help="Archive to check: ours, or one of yours with our FMU in it.",
+    ssp: Annotated[Path, typer.Argument(help="Archive to check: written by emcas ssp, or in the same form.",
                                         metavar="FILE.ssp")],
-    fmu: Annotated[Path | None, typer.Option(help="The FMU the archive should have; another one is an error.",
+    fmu: Annotated[Path | None, typer.Option(help="The FMU that the archive should contain; another one is an error.",
                                              metavar="FMU")] = None,
     guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.", metavar="GUID")] = None,
     model: common.SubjectModelOption = None,
@@ -87,14 +87,14 @@ def check(
 
     with common.failures():
         if fmu and guid:
-            raise EmcasError("give one of --fmu and --guid")
+            raise EmcasError("--fmu and --guid exclude each other; leave one out")
         common.check_outputs(as_json, inputs=(ssp, fmu))
         report = run(ssp, guid, fmu, model)
         if as_json:
             write_json(report.document(), as_json)
     if report.findings:
         table = Table("", "where", "what is wrong, and what to do", show_lines=True)
-        table.columns[1].overflow = "fold"  # names are to be found again, so none is cut short
+        table.columns[1].overflow = "fold"  # names are not cut short, so that they can be searched for
         for finding in sorted(report.findings, key=lambda f: f.level):
             colour = "red" if finding.level == "error" else "yellow"
             place = f"{escape(finding.place)}\n[dim]{escape(finding.file)}[/]".strip()

@@ -1,4 +1,4 @@
-"""SSP archives as files: read without trust, written with the same bytes for the same contents."""
+"""SSP archives as files: read with checks, written with the same bytes for the same contents."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .schema import DEFAULT, SspError
 class Archive:
     """The files of an SSP by name, unpacked on demand.
 
-    Raises SspError if the file is no archive that can be read, or is not sound.
+    Raises SspError if the file is not a readable and sound archive.
     """
 
     def __init__(self, path: Path) -> None:
@@ -23,7 +23,7 @@ class Archive:
             self.names = tuple(name for name in archive.namelist() if not name.endswith("/"))
 
     def read(self, name: str) -> bytes:
-        """Return the contents of a file. Raises SspError if it is not there or damaged."""
+        """Return the contents of a file. Raises SspError if it is missing or damaged."""
         if name not in self.names:
             raise SspError(f"{name}: is not in {self.path.name}")
         with reading(self.path, f"{self.path.name}/{name}", "an SSP", SspError) as archive:
@@ -41,7 +41,7 @@ class Archive:
 
 
 def file_content(path: Path) -> bytes:
-    """Return what is in a file. Raises SspError if it cannot be read."""
+    """Return the contents of a file. Raises SspError if it cannot be read."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -49,5 +49,5 @@ def file_content(path: Path) -> bytes:
 
 
 def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
-    """Write files to a ZIP archive. Raises EmcasError if that cannot be done."""
+    """Write files to a ZIP archive. Raises EmcasError if it cannot be written."""
     write_zip(contents, target, lambda name: (name != DEFAULT, "/" in name, name))

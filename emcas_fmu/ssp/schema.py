@@ -1,4 +1,4 @@
-"""Names of SSP 1.0, documents out of templates, and validation against the schemas that come with fmpy."""
+"""Names of SSP 1.0, documents from templates, and validation against the schemas shipped with fmpy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _BASE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSD, SSC, SSV = f"{_BASE}Description", f"{_BASE}Common", f"{_BASE}ParameterValues"
 NAMESPACES = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
               "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
-              "emcas": "urn:emcas-fmu:ssp"}  # the last of the annotation that records an FMU's GUID
+              "emcas": "urn:emcas-fmu:ssp"}  # the last is of the annotation that records an FMU's GUID
 ANNOTATION = "emcas-fmu"  # its type
 DEFAULT = "SystemStructure.ssd"  # the structure a host opens by default
 NOMINAL = "nominal"
@@ -29,8 +29,8 @@ class SspError(EmcasError):
 
 
 def parse(content: bytes, name: str) -> Any:
-    """Return the root element of an XML document. Raises SspError naming the file and the place."""
-    # Nothing outside the archive is read, whatever the document asks for.
+    """Return the root element of an XML document. Raises SspError naming the file and the line."""
+    # Nothing outside the archive is read, whatever the document refers to.
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True,
                              remove_pis=True)
     try:
@@ -38,13 +38,13 @@ def parse(content: bytes, name: str) -> Any:
     except (etree.XMLSyntaxError, ValueError) as error:
         raise SspError(f"{name}: is not XML: {error}") from error
     if (entity := next(root.iter(etree.Entity), None)) is not None:
-        raise SspError(f"{name}: has the entity reference {entity.text}, which SSP has no use for; write what it "
-                       "stands for")
+        raise SspError(f"{name}: has the entity reference {entity.text}, which SSP does not use; write its text "
+                       "instead")
     return root
 
 
 def render(template: str, **context: Any) -> bytes:
-    """Return the document of a template of this folder, indented; the same context gives the same bytes."""
+    """Return the document of a template in this folder, indented; the same context gives the same bytes."""
     root = parse(page(f"ssp/{template}", namespaces=NAMESPACES, **context).encode(), template)
     etree.indent(root)
     document: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
@@ -57,7 +57,7 @@ def _schema(namespace: str) -> Any:
 
 
 def violations(root: Any, namespace: str) -> list[str]:
-    """Return what the schema of a namespace (SSD or SSV) has against a document; empty if it is valid."""
+    """Return violations of the schema of a namespace (SSD or SSV); empty if the document is valid."""
     schema = _schema(namespace)
     if schema.validate(root):
         return []

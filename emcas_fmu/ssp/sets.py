@@ -1,4 +1,4 @@
-"""What is in the archive besides the FMU: parameter sets out of the fins' parameters, connectors of the system."""
+"""Parameter sets of an archive from the fins' parameters, and connectors of the system."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Wire:
 def outer_name(number: int, name: str, model: str) -> str:
     """Return the system's connector of a fin's variable, such as ``fin1_fin_angle``; ``attitude_roll``, if shared.
 
-    All fins share vehicle motion, supply and enable. OMSimulator takes no dot in such a name, and fmpy tells a
-    connector of the system from one of a component by their paths alone.
+    All fins share vehicle motion, supply and enable. OMSimulator accepts no dot in such a name, and fmpy distinguishes
+    connectors of the system and of components by their paths alone.
     """
     shared = (*FmuInterface(1, model).shared, ENABLE.name)
     return flat(name if name in shared else f"fin[{number}].{name}")
@@ -43,8 +43,8 @@ def wires(model: str, fins: Sequence[str]) -> Iterator[Wire]:
             yield Wire(outer_name(number, variable.name, model), fin, variable)
 
 
-def started(model: str) -> dict[str, Variable]:
-    """Return the inputs of an actuator whose start value is in the parameter file, by its entry there."""
+def inputs_by_entry(model: str) -> dict[str, Variable]:
+    """Return the inputs of an actuator whose start value is an entry of the parameter file, by that entry."""
     return {v.key: v for v in get(model).inputs if v.key is not None}
 
 
@@ -54,8 +54,8 @@ def fmi_units(variables: Iterable[Variable]) -> dict[str, Unit]:
 
 
 def _entries(parameters: ParameterSet, chosen: Callable[[Entry], bool]) -> Entries:
-    """Return the chosen entries of a fin; the start value of an input stands under the input's name."""
-    inputs = started(parameters.model)
+    """Return the chosen entries of a fin; the start value of an input is under the input's name."""
+    inputs = inputs_by_entry(parameters.model)
     variables = {e.variable.name: inputs.get(e.variable.name, e.variable) for e in parameters.entries}
     return {variables[e.variable.name].name: replace(e, variable=variables[e.variable.name])
             for e in parameters.entries if chosen(e)}
@@ -65,18 +65,18 @@ def _starts(fins: Sequence[ParameterSet]) -> Entries:
     """Return the start values of the system's connectors; a host feeds 0 to those without one."""
     model, values = fins[0].model, Entries()
     for number, fin in enumerate(fins, 1):
-        keyed = _entries(fin, lambda e: e.variable.name in started(model))
+        keyed = _entries(fin, lambda e: e.variable.name in inputs_by_entry(model))
         plain = {v.name: Entry(v, v.start, "", "", "", "") for v in get(model).inputs if v.key is None and v.start}
         values |= {outer_name(number, n, model): e for n, e in {**keyed, **plain}.items()}
     return values
 
 
 def parameter_sets(variants: Sequence[Variant], fmu_starts: Mapping[str, Value], *, border: bool) -> dict[str, bytes]:
-    """Return the sets of all variants as files by name: one of each fin with all its parameters, named as the variant.
+    """Return the parameter sets of all variants as files by name: for each fin one with all its parameters.
 
-    None is split: libcosim and Ecos compose nothing, and OMSimulator knows no prefix. `fmu_starts` are the start values
-    in the FMU by entry of the parameter file: a Boolean that is the same there is left out, as fmpy takes every Boolean
-    of a set for true. With a `border` there is one more with start values of its inputs.
+    None is split: libcosim and Ecos do not combine sets, and OMSimulator ignores prefixes. `fmu_starts` are the start
+    values of the FMU by entry of the parameter file: a Boolean with the same value is left out, as fmpy reads every
+    Boolean of a set as true. With a `border` one more set has the start values of the system's inputs.
     """
     files: dict[str, bytes] = {}
 

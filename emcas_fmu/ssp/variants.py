@@ -1,4 +1,4 @@
-"""What the parameters of each fin are, nominally and in each variant."""
+"""Each fin's parameters, nominally and in each variant."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ class Variant:
 
 
 def variant_files(arguments: Sequence[str]) -> dict[str, Path]:
-    """Return the shipped variants and those given as ``NAME=FILE``, which may replace one. Raises SspError."""
+    """Return the files of the shipped variants and of arguments ``NAME=FILE``, which may replace one. Raises SspError."""
     files = {name: models_directory() / f"{name}.toml" for name in SHIPPED}
     for text in arguments:
         name, separator, file = text.partition("=")
         if not separator or not file:
             raise SspError(f"--variant {text}: expected NAME=FILE, such as --variant hot=hot.toml")
         if not _NAME.fullmatch(name) or f"{name}.ssd" in (f"{NOMINAL}.ssd", DEFAULT):
-            raise SspError(f"--variant {text}: {name!r} cannot name a variant; take a word other than {NOMINAL} and "
+            raise SspError(f"--variant {text}: {name!r} cannot name a variant; choose a word other than {NOMINAL} and "
                            f"{DEFAULT.removesuffix('.ssd')}")
         files[name] = Path(file)
     return files
 
 
 def without_shipped(files: Mapping[str, Path], base: ParameterSet) -> tuple[dict[str, Path], list[str]]:
-    """Return the variants without the shipped ones whose parameters the actuator lacks, and why those are left out."""
+    """Return the variants without shipped ones whose parameters the actuator lacks, and why those are left out."""
     chosen, left_out = dict(files), []
     for name in SHIPPED:
         if files.get(name) != models_directory() / f"{name}.toml":
@@ -60,7 +60,7 @@ def without_shipped(files: Mapping[str, Path], base: ParameterSet) -> tuple[dict
 
 
 def derived(name: str, file: Path, origin: Variant) -> Variant:
-    """Return a variant of the system as built, out of a file such as models/cold.toml.
+    """Return a variant of the system `origin` from a file such as models/cold.toml.
 
     Raises SspError or ParameterError.
     """
@@ -83,12 +83,12 @@ def _document(file: Path) -> dict[str, Any]:
 
 
 def _is_group(name: str, table: Mapping[str, Any]) -> bool:
-    """Return whether a table holds entries, and is not one with its value."""
+    """Return whether a table contains entries, and is not itself an entry with its value."""
     return "value" not in table
 
 
 def _changed(base: ParameterSet, entries: Mapping[str, Any], where: str) -> ParameterSet:
-    """Return `base` with entries over it; percentages are of its values. Raises ParameterError naming `where`."""
+    """Return `base` overridden by entries; percentages are of its values. Raises ParameterError naming `where`."""
     units = {e.variable.name: e.variable.unit for e in base.entries}
     changes = dict(entries)
     for name, entry in entries.items():

@@ -1,8 +1,8 @@
-"""From an FMU and parameters to an SSP archive; the same inputs give the same bytes.
+"""An SSP archive from an FMU and parameters; the same inputs give the same bytes.
 
-The system has several times the FMU, and by default nothing else: libcosim and Ecos refuse a structure in which a
-connector of the system itself is wired. They find connections by the letters ``ssd:Connections``, but so does
-OMSimulator, which refuses any other prefix, so that these cannot be hidden from them. fmpy's simulate_ssp needs them.
+By default the system has only components, each with the same FMU: libcosim and Ecos refuse a structure in which a
+connector of the system itself is wired. They look for the name ``ssd:Connections``, but so does OMSimulator, which
+refuses any other prefix, so that connections cannot be hidden from them. fmpy's simulate_ssp needs the connections.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from .check import check
 from .findings import Report
 from .interface import Interface, read_interface, typed
 from .schema import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render
-from .sets import fmi_units, parameter_sets, started, wires
+from .sets import fmi_units, inputs_by_entry, parameter_sets, wires
 from .variants import Variant, derived, without_shipped
 
 
 @dataclass(frozen=True)
 class Written:
-    """An archive: its file, the FMU's GUID, the variants, those left out and why, the warnings of their parameter sets,
-    and the report of its check."""
+    """A written archive: file, GUID of the FMU, variants, those left out and why, warnings about parameters, and the
+    report of its check."""
 
     path: Path
     guid: str
@@ -48,10 +48,10 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
               model: str | None = None, progress: Progress | None = None) -> Written:
     """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and check it.
 
-    `fmu` is built, native, of the `model` (:mod:`emcas_fmu.actuators`) and the parameters if not given; the fins'
-    parameters are those of the files `parameters`, or those the FMU starts with. `fin_files` and `variant_files` are
-    parameter files by number of the fin and by name of the variant. With a `border` the fins are wired to connectors of
-    the system. Raises EmcasError; SspError if what was written does not pass its own check.
+    Without an `fmu`, the native FMU of the `model` (:mod:`emcas_fmu.actuators`) and the parameters is built. The fins'
+    parameters are those of the files `parameters`, otherwise the FMU's start values. `fin_files` and `variant_files`
+    are parameter files by number of the fin and by name of the variant. With a `border` the fins are wired to
+    connectors of the system. Raises EmcasError; SspError if the archive does not pass its own check.
     """
     check_target(output, ".ssp", SspError)
     if fmu is not None:
@@ -72,12 +72,12 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     name = f"{interface.model}.fmu"
     sets = parameter_sets(variants, _starts(interface, str(fmu), base.model), border=border)
     contents = {f"resources/{file}": data for file, data in {**sets, name: content}.items()}
-    unit = FmuInterface(1, base.model)
-    variables = unit.inputs + unit.outputs
+    single = FmuInterface(1, base.model)
+    variables = single.inputs + single.outputs
     outside = list(wires(base.model, built.names)) if border else []
     for variant in variants:
         contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = render(
-            "structure.xml.j2", name=variant.name, description=describe(unit), type=FMU, fmu=name, guid=interface.guid,
+            "structure.xml.j2", name=variant.name, description=describe(single), type=FMU, fmu=name, guid=interface.guid,
             annotation=ANNOTATION, fins=variant.names, variables=variables, wires=outside,
             connectors={wire.outer: wire.variable for wire in outside},
             enumerations={v.name: v for v in variables if v.items}.values(), units=fmi_units(variables),
@@ -87,7 +87,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
         write_archive(contents, checked)
         report = check(checked, interface.guid, model=base.model)
         if report.errors:
-            raise SspError("\n".join(["what was to be written does not pass the check:", *map(str, report.errors)]))
+            raise SspError("\n".join(["the archive does not pass its check:", *map(str, report.errors)]))
         write(output, checked.read_bytes())
     warnings = tuple(dict.fromkeys(warning for v in variants for fin in v.fins for warning in fin.warnings))
     return Written(output, interface.guid, tuple(v.name for v in variants), tuple(left_out), warnings, report)
@@ -96,7 +96,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
     """Return the FMU's start values by entry of the parameter file.
 
-    Raises SspError if it is no actuator of this model.
+    Raises SspError if the FMU is not an actuator of this model.
     """
     actuator = get(model)
     table = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
@@ -104,7 +104,7 @@ def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
         of = "" if model == NONLINEAR else f" of the model {actuator.name}"
         raise SspError(f"{file}: is not an FMU of one actuator{of}: it lacks {', '.join(missing[:3])}"
                        f"{' and more' if len(missing) > 3 else ''}; build one with emcas build")
-    inputs = started(model)
+    inputs = inputs_by_entry(model)
     values: dict[str, Value] = {}
     for entry in actuator.file_entries:
         start = interface.variables[inputs.get(entry.name, entry).name].start

@@ -6,9 +6,9 @@
         system.step()
         angle = system.get("fin1.fin_angle")
 
-Names are those of the components and their connectors; parameters are those of the variant. What is set before a step
-holds in that step and after it, and what is read is of the step's end: no host adds a delay there. A signal wired from
-one component to another arrives in the next step, in all three. Connectors of the system itself are passed over.
+Names are those of the components and their connectors; parameters are those of the variant. An input acts from the next
+step on, an output is that at the end of the last step: no host adds a delay there. A signal wired from one component to
+another arrives one step later, in all three. Connectors of the system itself are ignored.
 """
 
 from __future__ import annotations
@@ -65,33 +65,33 @@ class System(ABC):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names that can be set."""
+        """Names of the inputs."""
         return tuple(self._inputs)
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names that can be read in this host."""
+        """Names of the outputs that this host can read."""
         return tuple(name for name in self._outputs if name not in self._withheld)
 
     @property
     def time(self) -> float:
-        """The time reached [s]."""
+        """The current time [s]."""
         return self.steps * self.step_size
 
     def set(self, name: str, value: Value) -> None:
         """Set an input, ``fin1.fin_command``, for the next step and those after it.
 
-        Without a component, ``supply_voltage``, it is that of every one that has it. Raises SspError.
+        Without a component, ``supply_voltage``, set the input of every component that has it. Raises SspError.
         """
         if name not in self._inputs:
             raise SspError(f"the system has no input {name!r}; {nearest(name, self._inputs, 'see inputs')}")
-        if not isfinite(value):  # an FMU refuses it, and Ecos goes on as if nothing were
+        if not isfinite(value):  # an FMU refuses it, and Ecos ignores the refusal
             raise SspError(f"{name} = {value}: must be finite")
         for end in self._inputs[name]:
             self._pending[end] = value
 
     def step(self) -> None:
-        """Go on by one step. Raises SspError if a component refuses."""
+        """Step once. Raises SspError if a component refuses."""
         if self._closed:
             raise SspError("the system is closed; open it anew")
         pending, self._pending = self._pending, {}
@@ -99,7 +99,7 @@ class System(ABC):
         self.steps += 1
 
     def get(self, name: str) -> Value:
-        """An output at the end of the last step; before the first there is none, in no host. Raises SspError."""
+        """Return an output at the end of the last step. Raises SspError, also before the first step."""
         if name in self._withheld:
             raise SspError(f"{name}: {self._withheld[name]}")
         if name not in self._outputs:
@@ -111,7 +111,7 @@ class System(ABC):
         return self._read(*self._outputs[name])
 
     def close(self) -> None:
-        """Free everything; may be called twice."""
+        """Free all resources; may be called again."""
         if not self._closed:
             self._closed = True
             self._free()
@@ -129,11 +129,11 @@ class System(ABC):
 
     @abstractmethod
     def _read(self, component: str, variable: str) -> Value:
-        """The value of a component's variable."""
+        """Return the value of a component's variable."""
 
     @abstractmethod
     def _free(self) -> None:
-        """Free what the host holds; called once."""
+        """Free the host's resources; called once."""
 
 
 def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> System:
@@ -151,7 +151,7 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
         importlib.import_module(host)
     except (ImportError, OSError) as error:  # OSError: a library it needs
         raise SspError(f"{host} cannot be loaded ({error}): {installation}") from error
-    # Hosts pass over much of what is wrong.
+    # Hosts do not report most errors.
     if errors := check(ssp).errors:
         raise SspError("\n".join(f"{ssp}: {error}" for error in errors))
     archive = Archive(ssp)
@@ -169,7 +169,7 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
 
 
 def _runnable(archive: Archive, structure: Structure) -> None:
-    """Raises SspError if an FMU has no binary for this platform: Ecos would take the process with it."""
+    """Raise SspError if an FMU has no binary for this platform: Ecos would end the process."""
     local = local_platform()
     for source in sorted({normpath(e.source) for e in structure.system.elements.values() if e.source}):
         with zipfile.ZipFile(BytesIO(archive.read(source))) as fmu:
@@ -180,10 +180,10 @@ def _runnable(archive: Archive, structure: Structure) -> None:
 
 
 def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
-    """The archive with one variant, as the structure hosts open. All three know SystemStructure.ssd only.
+    """Return the archive with one variant as SystemStructure.ssd, the only structure that the three hosts open.
 
-    For libcosim and Ecos without connections of the system's own connectors, which they refuse; for libcosim without
-    connectors of enumerations. Raises SspError for a connection between two of those.
+    For libcosim and Ecos it is without connections of the system's own connectors, which they refuse; for libcosim
+    without connectors of enumerations. Raises SspError for a connection between two of those.
     """
     contents = {name: data for name, data in archive.contents().items()
                 if not (name in archive.structures and name != file)}
@@ -199,7 +199,7 @@ def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
 
 
 def _without_enumerations(root: Any, file: str) -> None:
-    """Take out what libcosim ends the process over."""
+    """Remove connectors of enumerations, over which libcosim ends the process."""
     gone = set()
     for enumeration in root.findall(".//ssd:Component/ssd:Connectors/ssd:Connector/ssc:Enumeration", NAMESPACES):
         connector = enumeration.getparent()
@@ -210,4 +210,4 @@ def _without_enumerations(root: Any, file: str) -> None:
         ends = [(connection.get(f"{side}Element"), connection.get(f"{side}Connector")) for side in ("start", "end")]
         if gone.intersection(ends):
             raise SspError(f"{file}: connection {' -> '.join('.'.join(map(str, end)) for end in ends)} is of an "
-                           "enumeration, which libcosim does not know; wire an Integer, or take fmpy")
+                           "enumeration, which libcosim does not support; wire an Integer, or use fmpy")

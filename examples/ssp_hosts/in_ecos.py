@@ -1,6 +1,6 @@
 """Ecos as the host, through ecospy: its SSP reader and its fixed-step algorithm.
 
-It applies the parameter set named when it is initialized, from the components' bindings, and nothing by itself.
+It applies the parameter sets of one name, passed at initialization, that are bound to components; without it, none.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ class Running(System):
         super().__init__(structure, step)
         self._kinds = {(name, c.name): c.type for name, component in structure.system.elements.items()
                        for c in component.connectors.values()}
-        self._withheld = {name: "Ecos knows no enumerations; read another output, or take fmpy"
+        self._withheld = {name: "Ecos knows no enumerations; read another output, or use fmpy"
                           for name, end in self._outputs.items() if self._kinds.get(end) == "Enumeration"}
         names = sorted({c.bindings[0].name for c in structure.system.elements.values() if c.bindings})
         if len(names) > 1:
             raise SspError(f"the components' parameter sets are named {', '.join(names)}, and Ecos applies those of "
                            "one name only")
-        unpacked = path.with_suffix("")  # an archive Ecos would unpack itself, and leave what it unpacked
+        unpacked = path.with_suffix("")  # Ecos would unpack the archive itself, and not remove the files
         with zipfile.ZipFile(path) as archive:
             archive.extractall(unpacked)
         try:
             self._simulation = EcosSimulation(ssp_path=str(unpacked), step_size=step)
             started = self._simulation.init(parameter_set=names[0] if names else None)
-        except Exception as error:  # ecospy raises nothing more particular
+        except Exception as error:  # ecospy raises no more specific type
             raise SspError(f"the system cannot be started: {error}") from error
         if not started:
             self.close()

@@ -19,11 +19,11 @@ from .hosts import End, System
 
 
 class Running(System):
-    """What is wired between components is passed on, then every component steps with what it was given."""
+    """Outputs are passed on to the inputs wired to them, then every component steps."""
 
     def __init__(self, structure: Structure, step: float, path: Path) -> None:
         super().__init__(structure, step)
-        # fmpy takes values from here only, and by hierarchical names.
+        # fmpy applies no other parameters, and these by hierarchical names.
         parameters = [Parameter(name=f"{component}.{name}", value=value)
                       for (component, name), value in effective(structure).items() if component]
         self._components = {}
@@ -39,7 +39,7 @@ class Running(System):
 
     def _advance(self, pending: dict[End, Value]) -> None:
         try:
-            # Not after the step: outputs that depend on an input at once would show what is to come.
+            # Not after the step: outputs that depend directly on an input would be those of the next step.
             wired = {end: get_value(self._components[start], output) for (start, output), end in self._inner}
             for (name, variable), value in (pending | wired).items():
                 set_value(self._components[name], variable, value)
@@ -54,6 +54,6 @@ class Running(System):
 
     def _free(self) -> None:
         for component in self._components.values():
-            with suppress(Exception):  # one that was refused cannot be terminated, nor one never made be freed
+            with suppress(Exception):  # an FMU that refused cannot be terminated, one not instantiated cannot be freed
                 free_fmu(component)
         shutil.rmtree(self._folder, ignore_errors=True)

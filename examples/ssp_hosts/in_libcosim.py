@@ -1,6 +1,6 @@
 """libcosim as the host, through libcosimpy: its SSP reader and its fixed-step algorithm.
 
-It applies the first parameter set bound to a component, and nothing bound to the system.
+It applies the first parameter set bound to each component, and none bound to the system.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _ACCESS: dict[CosimVariableType, tuple[str, type[Value]]] = {
 
 
 class Running(System):
-    """Inputs are overridden between steps; outputs are the last values an observer has seen."""
+    """Inputs are overridden between steps; outputs are the last values of an observer."""
 
     def __init__(self, structure: Structure, step: float, path: Path) -> None:
         super().__init__(structure, step)
@@ -44,20 +44,20 @@ class Running(System):
         self._index = {slave.name.decode(): slave.index for slave in execution.slave_infos()}
         self._variables = {(name, v.name.decode()): (v.reference, CosimVariableType(v.type))
                            for name, index in self._index.items() for v in execution.slave_variables(index)}
-        # Those of an enumeration it leaves out of an FMU's variables.
-        self._withheld = {name: "libcosim knows no enumerations; read another output, or take fmpy"
+        # libcosim has no variables for an FMU's enumerations.
+        self._withheld = {name: "libcosim knows no enumerations; read another output, or use fmpy"
                           for name, end in self._outputs.items() if end not in self._variables}
 
     def _advance(self, pending: dict[End, Value]) -> None:
-        given: dict[tuple[str, CosimVariableType], dict[int, Value]] = defaultdict(dict)
+        values_of: dict[tuple[str, CosimVariableType], dict[int, Value]] = defaultdict(dict)
         for end, value in pending.items():
             reference, kind = self._variables[end]
-            given[end[0], kind][reference] = value
-        for (name, kind), values in given.items():
+            values_of[end[0], kind][reference] = value
+        for (name, kind), values in values_of.items():
             word, convert = _ACCESS.get(kind, ("real", float))
             getattr(self._manipulator, f"slave_{word}_values")(self._index[name], list(values),
                                                                [convert(v) for v in values.values()])
-        self._execution.step()  # what it returns means nothing before version 0.0.6
+        self._execution.step()  # its result is meaningful from version 0.0.6 on
         if self._execution.status().state == CosimExecutionState.ERROR.value:
             raise SspError(f"libcosim: step from {self.time:.9g} s failed (its log says why)")
 

@@ -20,13 +20,13 @@ def run(
     ssp: Annotated[Path, typer.Argument(help="Archive to run.", metavar="FILE.ssp")],
     host: Annotated[str, typer.Option(help="fmpy, libcosimpy or ecospy.")] = "fmpy",
     variant: Annotated[str, typer.Option(help="Variant of the archive.")] = "nominal",
-    inputs: Annotated[list[str] | None, typer.Option("--set", help="Input of a fin, held throughout (may be given "
-                                                     "several times).", metavar="NAME=VALUE")] = None,
-    duration: Annotated[float, typer.Option(help="How long to run [s].")] = 0.3,
+    inputs: Annotated[list[str] | None, typer.Option("--set", help="Input of a fin, constant (may be repeated).",
+                                                     metavar="NAME=VALUE")] = None,
+    duration: Annotated[float, typer.Option(help="Duration of the run [s].")] = 0.3,
     step: Annotated[float, typer.Option(help="Step of the host [s].")] = 1e-3,
     output: Annotated[Path, typer.Option("--output", "-o", help="CSV file of all outputs.")] = Path("outputs.csv"),
 ) -> None:
-    """Step a variant of an archive in a host, with constant inputs, and write what its outputs are."""
+    """Step a variant of an archive in a host, with constant inputs, and write its outputs."""
     from emcas_fmu.errors import EmcasError
     from examples.ssp_hosts import hosts
 

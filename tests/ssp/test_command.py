@@ -36,7 +36,7 @@ def test_check_fails(edited: Edit, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("arguments", "expected"), [
     (["check", "none.ssp"], "none.ssp: cannot be read"),
-    (["check", "none.ssp", "--guid", "x", "--fmu", "y"], "give one of --fmu and --guid"),
+    (["check", "none.ssp", "--guid", "x", "--fmu", "y"], "--fmu and --guid exclude each other"),
     (["--fmu", "none.fmu"], "none.fmu: cannot be read"),
     (["--fin", "5=a.toml"], "--fin 5=a.toml: the FMU has fins 1 to 4"),
     (["--fin", "second.toml"], "--fin second.toml: expected a fin's number from 1 on and a file"),
