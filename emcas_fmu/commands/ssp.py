@@ -26,7 +26,7 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich", invoke_without_
 @app.callback()
 def write(
     context: typer.Context,
-    fmu: Annotated[Path | None, typer.Option(help="FMU for the archive; default: the native FMU of the parameters is built.",
+    fmu: Annotated[Path | None, typer.Option(help="FMU for the archive; default: a native one is built.",
                                              metavar="FMU")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),

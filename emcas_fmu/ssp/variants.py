@@ -33,7 +33,7 @@ class Variant:
 
 
 def variant_files(arguments: Sequence[str]) -> dict[str, Path]:
-    """Return the files of the shipped variants and of arguments ``NAME=FILE``, which may replace one. Raises SspError."""
+    """Return the files of shipped variants and of arguments ``NAME=FILE``, which may replace one. Raises SspError."""
     files = {name: models_directory() / f"{name}.toml" for name in SHIPPED}
     for text in arguments:
         name, separator, file = text.partition("=")

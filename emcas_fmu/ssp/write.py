@@ -77,8 +77,8 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     outside = list(wires(base.model, built.names)) if border else []
     for variant in variants:
         contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = render(
-            "structure.xml.j2", name=variant.name, description=describe(single), type=FMU, fmu=name, guid=interface.guid,
-            annotation=ANNOTATION, fins=variant.names, variables=variables, wires=outside,
+            "structure.xml.j2", name=variant.name, description=describe(single), type=FMU, fmu=name,
+            guid=interface.guid, annotation=ANNOTATION, fins=variant.names, variables=variables, wires=outside,
             connectors={wire.outer: wire.variable for wire in outside},
             enumerations={v.name: v for v in variables if v.items}.values(), units=fmi_units(variables),
             stop=STOP_TIME, step=STEP_SIZE)
