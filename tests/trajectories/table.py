@@ -19,6 +19,7 @@ from emcas_fmu.actuators import get
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 
+from .points import moved, points
 from .runs import mark, models, through
 
 FILE = Path(__file__).with_name("table.json")
@@ -48,7 +49,7 @@ def rules(model: str) -> list[float]:
     varied = [v for v in p.actuator.file_entries if v.kind == "Real"]
     columns: dict[int, list[float]] = {}
     for _ in range(30):
-        values = {**p.values, **{v.name: _moved(draw, v.minimum, v.maximum, p.values[v.name])
+        values = {**p.values, **{v.name: moved(draw, v.minimum, v.maximum, p.values[v.name])
                                  for v in draw.sample(varied, len(varied) // 3)}}
         given = p.actuator.namespace(values)
         for place, rule in enumerate((*p.actuator.all_rules, *p.actuator.supply_rules)):
@@ -61,23 +62,17 @@ def rules(model: str) -> list[float]:
     return [_short(mark(column)) for column in columns.values()]
 
 
-def _moved(draw: random.Random, least: float, most: float, value: float) -> float:
-    """Return a value within its limits, most often near the one it has."""
-    return min(max(value * draw.choice((0.2, 0.7, 0.9, 1.1, 1.5, 5.0, -1.0)) + draw.choice((0.0, 0.0, 1e-3)), least),
-               most)
-
-
 def _short(value: float) -> float:
     return float(f"{value:.12g}")
 
 
-
 def write() -> None:
     """Write the table, a line for each run, model and variable."""
-    table: Table = {"declared": {}, "rules": {}, "trajectories": {}}
+    table: Table = {"declared": {}, "rules": {}, "points": {}, "trajectories": {}}
     for model in models():
         table["trajectories"][model] = trajectories(model)
         table["rules"][model] = rules(model)
+        table["points"][model] = points(model)
         for name, limits in declared(model).items():
             table["declared"].setdefault(name, limits)
             if limits != table["declared"][name]:

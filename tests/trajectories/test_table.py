@@ -15,6 +15,7 @@ from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.parameters import load_parameters
 
 from . import runs, table
+from .points import points
 from .runs import models
 
 KEPT = table.kept()
@@ -25,13 +26,21 @@ def same(values: Any) -> Any:
 
 
 def test_every_model_is_in_it() -> None:
-    assert list(KEPT["trajectories"]) == list(KEPT["rules"]) == models()
+    assert list(KEPT["trajectories"]) == list(KEPT["rules"]) == list(KEPT["points"]) == models()
 
 
 @pytest.mark.parametrize("model", models())
 def test_limits_and_starts_are_those_declared(model: str) -> None:
     kept: Mapping[str, Any] = KEPT["declared"]
     assert table.declared(model) == {name: kept.get(f"{model} {name}", kept[name]) for name in table.declared(model)}
+
+
+@pytest.mark.parametrize("model", models())
+def test_functions_at_points(model: str) -> None:
+    at_points, kept = points(model), KEPT["points"][model]
+    assert list(at_points) == list(kept)
+    wrong = [name for name, marks in at_points.items() if marks != pytest.approx(kept[name], rel=1e-9, abs=1e-9)]
+    assert not wrong, f"{model}: {', '.join(wrong)} moved"
 
 
 @pytest.mark.parametrize("model", models())
