@@ -1,0 +1,127 @@
+"""Where the bench's inputs begin to be refused: the last value that is accepted, and the first that is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.bench import excitation
+from emcas_fmu.bench.excitation import (
+    SETTLE,
+    STEP,
+    Excitation,
+    check_span,
+    csv_file,
+    sine,
+    sine_from_rest,
+    slew_to,
+    staircase,
+    step_to,
+    sweep,
+    times,
+)
+from emcas_fmu.bench.measure import KINDS, Test
+from emcas_fmu.bench.metrics import FIGURES
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.reference.cases import LEAD_IN
+
+FASTEST = 0.5 / STEP  # Hz, two rows a cycle
+MOST = 1000
+
+# A call with one value left open, one that it takes, one that it refuses.
+LIMITS: dict[str, tuple[Callable[[Any], Any], Any, Any]] = {
+    "half a step": (lambda x: times(x, 1.0), 0.51, 0.5), "most rows": (lambda x: times(x, 0.5), 0.5 * MOST, 501.0),
+    "no step": (lambda x: times(1.0, x), 1e-2, 0.0), "no hold": (lambda x: step_to(0.1, x), 0.0, -1e-9),
+    "no settling": (lambda x: slew_to(0.1, 0.3, settle=x), 0.0, -1e-9),
+    "duration of a sweep": (lambda x: sweep(0.1, x, 1.0, 2.0), 1e-9, 0.0),
+    "lowest of a sweep": (lambda x: sweep(0.1, 0.5, x, 9.0), 1e-9, 0.0),
+    "order of a sweep": (lambda x: sweep(0.1, 0.5, x, 9.0), 8.999, 9.0),
+    "highest of a sweep": (lambda x: sweep(0.1, 0.5, 1.0, x), FASTEST, FASTEST * 1.001),
+    "slowest sine": (lambda x: sine(0.1, x), 20.0, 0.0), "fastest sine": (lambda x: sine(0.1, x), FASTEST, 501.0),
+    "one of several sines": (lambda x: sine(0.1, np.array([20.0, x])), FASTEST, 501.0),
+    "infinite sine": (lambda x: sine(0.1, 50.0, x), 0.5, np.inf), "no cycles": (lambda x: sine(0.1, 50.0, x), 0.1, 0.0),
+    "no sines": (lambda x: sine(0.1, x), np.array([20.0]), np.array([])),
+    "sines in a table": (lambda x: sine(0.1, x), np.array([20.0]), np.array([[20.0]])),
+    "cycles of each sine": (lambda x: sine(0.1, np.array([20.0, 30.0]), x), np.array([3.0, 4.0]), np.array([3.0])),
+    "transient in cycles": (lambda x: sine(0.1, 20.0, settle=(x, 0.1)), 0.0, -1e-9),
+    "transient in seconds": (lambda x: sine(0.1, 20.0, settle=(1.0, x)), 0.0, -1e-9),
+    "sine from rest": (lambda x: sine_from_rest(0.1, x, 0.2), FASTEST, 501.0),
+    "hold of a stair": (lambda x: staircase([0.1, 0.2], [x, 0.1]), 0.0, -1e-9),
+    "stairs and holds": (lambda x: staircase([0.1, 0.2], x), [0.1, 0.1], [0.1]),
+    "rows of a column": (lambda x: Excitation("x", {"fin_command": np.zeros(x)}), 2, 1),
+    "rows of another": (lambda x: Excitation("x", {"fin_command": np.zeros(3), "aero_torque": np.zeros(x)}), 3, 4),
+    "step of rows": (lambda x: Excitation("x", {"fin_command": np.zeros(3)}, step=x), 1e-9, 0.0),
+    "least span": (lambda x: check_span("x", 0.5, x), 0.5, 0.0),
+    "span of most rows": (lambda x: check_span("x", 0.5, x), 0.5 * MOST, 0.5 * MOST + 0.5),
+    "whole steps up": (lambda x: check_span("x", 0.5, x), 1.0 + 4e-7, 1.0 + 6e-7),
+    "whole steps down": (lambda x: check_span("x", 0.5, x), 1.0 - 4e-7, 1.0 - 6e-7)}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_the_last_that_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(excitation, "MOST_POINTS", MOST)
+    call, accepted, refused = LIMITS[name]
+    call(accepted)
+    with pytest.raises(EmcasError):
+        call(refused)
+
+
+@pytest.mark.parametrize(("rows", "accepted"), [
+    ("0,1\n0.01,2", True), ("0,1\n0,2\n0.01,2", True), ("-1e-9,1\n0.01,2", False), ("0.01,1\n0.009,2\n0.02,2", False),
+    ("0,1\n0.01,nan", False), ("0,1\n0.01,inf", False), ("0,1\ninf,1", False), ("0,1\n0.01", False)])
+def test_times_of_a_file(rows: str, accepted: bool, tmp_path: Path) -> None:
+    path = tmp_path / "inputs.csv"
+    path.write_text(f"time,fin_command\n{rows}\n", encoding="utf-8")
+    if accepted:
+        assert csv_file(path).stop == pytest.approx(0.01)
+    else:
+        with pytest.raises(EmcasError):
+            csv_file(path)
+
+
+@pytest.mark.parametrize("holds", [[1, 1], [3, 1], [2, 0, 5], [1, 4, 1]])
+def test_each_row_of_a_staircase_has_the_level_of_its_time(holds: list[int]) -> None:
+    """The last level lasts to the last row, which is at its end, however short it is."""
+    levels = [0.1 * (k + 1) for k in range(len(holds))]
+    made = staircase(levels, [STEP * count for count in holds])
+    by_hand = [level for level, count in zip(levels, holds) for _ in range(count)]
+    assert made.command.tolist() == [*by_hand, levels[-1]]
+    assert made.begin == pytest.approx(STEP * sum(holds[:-1]))
+    assert made.judged(made.time).sum() == holds[-1] + 1
+
+
+@pytest.mark.parametrize("frequency", [2.0, 7.0, 8.0, 9.0, 40.0])
+def test_a_sine_lasts_its_transient_and_its_cycles(frequency: float) -> None:
+    """Unless it is told otherwise four cycles, and half a second at least; then six that are judged."""
+    made = sine(0.1, frequency)
+    assert made.stop == pytest.approx(max(4.0 / frequency, 0.5) + 6.0 / frequency, abs=0.51 * STEP)
+    assert made.stop - made.begin == pytest.approx(6.0 / frequency, rel=1e-9)
+
+
+def test_what_is_not_said_is_not_done() -> None:
+    """No load, no spring, no change of parameters; the rest before the motion is that of the reference cases."""
+    for made, begin in ((step_to(0.1, 0.2), LEAD_IN), (slew_to(0.1, 0.2), SETTLE), (sweep(0.1, 0.2), LEAD_IN)):
+        assert list(made.columns) == ["fin_command"]
+        assert (made.begin, made.step, made.spring, dict(made.start_values)) == (begin, STEP, 0.0, {})
+
+
+def test_worse_is_a_sign() -> None:
+    """Of a figure larger is worse, or smaller; by how much is not for `bad` to say."""
+    assert {abs(figure.bad) for figure in FIGURES.values()} == {1.0}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_test_without_settings(kind: str) -> None:
+    """It is at rest, unloaded, at the full supply; what it simulates is both directions of all that it commands."""
+    test = Test(kind)
+    assert (test.amplitude, test.torque, test.settle, test.supply) == (0.0, 0.0, SETTLE, 1.0)
+    assert "against" not in str(test)
+    assert "supply" not in str(test)
+    longer = Test(kind, duration=test.duration + 1.0, settle=test.settle + 1.0)
+    more = {"linear": 0.0, "sine": 0.0, "repeat": 6.0}.get(kind, 4.0)
+    assert longer.simulated - test.simulated == pytest.approx(more)
+    assert (test.simulated == 0.0) == (kind == "linear")
