@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,10 @@ from emcas_fmu.bench.excitation import (
 )
 from emcas_fmu.bench.measure import KINDS, Test
 from emcas_fmu.bench.metrics import FIGURES
+from emcas_fmu.bench.requirements import Requirement, load_requirements
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 
 FASTEST = 0.5 / STEP  # Hz, two rows a cycle
@@ -125,3 +129,68 @@ def test_a_test_without_settings(kind: str) -> None:
     more = {"linear": 0.0, "sine": 0.0, "repeat": 6.0}.get(kind, 4.0)
     assert longer.simulated - test.simulated == pytest.approx(more)
     assert (test.simulated == 0.0) == (kind == "linear")
+
+
+# A setting of a test in a file of requirements: least, most, and by how much beyond is refused.
+SETTINGS: dict[str, tuple[float, float, float, str]] = {
+    "duration": (0.3, 100.0, 1e-4, "s"), "settle": (STEP, 100.0, 1e-6, "s"), "supply": (0.1, 2.0, 1e-4, "")}
+NEEDED = {"amplitude": "amplitude = '5 deg'", "torque": "torque = '50 N.m'"}
+HAS = {"step": ("amplitude", "duration", "supply"), "slew": ("amplitude", "duration", "supply", "settle"),
+       "load": ("torque", "duration", "supply"), "release": ("torque", "duration", "supply", "settle"),
+       "sine": ("amplitude",), "linear": (), "repeat": ("amplitude", "torque", "duration")}
+
+
+def required(folder: Path, test: str, figure: str, limit: str = "maximum = 1") -> Requirement:
+    """Return a requirement as it is read from a file."""
+    path = folder / "mine.toml"
+    path.write_text(f"[[requirements]]\nname = 'x'\ntest = {{ {test} }}\nfigure = '{figure}'\n{limit}\n",
+                    encoding="utf-8")
+    (requirement,) = load_requirements(path, load_parameters()).requirements
+    return requirement
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_settings_of_a_file(kind: str, tmp_path: Path) -> None:
+    """Those that are not there are as of a test without them; the least and the most of each are accepted."""
+    needed = [NEEDED[name] for name in HAS[kind] if name in NEEDED]
+    unit = FIGURES[KINDS[kind][0]].unit
+    limit = f"maximum = '20 {unit}'"
+
+    def made(*settings: str) -> Test | None:
+        return required(tmp_path, ", ".join((f"kind = '{kind}'", *needed, *settings)), KINDS[kind][0], limit).test
+
+    plain = made()
+    given = {name: value for name, value in (("amplitude", radians(5.0)), ("torque", 50.0)) if NEEDED[name] in needed}
+    assert plain == Test(kind, **given)
+    for name in set(SETTINGS) & set(HAS[kind]):
+        least, most, beyond, suffix = SETTINGS[name]
+        for accepted in (least, most):
+            assert made(f"{name} = '{accepted!r} {suffix}'") == Test(kind, **given, **{name: accepted})
+        for refused in (least - beyond, most + beyond):
+            with pytest.raises(EmcasError, match=name):
+                made(f"{name} = '{refused!r} {suffix}'")
+
+
+def test_amplitudes_and_limits_of_a_file(tmp_path: Path) -> None:
+    """An amplitude is above zero and up to the command's limit, a torque not zero, a limit above zero."""
+    most = ParameterSubject(load_parameters()).command_limit
+    for setting, figure, limit in ((f"kind = 'step', amplitude = '{most!r} rad'", "rise_time", "1 s"),
+                                   ("kind = 'step', amplitude = '1e-6 rad'", "rise_time", "1e-9 s"),
+                                   ("kind = 'load', torque = '-1e-6 N.m'", "ripple", "1 deg")):
+        required(tmp_path, setting, figure, f"maximum = '{limit}'")
+    for setting, figure, limit in ((f"kind = 'step', amplitude = '{most * 1.00001!r} rad'", "rise_time", "1 s"),
+                                   ("kind = 'step', amplitude = '0 rad'", "rise_time", "1 s"),
+                                   ("kind = 'step', amplitude = '1 deg'", "rise_time", "0 s"),
+                                   ("kind = 'load', torque = '0 N.m'", "ripple", "1 deg")):
+        with pytest.raises(EmcasError):
+            required(tmp_path, setting, figure, f"maximum = '{limit}'")
+
+
+@pytest.mark.parametrize(("sense", "side"), [("maximum", 1.0), ("minimum", -1.0)])
+def test_equal_to_a_limit_is_kept(sense: str, side: float, tmp_path: Path) -> None:
+    """Compared in the unit that people read, with nine decimals: a conversion's rounding is no miss, more is one."""
+    r = required(tmp_path, "kind = 'step', amplitude = '5 deg'", "steady_error", f"{sense} = '0.3 deg'")
+    beyond = np.radians(side * np.array([0.0, 4e-10, 6e-10, 0.1]))
+    assert r.kept(radians(0.3) + beyond).tolist() == [True, True, False, False]
+    assert r.kept(radians(0.3) - beyond).all()
+    assert not r.kept(np.array([np.nan, np.inf, -np.inf])).any()
