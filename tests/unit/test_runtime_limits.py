@@ -1,0 +1,156 @@
+"""What the runtime accepts and refuses at its boundaries: stored states, times, sets of parameters; its progress."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.actuators import get
+from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.runtime import batch as batches
+from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime.compiled import parameter_row
+from emcas_fmu.runtime.core import LATEST
+
+MODELS = ("nonlinear", "second-order", "electrohydraulic")
+
+
+def at_rest(model: str, **changes: Any) -> tuple[Any, tuple[Any, ...], Mapping[str, Any]]:
+    """Return a core of a model, inputs at rest and the parameters."""
+    p = load_parameters(model=model).with_values(changes)
+    core = codegen.core(p.values, model)
+    row = [v.initial(p.values) for v in p.actuator.inputs]
+    return core, codegen.core_inputs(core, row, model), p.values
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_places_in_time_of_a_stored_state(model: str) -> None:
+    """A state is somewhere in the sample period in which it was stored, within the slack of communication points."""
+    core, inputs, _ = at_rest(model)
+    start, slack, period = core.state, core.slack, core.schedule[0]
+    fresh = codegen.core(load_parameters(model=model).values, model)
+
+    def said(now: float, periods: Any = 0, tick: Any = 0, **other: Any) -> str:
+        found: str = fresh.unsound((periods, tick, *start[2:7], other.get("part"), start[8]), now, inputs)
+        return found
+
+    now: float
+    periods: Any
+    for now, periods in ((0.0, 0), (-0.99 * slack, 0), (period + 0.99 * slack, 0), (period, 1), (7.0 * period, 7)):
+        assert said(now, periods) == ""
+    for now, periods in ((-1.01 * slack, 0), (period + 1.01 * slack, 0), (0.0, -1), (0.0, 1), (0.0, 0.0), (0.0, True)):
+        assert said(now, periods) == "place in time"
+    ticks = core.schedule[2]
+    assert [said(0.0, tick=k) for k in (-1, 0, ticks - 1, ticks, 0.0)] == [
+        "place in time", "", "", "place in time", "place in time"]
+    before, (h_before, h_after) = core.schedule[1], core.schedule[4:6]
+    nothing = (0.0,) * (core._supply - 1)
+    for tick, h in ((0, h_before if before else h_after), (ticks - 1, h_after)):
+        for origin, covered, sound in ((0.0, 0.0, True), (0.0, h, True), (h, h, True), (0.5 * h, 0.4 * h, False),
+                                       (-1e-9 * h, h, False), (0.0, 1.000001 * h, False)):
+            assert (said(0.0, tick=tick, part=(origin, covered, inputs, nothing)) == "") == sound
+    assert said(0.0, part=(0.0, 0.0, inputs, nothing[1:])) == "part of a tick"
+    assert fresh.unsound(start[:-1], 0.0, inputs) == fresh.unsound(list(start), 0.0, inputs) == "number of values"
+    for bad in (np.nan, np.inf, "0", None):
+        for place in (2, 3, 4, 5, 8):
+            if start[place]:
+                made = (*start[:place], (*start[place][:-1], bad), *start[place + 1:])
+                assert fresh.unsound(made, 0.0, inputs) == "a number is not finite"
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_state_stored_anywhere_goes_on(model: str) -> None:
+    """It is sound when it was stored, and from there all goes on to the bit, whatever was done in between."""
+    core, inputs, values = at_rest(model)
+    inputs, other = (0.1, *inputs[1:]), (-0.2, 30.0, *inputs[2:])
+    for now in (0.3e-3, 1.0e-3, 1.9e-3, 5.0e-3, 5.01e-3, 7.77e-3):
+        core.run(now, inputs)
+        stored = core.state
+        assert codegen.core(values, model).unsound(stored, now, inputs) == ""
+        ahead = core.run(now + 2.3e-3, inputs)
+        core.state = stored
+        elsewhere = core.run(now + 1.1e-3, other)
+        assert elsewhere != ahead
+        core.state = stored
+        assert core.run(now + 2.3e-3, inputs) == ahead
+        core.state = stored
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_state_of_several_fins(model: str) -> None:
+    values = load_parameters(model=model).values
+    supply = get(model).supply
+    line = () if supply is None else (0.02, 1e-3)
+    fins = codegen.multi_fin([values] * 2, line, model)
+    row = [v.initial(values) for v in get(model).inputs]
+    inputs = [codegen.core_inputs(core, row, model) for core in fins.cores]
+    of_line, instant, states = fins.state
+    assert fins.unsound(fins.state, 0.0, inputs[0]) == ""
+    for made, said in (((of_line, instant), "number of values"), ([of_line, instant, states], "number of values"),
+                       ((of_line, instant, states[:1]), "number of fins"),
+                       ((of_line, instant, (states[0], states[1][:-1])), "number of values"),
+                       ((np.nan, instant, states), "state of the supply's line"),
+                       ((of_line, 0, states), "place in time of the supply's line"),
+                       ((of_line, 1.0, states), "place in time of the supply's line")):
+        assert fins.unsound(made, 0.0, inputs[0]) == said
+    if line:  # the next instant is at most an interval ahead, and never behind
+        period = fins.cores[0].schedule[0]
+        for now, at, sound in ((0.0, 1, True), (0.0, 2, False), (0.5 * period, 1, period <= 2e-3)):
+            there = tuple(core.state for core in fins.cores)
+            assert (fins.unsound((of_line, at, there), now, inputs[0]) == "") == sound
+    assert fins.slack == min(core.slack for core in fins.cores)
+
+
+def test_of_several_fins_the_finest_counts() -> None:
+    """Slack and latest time are those of the fin with the shortest tick, wherever it is among them."""
+    coarse = load_parameters()
+    fine = coarse.with_values({"solver.max_tick": 0.4 * coarse.values["solver.max_tick"]})
+    alone = [codegen.core(p.values) for p in (coarse, fine)]
+    assert alone[1].latest < alone[0].latest
+    for core in alone:
+        assert core.latest == LATEST * min(core.schedule[4], core.schedule[5])
+        assert core.slack <= 0.25 * min(core.schedule[4], core.schedule[5])
+    for sets in ((coarse, fine), (fine, coarse)):
+        fins = codegen.multi_fin([p.values for p in sets], (0.0, 1e-4))
+        assert (fins.slack, fins.latest) == (min(c.slack for c in alone), alone[1].latest)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("lanes", [1, 4])
+@pytest.mark.parametrize("place", [0, 3, 4, 10])
+def test_the_actuator_that_is_refused_is_named(place: int, lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its value, at the beginning, on either side of an edge of what is prepared at a time, and at the end."""
+    monkeypatch.setattr(batches, "_CHUNK", 4)
+    p = load_parameters(model="second-order")
+    names = [v.name for v in p.actuator.parameters]
+    sets = np.tile(parameter_row(p.values, "second-order"), (11, 1))
+    sets[:, names.index("fin.stop_angle")] += np.arange(11) * 1e-3
+    sets[place, names.index("controller.sample_time")] = -7.0 - place
+    with pytest.raises(ParameterError, match=rf"actuator {place}: controller\.sample_time = -{7 + place}\b"):
+        batches.Batch(sets, 11, "second-order", lanes=lanes)
+    with pytest.raises(ParameterError, match=rf"actuator 0: controller\.sample_time = -{7 + place}\b"):
+        batches.Batch(sets[place:place + 1], 5, "second-order", lanes=lanes)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("lanes", [1, 4])
+@pytest.mark.parametrize("count", [1, 7, 64])
+def test_progress_rises_to_its_total(count: int, lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batches, "_CHUNK", 16)
+    p = load_parameters(model="second-order")
+    sets = np.tile(parameter_row(p.values, "second-order"), (count, 1))
+    sets[:, [v.name for v in p.actuator.parameters].index("fin.stop_angle")] += np.arange(count) * 1e-3
+    told: list[tuple[str, int, int]] = []
+    made = batches.Batch(sets, count, "second-order", progress=lambda *of: told.append(of), lanes=lanes)
+    prepared, told = told, []
+    made.run(2e-3, lambda *of: told.append(of))
+    for said in (prepared, told):
+        steps, totals = [done for _, done, _ in said], {total for *_, total in said}
+        assert len(totals) == 1
+        assert min(steps) > 0
+        assert steps == sorted(steps)
+        assert steps[-1] == max(totals)
+    assert made.moved
