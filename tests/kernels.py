@@ -49,7 +49,7 @@ def program(model: str) -> str:
         tracer.function(f"supply_rule_{number}", ("share",), partial(rule.check, tracer, p))
     tracer.function("plant", (), lambda: _numbers(actuator.plant_parameters(tracer, p)))
     if actuator.derivatives is not None:
-        names = list(dict.fromkeys(name for name, arguments, _ in actuator.functions for name in arguments))
+        names = list(dict.fromkeys(name for _, arguments, _ in codegen.functions(actuator) for name in arguments))
 
         def rates(*values: Value) -> tuple[Value, ...]:
             named = dict(zip(names, values, strict=True))

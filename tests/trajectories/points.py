@@ -12,7 +12,8 @@ from math import asinh, isfinite
 from typing import Any
 
 from emcas_fmu.actuators import get
-from emcas_fmu.actuators.declaration import Actuator, identifier
+from emcas_fmu.actuators.declaration import Actuator
+from emcas_fmu.actuators.positional import identifier
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterSet, load_parameters
