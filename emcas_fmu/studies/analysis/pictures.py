@@ -56,9 +56,9 @@ def bode(analysis: Analysis) -> Drawing:
     figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(
         2, 2, height=2.4, sharex=True, x="frequency [Hz]", y=("gain [dB]", "phase [deg]"))
 
-    def draw(response: FrequencyResponse, axes: tuple[Axes, Axes] = (gain, phase), scale: float = 1.0, **look: Any
-             ) -> None:
-        shown = (response.frequency >= _SHOWN[0]) & (response.frequency <= _SHOWN[1])
+    def draw(response: FrequencyResponse, axes: tuple[Axes, Axes] = (gain, phase), scale: float = 1.0,
+             rows: Any = True, **look: Any) -> None:
+        shown = (response.frequency >= _SHOWN[0]) & (response.frequency <= _SHOWN[1]) & rows
         axes[0].semilogx(response.frequency[shown], 20.0 * np.log10(scale) + response.gain_db[shown], **look)
         axes[1].semilogx(response.frequency[shown], np.degrees(response.phase[shown]), **look)
 
@@ -71,10 +71,8 @@ def bode(analysis: Analysis) -> Drawing:
     chosen = [(s, rows) for s, rows in zip(analysis.sweeps, shared(analysis.sweeps), strict=True)
               if degrees(s.amplitude) > 0.9]
     for (sweep, rows), color in zip(chosen[:5:2], (plots.GREEN, plots.ORANGE, plots.PURPLE), strict=False):
-        r = sweep.response
-        draw(FrequencyResponse(r.frequency[rows], r.gain[rows], r.phase[rows], r.coherence[rows]), color=color,
-             linestyle="none", marker="o", markersize=2.6, markerfacecolor="none",
-             label=f"simulated, {degrees(sweep.amplitude):.3g} deg")
+        draw(sweep.response, rows=rows, color=color, linestyle="none", marker="o", markersize=2.6,
+             markerfacecolor="none", label=f"simulated, {degrees(sweep.amplitude):.3g} deg")
     plots.limits(gain, -3.0)
     plots.limits(phase, -90.0)
     gain.set(title="fin angle over command", ylim=(-40, 6))

@@ -73,7 +73,7 @@ class Control {
 
     /** Moves the slider to a value; hides it if it has no range. */
     slideTo(value, text) {
-        this.range ??= this.over(this.start);
+        this.range ??= sliderRange({...this.control, value: this.start});
         this.slide.hidden = !this.range;
         if (!this.range) return;
         const ends = this.range.map(limit => limit / this.factor);
@@ -84,14 +84,10 @@ class Control {
         this.ends.forEach((end, k) => { end.textContent = shownNumber(ends[k]); });
     }
 
-    over(value) {
-        return sliderRange({...this.control, value});
-    }
-
     /** Widens the slider's range to an accepted value. */
     widen(setting) {
         if (!this.slider) return;
-        const value = setting.get(this.control.name), range = this.range ?? this.over(value);
+        const value = setting.get(this.control.name), range = this.range ?? sliderRange({...this.control, value});
         if (!range || this.range && value >= range[0] && value <= range[1]) return;
         this.range = [Math.min(range[0], value), Math.max(range[1], value)];
         this.show(setting);

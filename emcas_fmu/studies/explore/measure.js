@@ -69,9 +69,9 @@ const LEVELS = {bandwidth_3db: response => Math.hypot(...response) - 10 ** (-3 /
 
 /** The frequencies [Hz] at which gain or lag cross their levels, by bisection; none if a response is not a sine. */
 async function bandwidths(figures, at) {
-    const found = [];
-    for (const name of figures) found.push([name, await crossed(LEVELS[name], at)]);
-    return Object.fromEntries(found.filter(([, value]) => !Number.isNaN(value)));
+    const crossings = [];
+    for (const name of figures) crossings.push([name, await crossed(LEVELS[name], at)]);
+    return Object.fromEntries(crossings.filter(([, value]) => !Number.isNaN(value)));
 }
 
 /** The frequency [Hz] at which a level, positive at low frequency, first falls to zero; otherwise the highest of the grid.
@@ -97,7 +97,7 @@ async function crossed(level, at) {
 
 /** The frequency response as far as it is a sine: frequency [Hz], gain [dB], unwrapped phase [rad], bandwidths [Hz]. */
 async function frequencyResponse(amplitude, load, respond) {
-    const {known, at} = sines(amplitude, load, respond), found = await bandwidths(Object.keys(LEVELS), at);
+    const {known, at} = sines(amplitude, load, respond), levels = await bandwidths(Object.keys(LEVELS), at);
     for (const [k, frequency] of DATA.constants.GRID.entries()) {
         if (k) await at(Math.sqrt(frequency * DATA.constants.GRID[k - 1]));
         await at(frequency);
@@ -105,7 +105,7 @@ async function frequencyResponse(amplitude, load, respond) {
     const pure = [...known].filter(([, [real]]) => !Number.isNaN(real)).sort(([f], [g]) => f - g);
     const phase = pure.map(([, [real, imaginary]]) => Math.atan2(imaginary, real)), turn = 2 * Math.PI;
     phase.forEach((_, i) => { phase[i] -= turn * Math.round((phase[i] - (i ? phase[i - 1] : 0)) / turn); });
-    return {frequency: pure.map(([f]) => f), gain: pure.map(([, h]) => 20 * Math.log10(Math.hypot(...h))), phase, ...found};
+    return {frequency: pure.map(([f]) => f), gain: pure.map(([, h]) => 20 * Math.log10(Math.hypot(...h))), phase, ...levels};
 }
 
 /** The measured value of a requirement [its unit], its worst case, and whether it is met. `measured` has for each test

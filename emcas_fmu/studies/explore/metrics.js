@@ -16,19 +16,14 @@ function crossing(time, values, level) {
     return time[k - 1] + (level - values[k - 1]) / (values[k] - values[k - 1]) * (time[k] - time[k - 1]);
 }
 
-/** The time [s] from the first row after which `distance` stays within `band`; Infinity if it ends outside. */
-function settling(time, distance, band) {
-    const k = lastIndex(distance, value => !(value <= band));
-    if (k < 0) return 0;
-    if (k === time.length - 1) return Infinity;
-    const inside = (distance[k] - band) / (distance[k] - distance[k + 1]);
-    return time[k] - time[0] + inside * (time[k + 1] - time[k]);
-}
-
-/** The same; Infinity if it is within the last third. */
+/** The time [s] from the first row after which `distance` stays within `band`; Infinity if this is in the last third. */
 function settled(time, distance, band) {
-    const after = settling(time, distance, band), span = time[time.length - 1] - time[0];
-    return after > (1 - DATA.constants.HELD) * span ? Infinity : after;
+    const last = time.length - 1, k = lastIndex(distance, value => !(value <= band));
+    if (k < 0) return 0;
+    if (k === last) return Infinity;
+    const inside = (distance[k] - band) / (distance[k] - distance[k + 1]);
+    const after = time[k] - time[0] + inside * (time[k + 1] - time[k]);
+    return after > (1 - DATA.constants.HELD) * (time[last] - time[0]) ? Infinity : after;
 }
 
 /** The rows from `start` to `end` [s], to within a nanosecond. */
@@ -39,6 +34,7 @@ function between(start, end, time, ...columns) {
 
 const mean = values => values.reduce((sum, x) => sum + x, 0) / values.length;
 const largest = values => values.reduce((most, x) => Math.max(most, x), -Infinity);
+const smallest = values => values.reduce((least, x) => Math.min(least, x), Infinity);
 const magnitude = values => values.reduce((most, x) => Math.max(most, Math.abs(x)), 0);
 const degrees = angle => angle * 180 / Math.PI;
 const rms = values => Math.sqrt(mean(values.map(x => x * x)));
@@ -50,8 +46,8 @@ function holdFigures(time, response, command) {
     return {
         time_to_accuracy: settled(time, error.map(Math.abs), DATA.constants.ACCURACY),
         steady_error: mean(lastThird(time, error)), held_error: largest(held),
-        held_angle: -largest(angles.map(angle => -Math.abs(angle))),
-        ripple: largest(angles) + largest(angles.map(x => -x)),
+        held_angle: smallest(angles.map(Math.abs)),
+        ripple: largest(angles) - smallest(angles),
     };
 }
 
@@ -111,7 +107,7 @@ function usage({excitation: {time: rows}, outputs: whole}, begin = 0) {
             (Math.max(sign * power[k], 0) + Math.max(sign * power[k - 1], 0)) / 2 * (t - time[k - 1]), 0);
         Object.assign(figures, {
             peak_power: Math.max(largest(power), 0), energy_drawn: energy(1), energy_returned: energy(-1),
-            peak_returned_power: Math.max(largest(power.map(x => -x)), 0)});
+            peak_returned_power: Math.max(-smallest(power), 0)});
     }
     return figures;
 }

@@ -118,7 +118,7 @@ class Page {
         for (const name of ["parameters", "inputs", "response"]) $(`save-${name}`).disabled = problems.length > 0;
         if (problems.length) return;
         for (const control of this.controls) control.widen(this.live.setting);
-        this.drawTimes();
+        DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
         drawFigures($("figures"), this.cases);
         document.body.classList.add("waiting");
         this.resting = setTimeout(() => this.rest(), REST);
@@ -175,10 +175,6 @@ class Page {
         return this.kept?.run ? [["A", this.kept], ...shown] : shown;
     }
 
-    drawTimes() {
-        DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
-    }
-
     /** Writes the settings to the page's address; browsers limit how often. */
     writeLink() {
         const {live, kept} = this;
@@ -231,7 +227,7 @@ class Page {
         DATA.panels.forEach((panel, k) => this.plots[k].describe(panel.names.map(name => {
             const column = this.live.run.outputs[name], [unit, factor] = panel.shown;
             if (named(panel)) return `${words(name)} at the end ${named(panel)(column[column.length - 1])}`;
-            const [least, most, last] = [-largest(column.map(x => -x)), largest(column), column[column.length - 1]];
+            const [least, most, last] = [smallest(column), largest(column), column[column.length - 1]];
             return `${words(name)} from ${shownNumber(least / factor)} to ${shownNumber(most / factor)} ${unit}, ` +
                 `at the end ${shownNumber(last / factor)} ${unit}`;
         }).join("; ")));

@@ -7,7 +7,8 @@ const COLORS = Array.from({length: 6}, (_, k) => color(`--curve-${k}`));
 const FONT = "12px system-ui, sans-serif";
 
 function axis(label, size) {
-    return {label, size, values: (_, at) => at.map(x => x === null ? "" : general(x, 6).replace("-", "−")), stroke: ink, font: FONT, labelFont: FONT, labelSize: 18, labelGap: 0,
+    return {label, size, stroke: ink, font: FONT, labelFont: FONT, labelSize: 18, labelGap: 0,
+        values: (_, at) => at.map(x => x === null ? "" : general(x, 6).replace("-", "−")),
         grid: {stroke: faint, width: 1}, ticks: {stroke: faint, width: 1, size: 4}};
 }
 
