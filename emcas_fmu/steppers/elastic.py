@@ -20,14 +20,13 @@ from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
 from . import current_loop
 from .electrical import Drive, Plant, electrical_mode, resolved, switched
-from .events import PROGRESS, corrected, first_lost
+from .events import PROGRESS, Values, first_event
 from .rigid import stops
 
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
 # of its angle. Meanwhile the flank pulls, and takes energy.
 _LEAVING = 1e-3
 _LEAST_LOCKING = 1e-12  # of -e, where a screw does not lock: no bound
-_CONTACT, _ROTOR, _FIN, _UPPER, _LOWER = 0, 2, 3, 4, 5  # places of the margins that are more than an instant
 
 
 class Pair(NamedTuple):
@@ -217,23 +216,23 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     return end, given + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.speed) / h - body_force(), way
 
 
-def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> tuple[Value, ...]:
-    """Return the margins that are above zero until the mode that held at `start` ends."""
+def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> Values:
+    """Return the event margins by name, above 0 until the mode that held at `start` ends."""
     deflection = s.angle - s.fin_angle
     side = ops.where(mode.flank > 0.0, 1.0, -1.0)
     pressure = side * drive_line.torque(c, deflection, s.speed - s.fin_speed, mode.flank) - drive_line.least(c)
     low_stop, high_stop = stops(ops, p)
     voltage = 1.0 if _ideal(p) else current_loop.reserve(ops, p, mode.drive, s.speed, s.current, s.integral)
     dry = mechanics.hinge_friction(p).dry > 0.0
-    return (
-        ops.where(c.loose, ops.where(mode.pressed, pressure, c.half_gap - deflection), 1.0),
-        ops.where(ops.either(mode.pressed, ops.negate(c.loose)), 1.0, c.half_gap + deflection),
-        ops.where(start.speed > 0.0, s.speed, -s.speed),
-        ops.where(dry, ops.where(start.fin_speed > 0.0, s.fin_speed, -s.fin_speed), 1.0),
-        high_stop - s.fin_angle,
-        s.fin_angle - low_stop,
-        voltage,
-    )
+    return {
+        "contact": ops.where(c.loose, ops.where(mode.pressed, pressure, c.half_gap - deflection), 1.0),
+        "other flank": ops.where(ops.either(mode.pressed, ops.negate(c.loose)), 1.0, c.half_gap + deflection),
+        "rotor": ops.where(start.speed > 0.0, s.speed, -s.speed),
+        "fin": ops.where(dry, ops.where(start.fin_speed > 0.0, s.fin_speed, -s.fin_speed), 1.0),
+        "upper stop": high_stop - s.fin_angle,
+        "lower stop": s.fin_angle - low_stop,
+        "voltage": voltage,
+    }
 
 
 def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Value) -> _Mode:
@@ -270,28 +269,23 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
-    def lost(i: int) -> Value:
-        # At a stop the fin may only leave it; any other margin that was lost before is no event.
-        outward = (whole.fin_angle - s.fin_angle) * (1.0 if i == _UPPER else -1.0) > 0.0
-        return ops.both(after[i] <= 0.0, outward if i in (_UPPER, _LOWER) else before[i] > 0.0)
+    # At a stop the fin may only leave it; any other margin that was lost before is no event.
+    outward = {"upper stop": whole.fin_angle > s.fin_angle, "lower stop": whole.fin_angle < s.fin_angle}
+    lost = {name: ops.both(after[name] <= 0.0, outward.get(name, y > 0.0)) for name, y in before.items()}
 
-    gone = tuple(map(lost, range(len(before))))
-    first = first_lost(ops, h, before, after, gone)
-    place = first.place
+    def margins(time: Value) -> Values:
+        return _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, time), mode)
 
     def to_event() -> tuple[Value, ...]:
-        least = h * ops.where(ops.both(mode.pressed, ops.equal(place, float(_CONTACT))), _LEAVING, PROGRESS)
-        guess = ops.maximum(first.time, least)
-        margins = _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, guess), mode)
-        better, _ = corrected(ops, h, first, guess, margins)
-        used = ops.clip(better, least, h)
+        leaving = ops.where(mode.pressed, _LEAVING, PROGRESS)
+        used, happens, *_ = first_event(ops, h, before, after, lost, margins, {"contact": leaving})
         part = _advanced(ops, p, c, s, acting, mode, used)
-        upper, lower = ops.equal(place, float(_UPPER)), ops.equal(place, float(_LOWER))
+        upper, lower = happens["upper stop"], happens["lower stop"]
         low_stop, high_stop = stops(ops, p)
-        fin_stops = ops.either(ops.equal(place, float(_FIN)), ops.either(upper, lower))
-        return (part.angle, ops.where(ops.equal(place, float(_ROTOR)), 0.0, part.speed), part.current, part.integral,
+        fin_stops = ops.either(happens["fin"], ops.either(upper, lower))
+        return (part.angle, ops.where(happens["rotor"], 0.0, part.speed), part.current, part.integral,
                 ops.where(upper, high_stop, ops.where(lower, low_stop, part.fin_angle)),
                 ops.where(fin_stops, 0.0, part.fin_speed), used)
 
-    *state, used = ops.branch(reduce(ops.either, gone), to_event, lambda: (*whole, h), rare=True)
+    *state, used = ops.branch(reduce(ops.either, lost.values()), to_event, lambda: (*whole, h), rare=True)
     return Pair(*state), used
