@@ -1,4 +1,4 @@
-"""What an operations namespace offers."""
+"""The operations that physics is written in."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Thunk = Callable[[], tuple[Value, ...]]
 
 
 class Ops(Protocol):
-    """Operations beside ``+ - * /`` and ``< <= > >=``, which values bring themselves.
+    """Operations in addition to ``+ - * /`` and ``< <= > >=``, which the values have.
 
     Conditions are bool, boolean arrays or symbols; they are joined by `both`,
     `either` and `negate` because ``and``, ``or`` and ``not`` cannot be traced.
@@ -25,7 +25,7 @@ class Ops(Protocol):
     def sqrt(self, x: Value) -> Value: ...
     def fabs(self, x: Value) -> Value: ...
     def floor(self, x: Value) -> Value:
-        """Return largest whole number not above x, as a float."""
+        """Return the largest whole number not above x, as a float."""
         ...
 
     def minimum(self, a: Value, b: Value) -> Value: ...
@@ -40,9 +40,9 @@ class Ops(Protocol):
         ...
 
     def branch(self, condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
-        """Return several values at once from one of two thunks; a condition that is `rare` hardly ever holds.
+        """Return several values from one of two functions; a `rare` condition hardly ever holds.
 
-        Floats and traced source evaluate only the branch taken; arrays and
-        symbols evaluate both, so neither may fail where it is not taken.
+        Floats and traced source evaluate only the chosen branch; arrays and symbols evaluate both, so neither may
+        fail where it is not chosen.
         """
         ...

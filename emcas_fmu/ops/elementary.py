@@ -1,15 +1,14 @@
-"""Elementary functions made of the four operations: the same bits on every platform, in every language and in vectors.
+"""Elementary functions from the four operations: the same bits on every platform, in every language and in vectors.
 
-A C library's functions differ from one to the next in their last digits. These are written once, over `ops`: floats
-evaluate them, :mod:`emcas_fmu.trace.elementary` traces each once, and the printers print it as a function of the
-language. The order of operations is the order written; short chains (Estrin's) beside each other are quicker than
-one long one (Horner's).
+The functions of C libraries differ in their last digits. These are written once, over `ops`: floats evaluate them,
+:mod:`emcas_fmu.trace.elementary` traces each once, and the printers print it as a function of the language. Operations
+are in the order written; short parallel chains (Estrin's scheme) are faster than one long chain (Horner's).
 
-Coefficients interpolate at Chebyshev's nodes, computed with 50 digits; what a polynomial leaves out is below 2e-17 of
-the function. Beside it every function has the rounding of its last operations, 1/2 ulp each, of which those that act
-on a smaller part count less: that is where the bounds in the docstrings are from. Tests compare with 45 digits.
+Coefficients interpolate at Chebyshev nodes, computed with 50 digits; the truncation error of a polynomial is below
+2e-17 of the function. In addition every function has the rounding of its last operations, 1/2 ulp each, less for those
+that act on a smaller part: hence the bounds in the docstrings. Tests compare with 45 digits.
 
-Nothing that is not chosen divides by zero or is invalid: hosts run with traps. NaN gives NaN.
+No branch divides by zero or is invalid where it is not chosen, since hosts run with traps. NaN gives NaN.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ NAMES = ("exp", "log", "sin", "cos", "tan", "atan")
 
 
 class Bits(Ops, Protocol):
-    """Operations, and two more on the bits of a number."""
+    """Operations, and two more on the exponent of a number."""
 
     def power_of_two(self, k: Value) -> Value:
         """Return 2**k of a whole number from -1022 to 1023."""
@@ -35,7 +34,7 @@ class Bits(Ops, Protocol):
         ...
 
 
-# Added and taken off again, it rounds a number below 2**51 to a whole one, as numbers so large have no fraction.
+# Added and subtracted again, it rounds a number below 2**51 to a whole one, since numbers so large have no fraction.
 _WHOLE = 1.5 * 2.0**52
 
 # The high part of ln 2 has 32 bits, those of pi/2 have 33: times a whole number below 2**20 they are exact.
@@ -66,19 +65,19 @@ _ATAN = (-0.3333333333333333, 0.1999999999999552, -0.14285714284666542, 0.111111
          0.07692183190826087, -0.06664511447381948, 0.0585814891280221, -0.0508544973794026, 0.03923165829558719,
          -0.019176887119062257)
 _TAN_PI_8, _TAN_3_PI_8 = float.fromhex("0x1.a827999fcef32p-2"), float.fromhex("0x1.3504f333f9de6p+1")
-# pi/4 and pi/2, and what these leave out
+# pi/4 and pi/2, and the rest of each
 _PI_4, _PI_2 = ((float.fromhex(f"0x1.921fb54442d18p{e}"), float.fromhex(f"0x1.1a62633145c07p{e - 54}"))
                 for e in (-1, 0))
 
 # exp is 0 below: half a percent above where numbers lose digits. The largest has the logarithm 709.78.
 _LEAST_EXPONENT, _MOST_EXPONENT = -708.0, 709.8
-# log takes less as so much more: 2**-1000.
+# Arguments of log below 2**-1000 are scaled.
 _SMALL, _LARGER = 2.0**-1000, 2.0**100
 _LARGEST = float.fromhex("0x1.fffffffffffffp+1023")
 
 
 def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
-    """Return a polynomial, that of x^0 first, by Estrin's scheme: neighbours in pairs, then pairs of pairs."""
+    """Return a polynomial, constant coefficient first, by Estrin's scheme: neighbours in pairs, then pairs of pairs."""
     terms: list[Value] = list(coefficients)
     while len(terms) > 1:
         pairs = [low + high * x for low, high in zip(terms[::2], terms[1::2], strict=False)]
@@ -88,7 +87,7 @@ def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
 
 
 def exp(ops: Bits, x: Value) -> Value:
-    """Return e^x: 0 below -708, infinity where that is beyond the largest number; within 1.1 ulp.
+    """Return e^x within 1.1 ulp: 0 below -708, infinity beyond the largest number.
 
     x = k ln 2 + r, e^x = 2^k e^r. The sum's last addition rounds by 1/2 ulp, that of r and what follows (less than
     0.36) by 1/4 ulp of a result above 0.7, as does r.
@@ -96,7 +95,7 @@ def exp(ops: Bits, x: Value) -> Value:
     inside = ops.clip(x, _LEAST_EXPONENT, _MOST_EXPONENT)
     k = inside * _INVERSE_LN2 + _WHOLE - _WHOLE
     r = inside - k * _LN2[0] - k * _LN2[1]
-    # Twice e^r and half the power of two, which is then one of those there are, up to the largest results.
+    # Twice e^r and half the power of two, so that the power exists up to the largest results.
     twice = 2.0 + (2.0 * r + r * r * polynomial(r, [2.0 * c for c in _EXP]))
     return ops.where(x < _LEAST_EXPONENT, 0.0, twice * ops.power_of_two(k - 1.0))
 
@@ -105,7 +104,7 @@ def log(ops: Bits, x: Value) -> Value:
     """Return the natural logarithm: -infinity of 0, NaN of what is negative; within 1 ulp.
 
     x = 2^e (1 + f) with 1 + f from 1/sqrt(2) to sqrt(2), log(1 + f) = 2 atanh(s) of s = f/(2 + f). As in Sun's
-    fdlibm the largest part of that, f, is taken last: log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).
+    fdlibm the largest part of that, f, is added last: log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).
     """
     ordinary = ops.where(ops.both(x > 0.0, x <= _LARGEST), x, 1.0)
     small = ordinary < _SMALL
@@ -126,8 +125,8 @@ def log(ops: Bits, x: Value) -> Value:
 def _reduced(ops: Bits, x: Value) -> tuple[Value, Value]:
     """Return k and r of x = k pi/2 + r.
 
-    The first difference is exact, the other two round by 1/2 ulp of r each. What pi/2 leaves out, and the rounding of
-    k times its last part, is at most 1e-32 |x| while k is below 2^20. Beyond, r is off by more and more, and at last
+    The first difference is exact, the other two round by 1/2 ulp of r each. The truncation of pi/2 and the rounding of
+    k times its last part are at most 1e-32 |x| while k is below 2^20. Beyond, the error of r grows until r is
     arbitrary; the limit keeps sine and cosine within 1.
     """
     k = x * _TWO_OVER_PI + _WHOLE - _WHOLE
@@ -136,7 +135,7 @@ def _reduced(ops: Bits, x: Value) -> tuple[Value, Value]:
 
 
 def _sine(ops: Bits, x: Value, turned: float) -> Value:
-    """Return the sine of an angle so many quarters of a turn beyond x; of an angle within pi/4 nothing is reduced."""
+    """Return the sine of x plus `turned` quarters of a turn; an angle within pi/4 is not reduced."""
     def reduced() -> tuple[Value, ...]:
         k, r = _reduced(ops, x)
         quarters = k + turned if turned else k

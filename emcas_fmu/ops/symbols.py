@@ -54,16 +54,16 @@ SYMBOLS = SymbolOps()
 class Linearised:
     """A function of `size` expressions with its exact Jacobian, by algorithmic differentiation of its operations.
 
-    `parameters` are symbols that are in it besides; `varies` says whether anything depends on them.
+    `parameters` are further symbols in it; `varies` says whether values or slopes depend on them.
     """
 
     def __init__(self, function: Callable[..., Sequence[Value]], size: int, parameters: Any = None) -> None:
-        given = ca.SX(0, 1) if parameters is None else parameters
+        symbols = ca.SX(0, 1) if parameters is None else parameters
         x = ca.SX.sym("x", size)
         y = ca.vertcat(*function(*ca.vertsplit(x)))
         slopes = ca.jacobian(y, x)
-        self.varies = bool(ca.depends_on(ca.veccat(y, slopes), given))
-        self._both = ca.Function("function", [x, given], [y, slopes])
+        self.varies = bool(ca.depends_on(ca.veccat(y, slopes), symbols))
+        self._both = ca.Function("function", [x, symbols], [y, slopes])
 
     def __call__(self, point: Sequence[float], parameters: Sequence[float] = ()) -> tuple[Any, Any]:
         """Return values [m] and Jacobian [m, n] at a point [n], as NumPy arrays."""

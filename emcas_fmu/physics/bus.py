@@ -3,10 +3,10 @@
     V = max(V_source - s, V_0)        I = sum P_i / V        s -> R I
 
 V is the voltage at the drives, s the sag. It follows the current at instants h apart; in between it is held.
-A drive at its voltage limit raises its current by about dV h/L in that time, so the new sag is taken where that
-line meets R I (one step of Newton's method): without, the sag would overshoot where R h/L is not small.
-V_0 is a millivolt, or what less the source has: drives on a collapsed bus still switch their motors' currents
-onto it, and I has a limit there which P/V keeps as long as V is not zero.
+A drive at its voltage limit raises its current by about dV h/L in that time, so the new sag is where that line meets
+R I (one step of Newton's method): otherwise the sag would overshoot where R h/L is not small. V_0 is a millivolt, or
+the source's voltage if that is less: drives on a collapsed bus still switch their motors' currents onto it, and P/V
+limits I as long as V is not zero.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ LEAST = 1e-3  # V
 
 
 def voltage(ops: Ops, source: Value, sag: Value) -> Value:
-    """Return voltage at the drives [V]; the source's own where there is no sag."""
+    """Return the voltage at the drives [V]; the source's without a sag."""
     return ops.maximum(source - sag, ops.clip(source, 0.0, LEAST))
 
 
-def next_sag(ops: Ops, resistance: Value, sag: Value, drawn: Value, admittance: Value) -> Value:
-    """Return sag [V] from an instant of the bus on; `admittance` is sum h/L_i [1/Ohm]."""
-    return sag + (resistance * drawn - sag) / (1.0 + resistance * admittance)
+def next_sag(ops: Ops, resistance: Value, sag: Value, current: Value, admittance: Value) -> Value:
+    """Return the sag [V] after an instant of the bus, under a supply current [A]; `admittance` is sum h/L_i [1/Ohm]."""
+    return sag + (resistance * current - sag) / (1.0 + resistance * admittance)

@@ -24,20 +24,20 @@ _BAND = 1e-9  # of a limit, within which a demand that comes from beyond counts 
 
 
 class Coil(NamedTuple):
-    """A coil in a mode: the current asked for [A], its amplifier's gain K_p [V/A], the limit at which that stands (1:
-    the supply's, -1: the suppressor's, 0: none), the supply [V]."""
+    """A coil in a mode: current reference [A], gain K_p of its amplifier [V/A], the limit that its voltage is on (1:
+    the supply's, -1: the suppressor's, 0: none), and the supply [V]."""
 
-    asked: Value
+    reference: Value
     gain: Value
     side: Value
     supply: Value
 
     def demand(self, p: Any, current: Value) -> Value:
-        """Return the voltage [V] that brings the current [A] to the one asked for, before its limits."""
-        return p.coil.resistance * self.asked + self.gain * (self.asked - current)
+        """Return the amplifier's voltage [V] at a current [A], before its limits."""
+        return p.coil.resistance * self.reference + self.gain * (self.reference - current)
 
     def voltage(self, ops: Ops, p: Any, current: Value) -> Value:
-        """Return the voltage [V] on it."""
+        """Return the voltage [V] on the coil."""
         at_limit = ops.where(self.side > 0.0, self.supply, -p.coil.suppression_voltage)
         return ops.where(ops.equal(self.side, 0.0), self.demand(p, current), at_limit)
 
@@ -46,20 +46,20 @@ class Coil(NamedTuple):
         return (self.voltage(ops, p, current) - p.coil.resistance * current) / p.coil.inductance
 
     def drawn(self, ops: Ops, p: Any, current: Value) -> Value:
-        """Return the power [W] that its amplifier draws; below 0 V the suppressor takes the coil's."""
+        """Return the power [W] that the amplifier draws from the supply; below 0 V the suppressor absorbs it."""
         return ops.maximum(self.voltage(ops, p, current), 0.0) * current
 
     def margin(self, ops: Ops, p: Any, current: Value) -> Value:
-        """Return what is above 0 [V] until the demand meets its limit, or leaves it."""
+        """Return the event margin [V] of the demand: its distance to the limits, or beyond the limit that it is on."""
         clamp, demand = p.coil.suppression_voltage, self.demand(p, current)
         beyond = ops.where(self.side > 0.0, demand - self.supply, -clamp - demand)
         return ops.where(ops.equal(self.side, 0.0), ops.minimum(self.supply - demand, demand + clamp), beyond)
 
 
-def coil(ops: Ops, p: Any, asked: Value, gain: Value, current: Value, supply: Value) -> Coil:
-    """Return a coil of a current [A] in its mode, at a supply [V]."""
+def coil(ops: Ops, p: Any, reference: Value, gain: Value, current: Value, supply: Value) -> Coil:
+    """Return a coil with a current reference and a current [A] in its mode, at a supply [V]."""
     supply = ops.maximum(supply, 0.0)
-    free = Coil(asked, gain, 0.0, supply)
+    free = Coil(reference, gain, 0.0, supply)
     demand, clamp = free.demand(p, current), p.coil.suppression_voltage
     side = ops.where(demand > supply * (1.0 + _BAND), 1.0, ops.where(demand < -clamp * (1.0 + _BAND), -1.0, 0.0))
     return free._replace(side=side)
@@ -71,7 +71,7 @@ def flux_rate(p: Any, current: Value, flux: Value) -> Value:
 
 
 def torque_per_ampere(p: Any) -> Value:
-    """Return what a clutch's torque rises with its current [N.m/A], at the reference temperature."""
+    """Return the rise of a clutch's torque with its current [N.m/A], at the reference temperature."""
     return p.clutch.rated_torque * (1.0 - p.clutch.residual) / p.clutch.rated_current
 
 
@@ -81,7 +81,7 @@ def share_at(ops: Ops, p: Any, temperature: Value) -> Value:
 
 
 def capacity(p: Any, flux: Value, share: Value = 1.0) -> Value:
-    """Return C [N.m], the torque at which a clutch of a flux [A] slips, of k_T and its scatter together = `share`."""
+    """Return C [N.m], the torque at which a clutch slips at a flux [A]; `share` is k_T times the clutch's scatter."""
     return share * (p.clutch.rated_torque * p.clutch.residual + torque_per_ampere(p) * flux)
 
 

@@ -1,4 +1,4 @@
-"""A rotor that drives a loaded screw through one friction clutch: what sticks, what slides, what the load lets through.
+"""A rotor that drives a loaded screw through one friction clutch: what sticks, what slides, which way the load acts.
 
     J_m m' = t_m - C_m sgn m - F                        |F| <= C, and F = C sgn(m - w) while the clutch slips
     J_s w' = t_s - C_s sgn w + F - e L                  L = J_l w' + L_0        e of :mod:`emcas_fmu.physics.screw`
@@ -13,15 +13,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
-from .stick import overcome
+from .stick import sign, start
 
 
 class Train(NamedTuple):
     """Rotor, clutch and screw at one moment: inertias [kg.m2] and torques [N.m] of the module's equations.
 
-    `dry` is C_m; `sliding`, `load` are C_s and L_0 of motion up and down; `behind` is what acts through the screw at
-    rest without friction; from rest it takes more than `high`, or less than `low`, on the screw to move it; `forward`
-    and `backward` are the values of e.
+    `dry` is C_m; `sliding`, `load` are C_s and L_0 of motion up and down; `behind` acts through the screw at rest
+    without friction; a screw at rest starts under a torque above `high` or below `low`; `forward` and `backward` are
+    the values of e.
     """
 
     rotor: Value
@@ -50,21 +50,12 @@ class Motion(NamedTuple):
     felt: Value
 
 
-def _sign(ops: Ops, x: Value) -> Value:
-    return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
-
-
 def _chosen(ops: Ops, pair: tuple[Value, Value], direction: Value) -> Value:
     return ops.where(direction > 0.0, pair[0], pair[1])
 
 
-def _start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
-    up, down = overcome(ops, torque, high, low)
-    return ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
-
-
 def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
-    """Return the torque [N.m] and the inertia [kg.m2] that move the screw, and the rotor's torque but the clutch's."""
+    """Return torque [N.m] and inertia [kg.m2] of the screw's motion, and the rotor's torque without the clutch's."""
     rotor = t.rotor_torque - m.rotor * t.dry
     joined = ops.equal(m.clutch, 0.0)
     net = t.screw_torque - m.screw * _chosen(ops, t.sliding, m.screw) + ops.where(joined, rotor, m.clutch * t.capacity)
@@ -72,14 +63,14 @@ def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
 
 
 def _felt(ops: Ops, t: Train, m: Motion) -> Motion:
-    """Return the motion with the e that its load asks for, forward where the screw drives it."""
+    """Return the motion with the e of its load: forward where the screw drives it."""
     net, inertia, _ = _driving(ops, t, m)
     against = (t.behind_inertia * net + inertia * _chosen(ops, t.load, m.screw)) * m.screw > 0.0
     return m._replace(felt=ops.where(against, t.forward, t.backward))
 
 
 def accelerations(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value]:
-    """Return d/dt of the speeds of screw and rotor [rad/s2]; of a clutch that holds they are one."""
+    """Return d/dt of the speeds of screw and rotor [rad/s2], equal while the clutch holds."""
     net, inertia, rotor = _driving(ops, t, m)
     both = (net - m.felt * _chosen(ops, t.load, m.screw)) / (inertia + m.felt * t.behind_inertia)
     both = ops.where(ops.equal(m.screw, 0.0), 0.0, both)
@@ -88,7 +79,7 @@ def accelerations(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value]:
 
 
 def transmitted(ops: Ops, t: Train, m: Motion) -> Value:
-    """Return L [N.m] of a screw that turns."""
+    """Return L [N.m] behind a screw that turns."""
     rate, _ = accelerations(ops, t, m)
     return t.behind_inertia * rate + _chosen(ops, t.load, m.screw)
 
@@ -100,7 +91,7 @@ def _between(ops: Ops, t: Train) -> tuple[Value, Value]:
 
 
 def held(ops: Ops, t: Train, m: Motion) -> Value:
-    """Return F [N.m] of a clutch that holds; of bodies at rest, of which it is not determined, the least."""
+    """Return F [N.m] of a clutch that holds; with both bodies at rest, where F is not unique, the smallest."""
     rate, _ = accelerations(ops, t, m)
     least, most = _between(ops, t)
     resting = ops.maximum(least, ops.minimum(most, 0.0))
@@ -114,25 +105,25 @@ def torque(ops: Ops, t: Train, m: Motion) -> Value:
 
 
 def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion:
-    """Return what sticks and what slides at speeds [rad/s]."""
-    turns, slip = _sign(ops, screw_speed), _sign(ops, rotor_speed - screw_speed)
+    """Return the directions of sliding at speeds [rad/s]."""
+    turns, slip = sign(ops, screw_speed), sign(ops, rotor_speed - screw_speed)
     # As one: from rest the rotor's friction and the screw's hold together.
     applied = t.screw_torque + t.behind + t.rotor_torque
-    starts = _start(ops, applied, t.high + t.dry, t.low - t.dry)
+    starts = start(ops, applied, t.high + t.dry, t.low - t.dry)
     way = ops.where(ops.equal(turns, 0.0), starts, turns)
     joined = _felt(ops, t, Motion(way, way, 0.0, 0.0))
-    slip = ops.where(ops.equal(slip, 0.0), _start(ops, held(ops, t, joined), t.capacity, -t.capacity), slip)
+    slip = ops.where(ops.equal(slip, 0.0), start(ops, held(ops, t, joined), t.capacity, -t.capacity), slip)
     # Each by itself, under the torque of the clutch.
     pushed = slip * t.capacity
-    screw_way = ops.where(ops.equal(turns, 0.0), _start(ops, t.screw_torque + t.behind + pushed, t.high, t.low), turns)
-    rotor_way = _sign(ops, rotor_speed)
-    rotor_way = ops.where(ops.equal(rotor_way, 0.0), _start(ops, t.rotor_torque - pushed, t.dry, -t.dry), rotor_way)
+    screw_way = ops.where(ops.equal(turns, 0.0), start(ops, t.screw_torque + t.behind + pushed, t.high, t.low), turns)
+    rotor_way = sign(ops, rotor_speed)
+    rotor_way = ops.where(ops.equal(rotor_way, 0.0), start(ops, t.rotor_torque - pushed, t.dry, -t.dry), rotor_way)
     apart = _felt(ops, t, Motion(screw_way, rotor_way, slip, 0.0))
     return Motion(*(ops.where(ops.equal(slip, 0.0), one, other) for one, other in zip(joined, apart, strict=True)))
 
 
 def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Value) -> dict[str, Value]:
-    """Return by name what is above 0 while all goes on as it does: a speed, what is left to hold, the load."""
+    """Return the event margins by name: a speed of sliding, the torque left of what sticks, the load."""
     joined = ops.equal(m.clutch, 0.0)
     screw_rests, rotor_rests = ops.equal(m.screw, 0.0), ops.equal(m.rotor, 0.0)
     rests = ops.both(joined, screw_rests)
@@ -149,8 +140,10 @@ def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Valu
 
 def landed(ops: Ops, m: Motion, begin: tuple[Value, Value], end: tuple[Value, Value], events: Any
            ) -> tuple[Value, Value]:
-    """Return the speeds of screw and rotor at the end of a step: what sticks, comes to rest or starts in vain is equal
-    to the bit. `events` says by name which margin was lost there."""
+    """Return the speeds of screw and rotor at the end of a step, equal to the bit where they stick.
+
+    They also stick where they come to rest or start in vain; `events` says by name which margin was lost.
+    """
     def stops(direction: Value, before: Value, after: Value, event: Value) -> Value:
         vain = ops.both(ops.equal(before, 0.0), after * direction <= 0.0)
         return ops.where(ops.equal(direction, 0.0), True, ops.either(event, vain))

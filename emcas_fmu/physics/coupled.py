@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
-from .stick import EDGE, overcome
+from . import stick
 
 SCREW, MOTOR, WITH, AGAINST = range(4)
 NAMES = ("screw", "motor", "with", "against")
@@ -34,7 +34,7 @@ class Dry(NamedTuple):
 
 
 class Bodies(NamedTuple):
-    """Inertias of screw and motor [kg.m2], their torques [N.m] besides dry friction, and the four frictions."""
+    """Inertias of screw and motor [kg.m2], their torques [N.m] without dry friction, and the four frictions."""
 
     inertias: tuple[Value, Value]
     torques: tuple[Value, Value]
@@ -42,7 +42,7 @@ class Bodies(NamedTuple):
 
 
 def _dot(pair: Sequence[float], values: Sequence[Value]) -> Value:
-    """Return a sum weighed by shares that are 0, 1 or -1 for the most part."""
+    """Return the scalar product with shares that mostly are 0, 1 or -1, without needless operations."""
     total: Value = 0.0
     for share, value in zip(pair, values, strict=True):
         if share:
@@ -56,7 +56,7 @@ def slips(screw: Value, motor: Value) -> list[Value]:
 
 
 def _sliding(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]:
-    """Return the torques [N.m] of screw and motor with the friction of what slides in these directions (0: sticks)."""
+    """Return the torques [N.m] of screw and motor under the frictions that slide in these directions (0: sticks)."""
     torques = list(b.torques)
     for shares, dry, sign in zip(_SHARES, b.dry, signs, strict=True):
         felt = ops.where(sign > 0.0, dry.high, ops.where(sign < 0.0, -dry.low, 0.0))
@@ -65,17 +65,11 @@ def _sliding(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]
 
 
 def _holding(b: Bodies, k: int, torques: tuple[Value, Value]) -> Value:
-    """Return the friction [N.m] that keeps k sticking under these torques of screw and motor."""
+    """Return the torque [N.m] of friction k that keeps it sticking under these torques of screw and motor."""
     if k in (SCREW, MOTOR):
         return torques[k]
     (inertia, other), (screw, motor) = b.inertias, torques
     return (inertia * motor - other * screw if k == WITH else -inertia * motor - other * screw) / (inertia + other)
-
-
-def _starting(ops: Ops, dry: Dry, torque: Value) -> Value:
-    """Return the direction in which a torque [N.m] overcomes a friction, 0 if it does not."""
-    up, down = overcome(ops, torque, dry.high, -dry.low)
-    return ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
 
 
 def _drag(b: Bodies, along: tuple[float, float], forward: bool) -> Value:
@@ -89,14 +83,15 @@ def _drag(b: Bodies, along: tuple[float, float], forward: bool) -> Value:
 
 
 def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, ...]:
-    """Return the directions (-1, 1, or 0 where it sticks) in which the four frictions slide at speeds [rad/s]."""
+    """Return the directions (-1, 1, or 0: sticks) in which the four frictions slide at speeds [rad/s]."""
     speeds = slips(screw, motor)
-    signs = [ops.where(s > 0.0, 1.0, ops.where(s < 0.0, -1.0, 0.0)) for s in speeds]
+    signs = [stick.sign(ops, speed) for speed in speeds]
 
     def moving() -> tuple[Value, ...]:
-        """Of bodies that move one friction at most is at rest: the others slide."""
+        """At most one friction sticks while the bodies move: the others slide."""
         torques = _sliding(ops, b, signs)
-        return tuple(ops.where(ops.equal(sign, 0.0), _starting(ops, dry, _holding(b, k, torques)), sign)
+        return tuple(ops.where(ops.equal(sign, 0.0),
+                               stick.start(ops, _holding(b, k, torques), dry.high, -dry.low), sign)
                      for k, (dry, sign) in enumerate(zip(b.dry, signs, strict=True)))
 
     rests = ops.both(ops.equal(screw, 0.0), ops.equal(motor, 0.0))
@@ -104,8 +99,8 @@ def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, 
 
 
 def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
-    """Return the directions in which bodies at rest start: of every way to stick and to slide the one that holds."""
-    b = bodies._replace(dry=[Dry(d.high * EDGE, d.low * EDGE) for d in bodies.dry])
+    """Return the directions in which bodies at rest start: the one consistent choice of sticking and sliding."""
+    b = bodies._replace(dry=[Dry(d.high * stick.EDGE, d.low * stick.EDGE) for d in bodies.dry])
     starts: tuple[Value, ...] = (0.0,) * len(_SHARES)
 
     def take(condition: Value, signs: Sequence[Value]) -> None:
@@ -136,7 +131,7 @@ def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
 
 
 def _rest_margins(ops: Ops, b: Bodies) -> list[Value]:
-    """Return what is left [N.m] of the friction against a start along each direction, above 0 while both rest."""
+    """Return the margins [N.m] of friction against a start along each direction, above 0 while both bodies rest."""
     margins = []
     for along in _ALONG:
         pushing = _dot(along, b.torques)
@@ -156,14 +151,14 @@ def accelerations(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, V
 
 
 def friction_torques(ops: Ops, b: Bodies, signs: Sequence[Value]) -> list[Value]:
-    """Return the four frictions [N.m], those that stick with what they hold; not of bodies that both rest."""
+    """Return the four friction torques [N.m]; not valid while both bodies rest."""
     torques = _sliding(ops, b, signs)
     return [ops.where(sign > 0.0, dry.high, ops.where(sign < 0.0, -dry.low, _holding(b, k, torques)))
             for k, (dry, sign) in enumerate(zip(b.dry, signs, strict=True))]
 
 
 def margins(ops: Ops, b: Bodies, signs: Sequence[Value], screw: Value, motor: Value) -> dict[str, Value]:
-    """Return by name what is above 0 while every friction goes on as it does: its speed, or what is left to hold."""
+    """Return the event margins by name: the speed of a friction that slides, the torque left of one that sticks."""
     torques = _sliding(ops, b, signs)
     rests = ops.both(ops.equal(signs[SCREW], 0.0), ops.equal(signs[MOTOR], 0.0))
     still = _rest_margins(ops, b)
@@ -179,8 +174,10 @@ def margins(ops: Ops, b: Bodies, signs: Sequence[Value], screw: Value, motor: Va
 
 def landed(ops: Ops, signs: Sequence[Value], begin: tuple[Value, Value], end: tuple[Value, Value],
            events: Any) -> tuple[Value, Value]:
-    """Return the speeds of screw and motor at the end of a step: what sticks, comes to rest or starts in vain is equal
-    to the bit. `events` says by name which friction changed there."""
+    """Return the speeds of screw and motor at the end of a step, equal to the bit where a friction sticks.
+
+    A friction also sticks where it comes to rest or starts in vain; `events` says by name which margin was lost.
+    """
     before, after = slips(*begin), slips(*end)
 
     def sticks(k: int) -> Value:

@@ -1,18 +1,18 @@
-"""Means over a step of what follows an exponential in it, as current and voltage of a winding do."""
+"""Means over a step of values that follow an exponential, such as current and voltage of a winding."""
 
 from __future__ import annotations
 
 from ..ops.base import Ops, Value
 
-# Below this ratio of step and time constant the weights of a course are taken from their series: the closed forms lose
-# digits there. At it the series are off by 6e-7 and less.
+# Below this ratio of step to time constant the weights are series, since the closed forms lose digits; the series are
+# off by 6e-7 at most.
 _SHORT = 0.01
 
 
 def shares(ops: Ops, ratio: Value) -> tuple[Value, Value]:
-    """Return the means [1] of the share of the way from start to end that is done, and of its square.
+    """Return the mean over the step of the share s(t) of the change from start to end, and the mean of s^2.
 
-    `ratio` is that of the step to the exponential's time constant, above 0.
+    `ratio` is the step over the exponential's time constant, above 0.
     """
     def exact() -> tuple[Value, ...]:
         decay = ops.exp(-ratio)

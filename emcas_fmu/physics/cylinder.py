@@ -21,7 +21,7 @@ from . import kinematics, loads, mechanics
 
 class Linkage(NamedTuple):
     """The cylinder at one fin angle: R [m], R' [m], both volumes [m3], inertia about the hinge [kg.m2], dry friction
-    [N.m], and the moment [N.m] of all that acts on the fin but pressures and friction."""
+    [N.m], and the moment [N.m] on the fin without pressures and friction."""
 
     ratio: Value
     slope: Value
@@ -43,15 +43,14 @@ def piston_position(ops: Ops, p: Any, fin_angle: Value) -> Value:
 
 
 def linkage(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Linkage:
-    """Return the cylinder at a fin angle [rad] under the loads that `u` has."""
+    """Return the cylinder at a fin angle [rad] under the loads in `u`."""
     tangent = ops.tan(fin_angle + p.kinematics.initial_angle)
     ratio = kinematics.reduction_ratio(ops, _piston(p), tangent)
     swept = p.cylinder.area * p.kinematics.moment_arm * (tangent - ops.tan(p.kinematics.initial_angle))
     mass = p.cylinder.moving_mass
     moment = u.aero_torque + loads.hinge_moment(ops, p, tangent, u) + ratio * mass * u.f_x
     return Linkage(ratio, 2.0 * ratio * tangent, p.cylinder.dead_volume + swept, p.cylinder.dead_volume - swept,
-                   loads.fin_inertia(p) + mass * ratio * ratio,
-                   dry(p, ratio), moment)
+                   loads.fin_inertia(p) + mass * ratio * ratio, dry(p, ratio), moment)
 
 
 def dry(p: Any, ratio: Value) -> Value:

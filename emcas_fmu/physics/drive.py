@@ -17,18 +17,18 @@ from ..ops.base import Ops, Value
 
 
 def current_reference_raw(p: Any, reference: Value) -> Value:
-    """Return current asked for [A] by an analogue reference [V], before the limit."""
+    """Return the current reference [A] for an analogue reference [V], before the limit."""
     return p.drive.current_gain * reference + p.drive.current_offset
 
 
 def current_reference(ops: Ops, p: Any, reference: Value) -> Value:
-    """Return current demanded [A], within the drive's limit."""
+    """Return the current reference [A] for an analogue reference [V], within the drive's limit."""
     limit = p.drive.current_limit
     return ops.clip(current_reference_raw(p, reference), -limit, limit)
 
 
 def followed(ops: Ops, p: Any, reference: Value) -> Value:
-    """Return what of an analogue reference [V] asks for no more than the largest current."""
+    """Return the analogue reference [V] that the drive can follow: `reference` within the current limit."""
     if p.structure.current == "pwm":
         return reference
     i_ref = current_reference(ops, p, reference)
@@ -36,29 +36,29 @@ def followed(ops: Ops, p: Any, reference: Value) -> Value:
 
 
 def voltage_demand(p: Any, i_ref: Value, current: Value, integral: Value) -> Value:
-    """Return output [V] of the current controller before the supply limits it."""
+    """Return the output [V] of the current controller before the voltage limit."""
     return p.drive.kp * (i_ref - current) + integral
 
 
 def inductive_voltage(p: Any, speed: Value, current: Value) -> Value:
-    """Return the voltage [V] that the current in the winding's inductance makes across the back-EMF, n w L i."""
+    """Return the inductive voltage [V] n w L i of the winding, in quadrature with the back-EMF."""
     return p.motor.pole_pairs * speed * p.motor.inductance * current
 
 
 def voltage_limit(ops: Ops, p: Any, supply: Value, speed: Value, current: Value) -> Value:
-    """Return the largest voltage [V] in phase with the back-EMF, of a supply [V] at a speed [rad/s] and current [A]."""
-    def beside() -> tuple[Value, ...]:
+    """Return the largest voltage [V] in phase with the back-EMF, at a supply [V], speed [rad/s] and current [A]."""
+    def with_inductance() -> tuple[Value, ...]:
         across = inductive_voltage(p, speed, current)
         return (ops.sqrt(ops.maximum(supply * supply - across * across, 0.0)),)
 
-    (limit,) = ops.branch(p.motor.pole_pairs > 0.0, beside, lambda: (supply,))
+    (limit,) = ops.branch(p.motor.pole_pairs > 0.0, with_inductance, lambda: (supply,))
     return limit
 
 
 def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
     """Return the largest steady current [A] at a motor speed [rad/s]: (R i + K_e w)^2 + (n w L i)^2 = V^2.
 
-    Where no current meets it, the one that comes closest.
+    Without a solution it is the current that comes closest.
     """
     resistance, emf = p.motor.resistance, back_emf(p, speed)
     across = inductive_voltage(p, speed, 1.0)
@@ -68,7 +68,7 @@ def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
 
 
 def knee_speed(ops: Ops, p: Any, supply: Value, current: Value) -> Value:
-    """Return the motor speed [rad/s] at which a steady current [A] takes the whole supply [V]; 0 if it does at rest."""
+    """Return the motor speed [rad/s] at which a steady current [A] needs the whole supply [V]; 0 if it does at rest."""
     drop = p.motor.resistance * current
     across = inductive_voltage(p, 1.0, current)
     emf = back_emf(p, 1.0)
@@ -79,9 +79,9 @@ def knee_speed(ops: Ops, p: Any, supply: Value, current: Value) -> Value:
 
 def applied_voltage(ops: Ops, p: Any, reference: Value, speed: Value, current: Value, integral: Value, supply: Value
                     ) -> tuple[Value, Value]:
-    """Return the voltage [V] on the winding of a `supply` [V], and whether it or the current reference is limited.
+    """Return the winding's voltage [V] and whether it, or the current reference, is limited.
 
-    `reference` is the analogue one [V] in the drive. A PWM amplifier has no current reference.
+    `reference` is the analogue reference [V] in the drive, `supply` in V. A PWM amplifier has no current reference.
     """
     if p.structure.current == "pwm":
         demand = pwm_voltage(p, reference)
@@ -95,12 +95,12 @@ def applied_voltage(ops: Ops, p: Any, reference: Value, speed: Value, current: V
 
 
 def pwm_voltage(p: Any, reference: Value) -> Value:
-    """Return the voltage [V] a PWM amplifier puts on the winding for an analogue reference [V], before the limit."""
+    """Return the winding's voltage [V] from a PWM amplifier for an analogue reference [V], before the limit."""
     return p.pwm.gain * reference
 
 
 def flowing(p: Any, reference: Value, current: Value) -> Value:
-    """Return the motor current [A]: the state, or of an ideal loop what an analogue reference [V] asks for."""
+    """Return the motor current [A]: the state, or with an ideal loop the current reference."""
     return current_reference_raw(p, reference) if p.structure.current == "ideal" else current
 
 

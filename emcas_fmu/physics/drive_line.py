@@ -1,4 +1,4 @@
-"""Elastic drive line with a gap: what acts between the rotor and the fin.
+"""Elastic drive line with a gap: the torque between rotor and fin.
 
 The fin's angle is referred to the motor: phi = theta(fin_angle) of (2.5), so that phi = motor angle where nothing
 yields. Twist of the shaft, stretch of the screw with nut and thrust bearing, the give of the flanks of nut and fork,
@@ -67,7 +67,7 @@ def rigid(ops: Ops, p: Any) -> Value:
 
 
 def line(ops: Ops, p: Any, angle: Value) -> Line:
-    """Return the drive line at a fin's angle referred to the motor [rad]; that of a rigid one must not be used."""
+    """Return the drive line at a fin angle referred to the motor [rad]; not valid for a rigid one."""
     parts, square = p.drive_line, p.screw.lead * p.screw.lead
     structure = structure_compliance(p)
     loose = parts.backlash > 0.0
@@ -86,7 +86,7 @@ def line(ops: Ops, p: Any, angle: Value) -> Line:
 
 
 def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, Value]:
-    """Return whether the line is under load, and the deflection [rad] from which it is: +-g/2, or 0 where preloaded."""
+    """Return whether a flank presses, and the deflection [rad] at which it begins to: +-g/2, or 0 if preloaded."""
     def on(side: float) -> Value:
         beyond = side * deflection - c.half_gap
         pushing = c.stiffness * beyond + c.damping * side * rate > least(c)
@@ -99,7 +99,7 @@ def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, V
 
 
 def least(c: Line) -> Value:
-    """Return torque [N.m] below which a flank counts as left: what it has where it counts as met."""
+    """Return the torque [N.m] below which a flank counts as left: that of the deflection MET."""
     return c.stiffness * MET
 
 
@@ -109,11 +109,11 @@ def torque(c: Line, deflection: Value, rate: Value, flank: Value) -> Value:
 
 
 def nut_lag(ops: Ops, c: Line, deflection: Value) -> Value:
-    """Return share of the deflection [rad at the motor] that lies before the nut: shaft and screw."""
+    """Return the part of the deflection [rad at the motor] before the nut: that of shaft and screw."""
     beyond = deflection - ops.clip(deflection, -c.half_gap, c.half_gap)
     return c.structure * beyond
 
 
 def fin_side(ops: Ops, p: Any, angle: Value, u: Any = NONE) -> mechanics.Mechanics:
-    """Return the coefficients at the motor of the fin side alone: those of an actuator without rotor and nut."""
+    """Return the coefficients at the motor of the fin side alone, without rotor and nut."""
     return mechanics.coefficients(ops, with_values(p, _NO_ROTOR), angle, u)

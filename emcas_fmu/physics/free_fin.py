@@ -1,8 +1,8 @@
-"""A fin whose shaft is broken at the fork: inertia of fin and shaft, friction and stops of the hinge, no drive.
+"""A fin whose shaft is broken at the fork: fin and shaft turn on the hinge between its stops, without a drive.
 
     (J_fin + J_shaft) d2(delta)/dt2 = T_f - b_f d(delta)/dt - C_f sgn(d(delta)/dt)
 
-T_f as in (2.27)-(2.45) without the fork. A load that friction holds moves nothing.
+T_f as in (2.27)-(2.45) without the fork.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _TINY = 1e-300
 
 
 def moment(ops: Ops, p: Any, angle: Value, u: Record) -> Value:
-    """Return external moment [N.m] on the broken fin at its angle [rad]."""
+    """Return the external moment [N.m] on the broken fin at its angle [rad]."""
     tangent = ops.tan(angle + p.kinematics.initial_angle)
     bar = p.load.torsion_bar * angle if p.structure.torsion_bar else 0.0
     forkless = with_values(p, {"mass.fork": 0.0, "inertia.fork": 0.0})
@@ -25,7 +25,7 @@ def moment(ops: Ops, p: Any, angle: Value, u: Record) -> Value:
 
 
 def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
-    """Return the midpoint rule's acceleration [rad/s2] over `h` [s]; none of a fin at rest that friction holds."""
+    """Return the midpoint rule's acceleration [rad/s2] over `h` [s]; 0 for a fin at rest that friction holds."""
     dry, viscous = mechanics.hinge_friction(p)
     way = ops.where(rate > 0.0, 1.0, ops.where(rate < 0.0, -1.0, ops.where(torque > 0.0, 1.0, -1.0)))
     net = torque - way * dry
@@ -35,7 +35,7 @@ def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
 
 
 def advance(ops: Ops, p: Any, angle: Value, rate: Value, u: Record, h: Value) -> tuple[Value, Value]:
-    """Return angle [rad] and rate [rad/s] after `h` [s]; dry friction may bring it to rest, and a stop does."""
+    """Return angle [rad] and rate [rad/s] after `h` [s]; dry friction or a stop may bring the fin to rest."""
     torque = moment(ops, p, angle + 0.5 * h * rate, u)
     first = _pushed(ops, p, torque, rate, h)
     turns = rate * (rate + h * first) < 0.0

@@ -28,7 +28,7 @@ POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLY
 
 
 def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
-    """Return the ratio at friction.temperature; at a point of the table it is the point's to the bit."""
+    """Return the ratio at friction.temperature; at a point of the table it equals the point's to the bit."""
     points, now = p.friction.table.temperature, p.friction.temperature
     factor = ratios[0]
     for low, high, at_low, at_high in zip(points, points[1:], ratios, ratios[1:], strict=False):
@@ -37,7 +37,7 @@ def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
 
 
 def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
-    """Return the polynomial [N.m] of one direction at a fin angle [rad], as fitted: it may leave the positive."""
+    """Return the polynomial [N.m] of one direction at a fin angle [rad], as fitted; it may be negative."""
     # Coefficients of the angle itself follow from parameters alone.
     return polynomial(fin, [c * (1.0 / POLYNOMIAL_SPAN**n) for n, c in enumerate(coefficients)])
 
@@ -61,7 +61,7 @@ def stribeck(ops: Ops, static_ratio: Value, stribeck_speed: Value, speed: Value)
 def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) -> Value:
     """Return dry friction C_m [N.m] at the motor for motion along the sign of `direction`, at a speed [rad/s].
 
-    At a speed against the direction it is that at rest.
+    A speed against the direction counts as rest.
     """
     factor = _temperature_factor(ops, p, p.friction.table.coulomb)
     polynomials = p.friction.coulomb
@@ -84,5 +84,5 @@ def viscous(ops: Ops, p: Any, direction: Value) -> Value:
 
 
 def mean_viscous(ops: Ops, p: Any) -> Value:
-    """Return the mean b_m [N.m.s/rad] of both directions: the fundamental of the pair for a motion both ways."""
+    """Return the mean b_m [N.m.s/rad] of both directions, which is that of the fundamental of an oscillation."""
     return 0.5 * (viscous(ops, p, 1.0) + viscous(ops, p, -1.0))

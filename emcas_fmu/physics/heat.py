@@ -10,7 +10,7 @@ The drive counts the squares of its current beyond the continuous one I_c, as se
     I_max^2 = I_c^2 + (I_p^2 - I_c^2) clip((1 - s)/(1 - F), 0, 1)
 
 From s = 0 the peak I_p (drive.current_limit) is there for t_p; from s = F on the limit folds back to I_c, which it
-has at s = 1. It is a continuous function of a state, so that it neither jumps nor chatters: under a demand beyond it
+has at s = 1. It is a continuous function of a state, so that it neither jumps nor chatters: under a reference beyond it
 i^2 - I_c^2 falls exponentially, with the time constant t_p (1 - F)/F. The budget is the drive's own: a fault that
 lowers drive.current_limit leaves I_p and s alone, and the lower of the two limits acts.
 """
@@ -23,7 +23,7 @@ from ..namespace import with_values
 from ..ops.base import Ops, Value
 
 FOLDING = 0.9  # F, the share of the I2t budget from which the limit folds back
-# Lines fitted about T_0 are not followed below this share of what they have there.
+# Lines fitted about T_0 are bounded below by this share of their value there.
 LEAST = 0.1
 
 
@@ -57,22 +57,22 @@ def flows(p: Any, winding: Value, case: Value) -> tuple[Value, Value]:
 def warmed(p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[Value, Value]:
     """Return temperatures [degC] of winding and case after `h` [s] under a constant loss [W] in the winding.
 
-    Implicit midpoint rule: of second order, stable for any step; what is lost in the step is stored or has left.
+    Implicit midpoint rule: second order, stable for any step, energy balanced.
     """
     inward, outward = flows(p, winding, case)
-    own, other = 2.0 * p.heat.winding_capacity / h, 2.0 * p.heat.case_capacity / h
+    winding_rate, case_rate = 2.0 * p.heat.winding_capacity / h, 2.0 * p.heat.case_capacity / h
     between, away = 1.0 / p.heat.winding_to_case, 1.0 / p.heat.case_to_ambient
     first, second = loss - inward, inward - outward
-    below = other + between + away
+    below = case_rate + between + away
     # Half the changes; the products of the conductance between the nodes cancel by hand.
-    determinant = own * below + between * (other + away)
+    determinant = winding_rate * below + between * (case_rate + away)
     rise = (first * below + second * between) / determinant
-    follows = (second * (own + between) + first * between) / determinant
+    follows = (second * (winding_rate + between) + first * between) / determinant
     return winding + 2.0 * rise, case + 2.0 * follows
 
 
 def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:
-    """Return I_c^2 and I_p^2 - I_c^2 [A^2]; no more is continuous than the peak."""
+    """Return I_c^2 and I_p^2 - I_c^2 [A^2]; the continuous current is at most the peak."""
     continuous = ops.minimum(p.heat.continuous_current, peak)
     return continuous * continuous, peak * peak - continuous * continuous
 
@@ -80,12 +80,12 @@ def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:
 def loaded(ops: Ops, p: Any, load: Value, square: Value, h: Value, rated: Value | None = None) -> Value:
     """Return the I2t load s [1] after `h` [s] of a mean square of the current [A^2].
 
-    0 where all of the peak is continuous. `rated` [A] is the peak of a drive that a fault derates, None of a sound one.
+    It is 0 where the whole peak is continuous. `rated` [A] is the peak of a drive that a fault derates, else None.
     """
     continuous, reserve = _squares(ops, p, p.drive.current_limit if rated is None else rated)
-    there_is = reserve > 0.0
-    budget = ops.where(there_is, reserve, 1.0) * p.heat.peak_time / FOLDING
-    return ops.where(there_is, ops.maximum(load + h * (square - continuous) / budget, 0.0), 0.0)
+    limited = reserve > 0.0
+    budget = ops.where(limited, reserve, 1.0) * p.heat.peak_time / FOLDING
+    return ops.where(limited, ops.maximum(load + h * (square - continuous) / budget, 0.0), 0.0)
 
 
 def current_limit(ops: Ops, p: Any, load: Value, rated: Value | None = None) -> Value:

@@ -4,11 +4,8 @@
     theta = x / l                       motor angle; l = screw lead per radian
     R = d theta/d fin_angle = (d/l) / cos^2 phi
 
-The tangent of the lever angle is linear in the
-motor angle, so everything the equation of motion needs follows from it by
-arithmetic alone.
-
-Simpler models take the ratio for constant, that of an assembly angle of zero and small angles (2.18):
+The tangent of the lever angle is linear in the motor angle, so everything the equation of motion needs follows from it
+by arithmetic alone. Simpler models have a constant ratio, that of an assembly angle of zero and small angles (2.18):
 theta = (d/l) fin_angle.
 """
 
@@ -42,7 +39,7 @@ def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
 
 
 def deviates(ops: Ops, p: Any, plant: Any) -> Value:
-    """Return whether lever or screw of a plant differ from the nominal ones."""
+    """Return whether lever or screw of a plant deviate from the nominal ones."""
     same: Value = True
     for nominal, actual in ((p.kinematics.moment_arm, plant.kinematics.moment_arm), (p.screw.lead, plant.screw.lead),
                             (p.kinematics.initial_angle, plant.kinematics.initial_angle)):

@@ -1,6 +1,6 @@
 """Loads of a vehicle in motion: gravity and acceleration, (2.27)-(2.45), and rotation.
 
-Body axes x forward (along the screw), y along the hinge, z down. The vehicle's motion is given at a point of the body's
+Body axes x forward (along the screw), y along the hinge, z down. The vehicle's motion is that of a point on the body's
 x axis; the hinge is at r = (mounting.station, 0, 0) from it:
 
     a_h = a + w' x r + w x (w x r)                             acceleration at the hinge
@@ -38,7 +38,7 @@ Vector = tuple[Value, Value, Value]
 
 
 class MotionLoads(NamedTuple):
-    """What the vehicle's motion makes of an actuator that it carries, in the fin's frame.
+    """Loads of the vehicle's motion on an actuator, in the fin's frame.
 
     ``f_x``, ``f_z`` [m/s2] specific force at the hinge; ``wx2_wz2`` = W_x^2 - W_z^2 and ``wx_wz`` = W_x W_z [rad2/s2];
     ``alpha_x``, ``alpha_y`` [rad/s2] angular acceleration about the screw and about the hinge.
@@ -53,13 +53,13 @@ class MotionLoads(NamedTuple):
 
 
 LOADS = ("aero_torque", *MotionLoads._fields)
-"""What acts on the plant from outside, by name; of each the plant feels its mean over a tick."""
+"""Names of the loads on the plant; each acts as its mean over a tick."""
 NONE = Record(**dict.fromkeys(LOADS, 0.0))
 
 
 def motion_loads(ops: Ops, p: Any, acceleration: Vector, roll: Value, pitch: Value, rate: Vector, turning: Vector
             ) -> MotionLoads:
-    """Return what a vehicle's motion makes, (2.27)-(2.33), (2.36).
+    """Return the loads of a vehicle's motion, (2.27)-(2.33), (2.36).
 
     Body acceleration [m/s2], roll and pitch [rad], body rates [rad/s] and angular acceleration [rad/s2]; yaw turns
     about the direction of gravity. The fin's frame is the body's turned about x by mounting.azimuth.
@@ -79,7 +79,7 @@ def motion_loads(ops: Ops, p: Any, acceleration: Vector, roll: Value, pitch: Val
 
 
 def level(ops: Ops, p: Any, aero_torque: Value = 0.0) -> Record:
-    """Return the LOADS of a vehicle at rest and level under an aerodynamic moment [N.m]."""
+    """Return the LOADS in a vehicle at rest and level, under an aerodynamic moment [N.m]."""
     still = 0.0, 0.0, 0.0
     return Record(aero_torque=aero_torque, **motion_loads(ops, p, still, 0.0, 0.0, still, still)._asdict())
 
@@ -92,7 +92,7 @@ def fin_inertia(p: Any) -> Value:
 def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
     """Return moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
 
-    `u` has what :class:`MotionLoads` has.
+    `u` has the fields of :class:`MotionLoads`.
     """
     # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
     sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
@@ -113,7 +113,7 @@ def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
 
 
 def hinge_moment_at(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
-    """Return the same at a fin angle [rad], for actuators without a lever."""
+    """Return the moment of :func:`hinge_moment` at a fin angle [rad], for actuators without a lever."""
     def angle() -> tuple[Value, Value]:
         return ops.cos(fin_angle), ops.sin(fin_angle)
 
@@ -122,9 +122,9 @@ def hinge_moment_at(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
 
 def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value],
             angle: Callable[[], tuple[Value, Value]]) -> Value:
-    """Return the moment [N.m] of the masses, which `weight` gives, and of rotation; `angle` gives its cosine and sine.
+    """Return the moment [N.m] of the masses, from `weight`, and of rotation; `angle` returns the fin's cosine and sine.
 
-    Most hosts leave all of it alone: `nothing` is zero then.
+    Most hosts set none of these inputs: the moment is then `nothing`, a zero.
     """
     def rotating() -> tuple[Value, ...]:
         cosine, sine = angle()
@@ -138,7 +138,7 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
 
 
 def _zero(ops: Ops, first: Value, *others: Value) -> Value:
-    """Return whether all of these are zero, by one comparison, as every step asks it."""
+    """Return whether all of these are zero, by one comparison, since every step needs it."""
     total = ops.fabs(first)
     for other in others:
         total = total + ops.fabs(other)

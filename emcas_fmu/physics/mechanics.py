@@ -10,7 +10,7 @@ divided by R becomes
     (J_t + J_ft/R^2) dw = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
 
 whose coefficients hardly vary, R' = 2 R tan(phi). The vehicle's angular acceleration A_x about the screw takes
-(J_motor + J_screw) A_x of the motor's torque: rotor and screw turn with the vehicle besides.
+(J_motor + J_screw) A_x of the motor's torque, since rotor and screw also turn with the vehicle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from ..namespace import with_values
 from ..ops.base import Ops, Value
 from . import friction, kinematics, loads
-from .loads import fin_inertia as fin_inertia
+from .loads import fin_inertia
 
 _LEAST = 1e-12  # N.m: bristles with less friction slip at once
 
@@ -50,8 +50,8 @@ def screw_inertia(p: Any) -> Value:
 def rotor_torque(p: Any, u: Any) -> Value:
     """Return torque [N.m] on rotor and screw of the vehicle's angular acceleration about the screw.
 
-    A positive motor angle is taken as a right-handed turn about body +x; of a motor that turns the other way the sign
-    is the other, too.
+    A positive motor angle is a right-handed turn about body +x; the sign is the opposite for a motor that turns the
+    other way.
     """
     return -(p.inertia.motor + p.inertia.screw) * u.alpha_x
 
@@ -118,7 +118,7 @@ def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
 
 
 def bristles(ops: Ops, p: Any, m: Mechanics, speed: Value) -> tuple[Value, Value]:
-    """Return, of LuGre bristles at a motor speed w [rad/s], a = sigma_0 |w|/g [1/s] and sigma_1 [N.m.s/rad].
+    """Return a = sigma_0 |w|/g [1/s] and sigma_1 [N.m.s/rad] of LuGre bristles at a motor speed w [rad/s].
 
     g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
     """

@@ -5,10 +5,10 @@
 
 p is the absolute pressure at the actuators, p_set the source's: what the pump's regulator is set to. V is the gas in
 an accumulator of the volume V_0 with the precharge p_0; it changes by p V^n = constant. Below p_0 the accumulator is
-empty, and what gives is the oil, its air and the pipes: C there is a hundredth of what it is at p_0 (an estimate).
+empty, and only oil, air in it and pipes yield: C there is a hundredth of its value at p_0 (an estimate).
 
-A step h takes C and the draw where it begins, the draw with the slope of one in proportion to the pressure, and the
-pump where it ends:
+A step h has C and the draw of its start, with a draw that is proportional to the pressure, and the pump's flow of its
+end:
 
     C (p' - p)/h = Q_pump(p') - Q - |Q|/p (p' - p)
 
@@ -28,13 +28,13 @@ from typing import Any
 from ..ops.base import Ops, Value
 
 LEAST = 1e3  # Pa
-EMPTY = 0.01  # of the compliance at the precharge, what an empty accumulator leaves
+EMPTY = 0.01  # compliance with an empty accumulator over that at the precharge
 LEAST_COMPLIANCE = 1e-16  # m3/Pa, of less than a cubic centimetre of oil: a line is never quite stiff
-AT_SOURCE = -1.0  # the state of a line that has not been stepped: it has the source's pressure
+AT_SOURCE = -1.0  # state of a line that has not been stepped yet: it has the source's pressure
 
 
 def pressure(ops: Ops, source: Value, state: Value) -> Value:
-    """Return pressure at the actuators [Pa]; until the line is stepped the source's."""
+    """Return the pressure at the actuators [Pa]; the source's until the line is stepped."""
     return ops.where(state < 0.0, source, state)
 
 
@@ -47,7 +47,7 @@ def compliance(ops: Ops, line: Any, at: Value) -> Value:
 
 
 def next_pressure(ops: Ops, line: Any, source: Value, state: Value, drawn: Value) -> Value:
-    """Return the pressure [Pa] from an instant of the line on, where the actuators draw a flow [m3/s] together."""
+    """Return the pressure [Pa] after an instant of the line, while the actuators together draw a flow [m3/s]."""
     p, h = ops.maximum(pressure(ops, source, state), LEAST), line.update_time
     slope = ops.fabs(drawn) / p
     held = compliance(ops, line, p) / h  # m3/s for each Pa that the pressure changes by

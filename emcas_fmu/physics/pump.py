@@ -23,8 +23,8 @@ from . import drive
 
 
 class Valves(NamedTuple):
-    """Which valves are open: both check valves; the relief valve from chamber 1 (1), from 2 (-1) or neither (0). And
-    in which chambers there is a void."""
+    """Which check valves are open, which relief valve is open (1: from chamber 1, -1: from 2, 0: neither), and which
+    chambers have a void."""
 
     check_1: Value
     check_2: Value
@@ -34,8 +34,8 @@ class Valves(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """The lines with their valves as they stand: the flow from chamber 1 to 2 is ``cross`` (p1 - p2) - ``set``, that
-    into a chamber from the reservoir ``feed`` - ``drain`` p; ``share`` is what is left of the oil's modulus."""
+    """Coefficients of the flows in a state of the valves: ``cross`` (p1 - p2) - ``set`` from chamber 1 to 2, and
+    ``feed`` - ``drain`` p from the reservoir into a chamber; ``share`` is the modulus over that of oil."""
 
     cross: Value
     set: Value
@@ -58,7 +58,7 @@ def at_rest(ops: Ops, p: Any) -> Value:
 
 
 def valves(ops: Ops, p: Any, pressure_1: Value, pressure_2: Value) -> Valves:
-    """Return the valves as pressures [Pa] move them."""
+    """Return the state of the valves at pressures [Pa]."""
     refill, void, drop = refill_pressure(p), p.oil.cavitation_pressure, pressure_1 - pressure_2
     over = p.relief_valve.pressure
     relief = ops.where(drop > over, 1.0, ops.where(drop < -over, -1.0, 0.0))
@@ -66,7 +66,7 @@ def valves(ops: Ops, p: Any, pressure_1: Value, pressure_2: Value) -> Valves:
 
 
 SHUT = Valves(False, False, 0.0, False, False)
-"""Valves of a chamber between its limits."""
+"""All valves shut and no void."""
 
 
 def bypass(ops: Ops, p: Any, enabled: Value) -> Value:
@@ -76,7 +76,7 @@ def bypass(ops: Ops, p: Any, enabled: Value) -> Value:
 
 
 def lines(ops: Ops, p: Any, v: Valves, bypassing: Value) -> Lines:
-    """Return the lines with the valves as they stand, `bypassing` [m3/(s.Pa)] the bypass's."""
+    """Return the coefficients of the flows in a state of the valves, with the bypass's conductance [m3/(s.Pa)]."""
     case, check, reservoir, refill = (p.pump.case_leakage, p.check_valve.conductance, p.reservoir.pressure,
                                       refill_pressure(p))
     fed, fed_by_check = case * reservoir, case * reservoir + check * refill
@@ -95,7 +95,7 @@ def flows(p: Any, line: Lines, motor_speed: Value, pressure_1: Value, pressure_2
 
 
 def driving(p: Any, current: Value, drop: Value) -> Value:
-    """Return the torque [N.m] of a motor current [A] and a pressure drop [Pa] from chamber 1 to 2 on the shaft."""
+    """Return the torque [N.m] on the shaft of a motor current [A] and a pressure drop [Pa] from chamber 1 to 2."""
     return drive.torque(p, current) - p.pump.displacement * drop
 
 
@@ -105,17 +105,17 @@ def dry(ops: Ops, p: Any, drop: Value) -> Value:
 
 
 def acceleration(p: Any, speed: Value, torque: Value) -> Value:
-    """Return the shaft's acceleration [rad/s2] at a speed [rad/s] under a torque [N.m] besides viscous friction."""
+    """Return the shaft's acceleration [rad/s2] at a speed [rad/s], under a torque [N.m] and viscous friction."""
     return (torque - p.pump.viscous_friction * speed) / p.inertia.motor
 
 
 def margins(ops: Ops, p: Any, v: Valves, pressure_1: Value, pressure_2: Value) -> dict[str, Value]:
-    """Return by name what is above 0 while the valves stand as they do [Pa]."""
+    """Return the event margins [Pa] of the valves and voids by name."""
     refill, void, over = refill_pressure(p), p.oil.cavitation_pressure, p.relief_valve.pressure
     drop = pressure_1 - pressure_2
 
-    def below(pressure: Value, level: Value, is_: Value) -> Value:
-        return ops.where(is_, level - pressure, pressure - level)
+    def below(pressure: Value, level: Value, is_below: Value) -> Value:
+        return ops.where(is_below, level - pressure, pressure - level)
 
     return {"relief": ops.where(ops.equal(v.relief, 0.0), over - ops.fabs(drop), v.relief * drop - over),
             "check_1": below(pressure_1, refill, v.check_1), "check_2": below(pressure_2, refill, v.check_2),

@@ -1,4 +1,4 @@
-"""Efficiency of the screw: what of the load the rotor feels.
+"""Efficiency of the screw: the share of the load that the rotor feels.
 
 Between the screw's torque and its axial force F stands the load referred to the motor, L = F l (l lead per radian):
 all that is on the load side of the screw, positive where it resists positive motion. The rotor feels e L,
@@ -7,8 +7,8 @@ all that is on the load side of the screw, positive where it resists positive mo
     L = J_l dw/dt + L_0        J_l = m_nut l^2 + J_ft/R^2        L_0 = C_f sgn w/R + b_f w/R^2 - T_f/R - l P_n - ...
     e = 1/forward where the motor drives the load, L sgn w > 0        e = backward where the load drives the motor
 
-The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. Of the two lines that make it the one
-that resists more holds, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
+The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. Of its two branches the one that
+resists more holds, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
 net = T_m - C_m sgn w - b_m w. A backward efficiency of 0 or less is a screw that the load cannot drive.
 
 The efficiencies are parameters or those of a worm and its wheel (:mod:`emcas_fmu.physics.worm`), l = 1 and R = N.
@@ -20,7 +20,8 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 from . import worm
-from .mechanics import Mechanics, fin_inertia, hinge_damping, hinge_dry, hinge_friction, with_hinge_friction
+from .loads import fin_inertia
+from .mechanics import Mechanics, hinge_damping, hinge_dry, hinge_friction, with_hinge_friction
 
 
 def lossy(p: Any) -> bool:
@@ -54,12 +55,12 @@ def share(ops: Ops, p: Any, transmitted: Value, direction: Value, speed: Value =
 
 
 def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
-    """Return by how much [N.m] the screw under a load [N.m] adds to the friction that keeps it at rest."""
+    """Return the friction [N.m] that a load [N.m] on the screw adds to that which holds it at rest."""
     return (share(ops, p, transmitted, direction) - 1.0) * transmitted * direction
 
 
 def held(ops: Ops, p: Any, m: Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] that move a rotor at rest, with the friction of a loaded screw."""
+    """Return the torques [N.m] beyond which a rotor at rest starts, with the friction of the loaded screw."""
     hinge = hinge_dry(p, m)
     return high + hold(ops, p, hinge - behind(m), 1.0), low - hold(ops, p, -hinge - behind(m), -1.0)
 
@@ -91,7 +92,7 @@ def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
 
 
 def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
-    """Return parameters and coefficients with `e` times what is on the load side."""
+    """Return parameters and coefficients with the load side multiplied by `e`."""
     inertia = m.inertia + (e - 1.0) * load_inertia(p, m.gain)
     load = e * behind(m) + m.rotor
     return with_hinge_friction(p, e), m._replace(inertia=inertia, load=load, centrifugal=e * m.centrifugal)

@@ -1,4 +1,4 @@
-"""Heat of a loaded screw: (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from what an actuator shows."""
+"""Heat of a loaded screw: (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from states and outputs of an actuator."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _line_load(ops: Ops, p: Any, x: Record, fin: Value, u: Record) -> tuple[Valu
 
 
 def loss(ops: Ops, p: Any, x: Record, u: Record, shown: Mapping[str, Value]) -> Value:
-    """Return the power [W] that the screw turns into heat, from the states and the actuator's other outputs."""
+    """Return the power [W] that the screw turns into heat; `shown` are the actuator's other outputs."""
     speed, fin = shown["motor_speed"], shown["fin_angle"]
     direction = ops.where(speed > 0.0, 1.0, -1.0)
 

@@ -33,7 +33,7 @@ def gain(ops: Ops, p: Any) -> Value:
 
 
 def flows(ops: Ops, p: Any, spool: Value, supply: Value, pressure_1: Value, pressure_2: Value) -> tuple[Value, ...]:
-    """Return the flows [m3/s] into both chambers, and that from the supply, at a `supply` pressure [Pa]."""
+    """Return the flows [m3/s] into both chambers and the flow from the supply, at a `supply` pressure [Pa]."""
     k, up, down, tank = gain(ops, p), opening(ops, p, spool), opening(ops, p, -spool), p.tank.pressure
 
     def edge(open_: Value, drop: Value) -> Value:
@@ -50,6 +50,6 @@ def fastest(p: Any) -> Value:
 
 
 def spool_acceleration(p: Any, spool: Value, speed: Value, command: Value) -> Value:
-    """Return z'' [1/s2] within the limits."""
+    """Return z'' [1/s2] between the limits of speed and stroke."""
     w = p.valve.natural_frequency
     return w * (w * (command - spool) - 2.0 * p.valve.damping * speed)

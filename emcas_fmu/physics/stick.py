@@ -1,6 +1,7 @@
-"""Dry friction that is set-valued: what rests stays there to the bit while it holds, what slides feels all of it.
+"""Set-valued dry friction: a body at rest stays there to the bit while friction holds it; sliding it feels all of it.
 
-For bodies whose forces follow from states, so that each decides by itself (:mod:`emcas_fmu.steppers.events`).
+For bodies whose forces follow from states, so that each sticks or slides independently of the others
+(:mod:`emcas_fmu.steppers.events`).
 """
 
 from __future__ import annotations
@@ -16,68 +17,79 @@ EDGE = 1.0 - 1e-9
 
 
 class Slide(NamedTuple):
-    """Direction of a body's motion (-1, 0 at rest, 1), and the torques that it takes to move it up and down."""
+    """Direction of a body's motion (-1, 0 at rest, 1), and the torques beyond which it starts upwards and downwards."""
 
     direction: Value
     high: Value
     low: Value
 
 
+def sign(ops: Ops, x: Value) -> Value:
+    """Return -1, 0 or 1."""
+    return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
+
+
 def overcome(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return whether a torque moves a body at rest up, beyond `high`, and whether it moves it down, beyond `low`."""
+    """Return whether a torque starts a body at rest upwards, beyond `high`, and whether downwards, beyond `low`."""
     # Strictly beyond: without friction and torque a body at rest stays at rest.
     up = ops.both(torque >= high * EDGE, torque > 0.0)
     return up, ops.both(torque <= low * EDGE, torque < 0.0)
 
 
-def slide(ops: Ops, speed: Value, torque: Value, dry: Value, place: Value, stop: Value) -> Slide:
-    """Return how a body moves that has a `speed`, under a `torque` besides a dry friction of `dry`.
-
-    At rest at a `place` beyond +-`stop` it moves inwards only.
-    """
-    high = ops.where(place >= stop, WALL, dry)
-    low = -ops.where(place <= -stop, WALL, dry)
+def start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
+    """Return the direction in which a torque starts a body at rest, 0 where friction from `low` to `high` holds it."""
     up, down = overcome(ops, torque, high, low)
-    starts = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
+    return ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
+
+
+def slide(ops: Ops, speed: Value, torque: Value, dry: Value, position: Value, stop: Value) -> Slide:
+    """Return the motion of a body of a `speed` under a `torque` and a dry friction `dry`.
+
+    A body at rest at a `position` beyond +-`stop` starts inwards only.
+    """
+    high = ops.where(position >= stop, WALL, dry)
+    low = -ops.where(position <= -stop, WALL, dry)
+    starts = start(ops, torque, high, low)
     return Slide(ops.where(speed > 0.0, 1.0, ops.where(speed < 0.0, -1.0, starts)), high, low)
 
 
 def moves(ops: Ops, s: Slide, value: Value) -> Value:
-    """Return a value of a body that moves, 0 of one at rest."""
+    """Return `value` for a body that moves, 0 for one at rest."""
     return ops.where(ops.equal(s.direction, 0.0), 0.0, value)
 
 
 def margin(ops: Ops, s: Slide, speed: Value, torque: Value) -> Value:
-    """Return what is above 0 while the body goes on as it does: its speed, or at rest the friction that is left."""
+    """Return the event margin of the direction: the speed, or at rest the friction that is left."""
     rest = ops.minimum(s.high - torque, torque - s.low)
     return ops.where(ops.equal(s.direction, 0.0), rest, s.direction * speed)
 
 
-def stop_margin(ops: Ops, s: Slide, place: Value, stop: Value) -> Value:
-    """Return the way to the stop ahead, 1 of a body at rest."""
-    return ops.where(ops.equal(s.direction, 0.0), 1.0, stop - s.direction * place)
+def stop_margin(ops: Ops, s: Slide, position: Value, stop: Value) -> Value:
+    """Return the distance to the stop ahead, 1 for a body at rest."""
+    return ops.where(ops.equal(s.direction, 0.0), 1.0, stop - s.direction * position)
 
 
 def nowhere(ops: Ops, s: Slide, begin: Value, end: Value) -> Value:
-    """Return whether a body that starts from rest, of a speed of 0 at the `begin` of a step, leads nowhere."""
+    """Return whether a body that starts from a speed `begin` of 0 would move against its direction."""
     return ops.both(ops.equal(begin, 0.0), end * s.direction <= 0.0)
 
 
 def speed_after(ops: Ops, s: Slide, begin: Value, end: Value, halted: Value) -> Value:
-    """Return the speed at the end of a step: 0 where it was `halted`, or where a start from rest leads nowhere."""
+    """Return the speed at the end of a step: 0 where the body was `halted`, or where its start leads nowhere."""
     return ops.where(ops.either(halted, nowhere(ops, s, begin, end)), 0.0, end)
 
 
 def landed(ops: Ops, s: Slide, stop: Value, begin: tuple[Value, Value], end: tuple[Value, Value], halted: Value,
            struck: Value) -> tuple[Value, Value]:
-    """Return place and speed of a body between stops at +-`stop`, from those where a step began and ended.
+    """Return position and speed of a body between stops at +-`stop`, from those at the `begin` and `end` of a step.
 
-    Its speed was lost in the step (`halted`) or it was `struck` by the stop ahead. Another event may be placed a
-    rounding behind that of the stop; and a body that leaves it and turns back within a step gets as far beyond.
+    The body came to rest in the step (`halted`), or met the stop ahead (`struck`). It may also be at the stop, or
+    beyond, where another event follows that of the stop by rounding, or where it leaves the stop and turns back within
+    a step.
     """
-    (from_place, from_speed), (place, speed) = begin, end
+    (from_position, from_speed), (position, speed) = begin, end
     moving = ops.negate(ops.equal(s.direction, 0.0))
-    met = ops.either(struck, ops.both(moving, s.direction * place >= stop))
-    inside = ops.where(met, s.direction * stop, ops.clip(place, -stop, stop))
-    return (ops.where(nowhere(ops, s, from_speed, speed), from_place, inside),
+    met = ops.either(struck, ops.both(moving, s.direction * position >= stop))
+    inside = ops.where(met, s.direction * stop, ops.clip(position, -stop, stop))
+    return (ops.where(nowhere(ops, s, from_speed, speed), from_position, inside),
             speed_after(ops, s, from_speed, speed, ops.either(met, ops.both(moving, halted))))

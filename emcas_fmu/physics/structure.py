@@ -1,4 +1,4 @@
-"""What an electromechanical actuator is put together from: choices, not parameters."""
+"""The equations that an electromechanical actuator is composed of: choices, not parameters."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Structure:
-    """Which equations hold.
+    """The equations in force.
 
     `constant_ratio`: the ratio between motor and fin is that of small angles, (2.18). `current`: a current loop
-    controls the motor current, an ideal one makes it the reference at once, or a PWM amplifier puts a voltage on the
-    winding. `drive_line`: the drive line between rotor and fin is elastic. `torsion_bar`: a bar loads the fin.
-    `stribeck`: friction at the motor falls with speed. `screw_losses`: the screw has efficiencies; of a `worm` they
-    follow from its lead angle and friction.
+    controls the motor current, an ideal loop sets it to its reference at once, or a PWM amplifier applies a voltage to
+    the winding. `drive_line`: the drive line between rotor and fin is elastic. `torsion_bar`: a torsion bar loads the
+    fin. `stribeck`: friction at the motor falls with speed. `screw_losses`: the screw has efficiencies; those of a
+    `worm` follow from its lead angle and friction.
     """
 
     constant_ratio: bool = False

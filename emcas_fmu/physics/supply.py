@@ -17,12 +17,12 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 
-_FAR = 1e30  # V, the way to an edge that is not ahead
+_FAR = 1e30  # V, distance to an edge that is not ahead
 _TINY = 1e-300
 
 
 def tripped(ops: Ops, p: Any, link: Value, before: Value) -> Value:
-    """Return whether the bridge is open at a link voltage [V]; `before` is above 0 where it was."""
+    """Return whether the bridge is open at a link voltage [V]; `before` is above 0 if it was open."""
     low = link < p.supply.trip_voltage
     return ops.either(low, ops.both(before > 0.0, link <= p.supply.recovery_voltage))
 
@@ -46,23 +46,23 @@ def brake_power(ops: Ops, p: Any, link: Value) -> Value:
 def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
     """Return the current [A] that motor and inverter of a `power` [W] and the electronics draw from the link.
 
-    Below the trip voltage the motor draws none; where a step gets there with some left, it is taken at that voltage.
+    The motor draws none below the trip voltage; a power left where a step ends below it counts at that voltage.
     """
     trip = p.supply.trip_voltage
     return (power + p.supply.quiescent_power * ops.minimum(link / trip, 1.0)) / ops.maximum(link, trip)
 
 
 def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value) -> tuple[Value, Value]:
-    """Return the link's voltage [V] after `h` [s], or where the diode or the chopper switches before; and what is left.
+    """Return the link's voltage [V] after `h` [s], or where diode or chopper switches before, and the time left [s].
 
-    dv/dt = slope exp(-rate t) in between, and its sign stays: nothing but the voltage itself changes it.
+    In between dv/dt = slope exp(-rate t), whose sign is constant.
     """
     one_way, chopper = p.supply.one_way, p.supply.chopper_voltage
     flowing = source_current(ops, p, link, source) - load
     slope = (flowing - ops.maximum(link - chopper, 0.0) / p.supply.chopper_resistance) / p.supply.capacitance
     up = slope > 0.0
     side = ops.where(up, 1.0, -1.0)
-    # What conducts on the way: at an edge that lies behind.
+    # Diode and chopper conduct on the way past an edge that lies behind.
     fed = ops.either(ops.negate(one_way), ops.either(link < source, ops.both(ops.equal(link, source), ops.negate(up))))
     braked = ops.either(link > chopper, ops.both(ops.equal(link, chopper), up))
     rate = (ops.where(fed, 1.0 / p.supply.source_resistance, 0.0)
@@ -89,7 +89,7 @@ def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value
 def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> Value:
     """Return the link's voltage [V] after `h` [s] under a current [A] of its loads and a source of a voltage [V].
 
-    Exact while both stay, however stiff: it passes an edge where diode or chopper switches once each at most.
+    Exact for a constant load and source, however stiff; diode and chopper switch once each at most.
     """
     end, left = _to_edge(ops, p, link, source, load, h)
     if edges:

@@ -1,8 +1,8 @@
-"""The drive's current loop where motor current and integral are integrated with the other states.
+"""The drive's current loop in actuators that integrate motor current and integral with their other states.
 
-For actuators that step from event to event (:mod:`emcas_fmu.steppers.events`), in the modes of
-:func:`emcas_fmu.steppers.electrical.electrical_mode`: the demanded voltage is free, clipped at its limit, or stays
-there with the integral following.
+These step from event to event (:mod:`emcas_fmu.steppers.events`), in the modes of
+:func:`emcas_fmu.steppers.electrical.electrical_mode`: the demanded voltage is free, clipped at its limit, or stays at
+the limit while the integral follows.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from .electrical import Drive
 
 
 def rates(ops: Ops, p: Any, d: Drive, speed: Value, current: Value, integral: Value) -> tuple[Value, Value]:
-    """Return di/dt [A/s] and dxi/dt [V/s] in a mode at a motor speed [rad/s]; a disabled drive has none.
+    """Return di/dt [A/s] and dxi/dt [V/s] in a mode at a motor speed [rad/s]; both are 0 for a disabled drive.
 
-    A clipped voltage is held at the limit of mid-step.
+    A clipped voltage is the limit of mid-step.
     """
     free = ops.equal(d.side, 0.0)
     voltage = ops.where(free, drive.voltage_demand(p, d.i_ref, current, integral), d.source)
@@ -27,13 +27,13 @@ def rates(ops: Ops, p: Any, d: Drive, speed: Value, current: Value, integral: Va
 
 
 def integral_end(ops: Ops, p: Any, d: Drive, speed: Value, current: Value, integral: Value) -> Value:
-    """Return the integral [V] at the end of a step: where the demand stays at the limit, that which keeps it there."""
+    """Return the integral [V] at the end of a step; it keeps a demand that stays at the limit there."""
     followed = d.side * d.limit_at(ops, p, speed, current) - p.drive.kp * (d.i_ref - current)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, integral), 0.0)
 
 
 def reserve(ops: Ops, p: Any, d: Drive, speed: Value, current: Value, integral: Value) -> Value:
-    """Return what is above zero until the demanded voltage meets or leaves its limit [V]; 1 where that is no event.
+    """Return the event margin [V] of the demanded voltage, which meets or leaves its limit; 1 without such an event.
 
     From the limit itself the mode of the start holds through the step.
     """

@@ -1,12 +1,12 @@
 """One step of rotor and fin with an elastic drive line between them (:mod:`emcas_fmu.physics.drive_line`).
 
-Both motions take one implicit midpoint step under the midpoint torque of the line, which keeps the energy of a line
-without damping as it is, however stiff. Dry friction on either side is solved with them: what is at rest stays there
-exactly where friction holds it. The current follows its exponential for the back-EMF of the mean speed.
+Both motions take one implicit midpoint step under the midpoint torque of the line, which conserves the energy of an
+undamped line, however stiff. Dry friction on both sides is solved with them: a body at rest that friction holds stays
+exactly there. The current follows its exponential for the back-EMF of the mean speed.
 
-The equations are smooth while signs keep: of the gap ahead or the pressure on a flank, of each speed, of the way to
-the fin's stops, of the drive's voltage reserve. The step ends where the first of them is lost, found by a secant and
-corrected by another, and the caller steps on.
+The equations are smooth while their event margins are above 0: the gap ahead or the pressure on a flank, each speed,
+the distances to the fin's stops, the drive's voltage reserve. The step ends at the first event
+(:func:`emcas_fmu.steppers.events.first_event`), and the caller steps on.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .electrical import Drive, Plant, electrical_mode, resolved, switched
 from .events import PROGRESS, Values, first_event
 from .rigid import stops
 
-# The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
-# of its angle. Meanwhile the flank pulls, and takes energy.
+# The least share of a step before a flank separates: in less, a slow motion may not exceed the rounding of its angle.
+# Meanwhile the flank pulls and removes energy.
 _LEAVING = 1e-3
-_LEAST_LOCKING = 1e-12  # of -e, where a screw does not lock: no bound
+_LEAST_LOCKING = 1e-12  # of -e, for a screw that does not lock: no bound
 
 
 class Pair(NamedTuple):
@@ -42,7 +42,7 @@ class Pair(NamedTuple):
 
 
 class _Mode(NamedTuple):
-    """What holds through a step: whether the line is under load and from where [rad], the drive's mode."""
+    """The mode of a step: whether a flank presses, from which deflection [rad], and the drive's mode."""
 
     pressed: Value
     flank: Value
@@ -50,7 +50,7 @@ class _Mode(NamedTuple):
 
 
 class _Electric(NamedTuple):
-    """Mean current a - b w [A] for the mean speed w, and current and integral at the end from it."""
+    """Mean current at_rest - slope w [A] for the mean speed w [rad/s], and the shares for the current at the end."""
 
     at_rest: Value
     slope: Value
@@ -59,7 +59,7 @@ class _Electric(NamedTuple):
 
 
 def _ideal(p: Any) -> bool:
-    """Return whether the current is its reference at once."""
+    """Return whether the current loop is ideal."""
     return bool(p.structure.current == "ideal")
 
 
@@ -103,18 +103,19 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 
         (2 J/h + b + K_t K_e' + k) W - k U = r_1 - friction        (2 J_f/h + b_f + k) U - k W = r_2 - friction
 
-    where k = h K/2 + D. The matrix is symmetric and its solution under friction the least of a convex function, so
-    the cases below have one answer. Friction that falls with speed is that of the rotor's speed `at`: of mid-step, as
-    a first solution has it.
+    where k = h K/2 + D. The matrix is symmetric and the solution under friction minimises a convex function, so it is
+    unique. Friction that falls with speed is that at the rotor speed `at`, by default the mid-step speed of a first
+    solution.
     """
     if at is None:
         at = _friction_speed(ops, p, c, s, acting, mode, h)
     if not screw.lossy(p):
         return _solved(ops, p, c, s, acting, mode, h, at)[0]
-    # The load L on the screw grows with W, whatever friction does at the fin, and so does what the rotor's row has on
-    # its left by either efficiency e while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same by both. A
-    # screw that locks, e < 0, asks for steps that are short enough (:func:`longest_step`).
-    along = ops.where(at * s.speed < 0.0, 0.0, at) if screw.falls(p) else at  # a speed against the way counts as rest
+    # The load L on the screw grows with W, whatever the friction at the fin, and so does the left side of the rotor's
+    # row with either efficiency e while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same with both. A
+    # screw that locks, e < 0, needs steps that are short enough (:func:`longest_step`).
+    # A speed against the direction counts as rest.
+    along = ops.where(at * s.speed < 0.0, 0.0, at) if screw.falls(p) else at
     (driving, load, way), (driven, _, _) = (
         _solved(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
     forward = load * way > 0.0
@@ -122,7 +123,7 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 
 
 def _friction_speed(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value) -> Value:
-    """Return the rotor's speed [rad/s] whose friction holds: where friction depends on it, that of mid-step."""
+    """Return the rotor speed [rad/s] at which friction acts: the mid-step speed, where friction depends on it."""
     def predicted() -> tuple[Value, ...]:
         return (0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed),)
 
@@ -136,7 +137,7 @@ def _friction_speed(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Recor
 def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
     """Return the longest step [s] in which a screw that locks, e < 0, has one acceleration.
 
-    -e k is at most a share `most` of 2 J/h, k = h K/2 + D: the fin may stand.
+    -e k is at most a share `most` of 2 J/h, k = h K/2 + D, which also covers a fin at rest.
     """
     locking = ops.maximum(-screw.backward(ops, p), _LEAST_LOCKING)
     inertia = most * screw.rotor_inertia(p)
@@ -146,7 +147,7 @@ def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
 
 def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value,
             felt: Value | None = None) -> tuple[Pair, Value, Value]:
-    """Return the end of :func:`_advanced`, the load on the screw [N.m] and the rotor's way (-1, 0, 1).
+    """Return the end of :func:`_advanced`, the load on the screw [N.m] and the rotor's direction (-1, 0, 1).
 
     A rotor that feels e times the load has in its row of the equations, J = J_r + e J_n with the nut's J_n,
 
@@ -162,7 +163,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     e = _electric(ops, p, s, mode.drive, h)
     driving = drive.torque(p, e.at_rest) + mechanics.rotor_torque(p, acting)
     k = ops.where(mode.pressed, 0.5 * h * c.stiffness + c.damping, 0.0)
-    given = ops.where(mode.pressed, c.stiffness * (s.angle - s.fin_angle - mode.flank), 0.0)
+    spring = ops.where(mode.pressed, c.stiffness * (s.angle - s.fin_angle - mode.flank), 0.0)
     inertia = mechanics.screw_inertia(p)
     if felt is not None:
         inertia = inertia + (felt - 1.0) * screw.nut_inertia(p)
@@ -170,8 +171,8 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     # Linearised about the speed at the start, u^2 -> 2 u U - u^2 for the mean.
     swing = m.centrifugal * s.fin_speed
     alone_2 = fin + mechanics.hinge_damping(p, m) - 2.0 * swing
-    r_1 = (rotor * s.speed + driving + seen(body_force())) - seen(given)
-    r_2 = (fin - swing) * s.fin_speed + m.load + given
+    r_1 = (rotor * s.speed + driving + seen(body_force())) - seen(spring)
+    r_2 = (fin - swing) * s.fin_speed + m.load + spring
 
     low_stop, high_stop = stops(ops, p)
     held = mechanics.hinge_dry(p, m)
@@ -181,23 +182,23 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     fin_rests, rotor_rests = ops.equal(s.fin_speed, 0.0), ops.equal(s.speed, 0.0)
     sliding = ops.where(s.fin_speed > 0.0, held, -held)
 
-    # The fin's mean speed while the rotor stands, and what it then asks of the rotor.
+    # The fin's mean speed while the rotor rests, and the direction in which its torque then starts the rotor.
     free, _ = _beyond(ops, r_2, high, low)
     fin_alone = ops.where(fin_rests, free, r_2 - sliding) / (alone_2 + k)
     if felt is None:
         _, started = _beyond(ops, r_1 + k * fin_alone, up, down)
     else:
-        standing = given - k * fin_alone - body_force()  # the load on the screw of a rotor at rest
-        _, started = _beyond(ops, ((driving + body_force()) - given) + k * fin_alone,
-                             up + screw.hold(ops, p, standing, 1.0), down - screw.hold(ops, p, standing, -1.0))
+        resting = spring - k * fin_alone - body_force()  # the load on the screw of a rotor at rest
+        _, started = _beyond(ops, ((driving + body_force()) - spring) + k * fin_alone,
+                             up + screw.hold(ops, p, resting, 1.0), down - screw.hold(ops, p, resting, -1.0))
     way = ops.where(rotor_rests, started, ops.where(s.speed > 0.0, 1.0, -1.0))
-    stands = ops.equal(way, 0.0)
+    rotor_held = ops.equal(way, 0.0)
 
     alone_1 = rotor + friction.viscous(ops, p, way) + drive.torque(p, e.slope)
     if friction.falls(p):
         up, down = friction.coulomb(ops, p, 1.0, m.fin, at), -friction.coulomb(ops, p, -1.0, m.fin, at)
     n_1 = r_1 - ops.where(way > 0.0, up, down)
-    # The rotor's while the fin stands; from rest it moves on the side its torque points to.
+    # The rotor's mean speed while the fin rests; from rest it moves in the direction of its torque.
     rotor_alone = n_1 / (alone_1 + seen(k))
     rotor_alone = ops.where(ops.both(rotor_rests, rotor_alone * way < 0.0), 0.0, rotor_alone)
     _, pushed = _beyond(ops, r_2 + k * rotor_alone, high, low)
@@ -207,13 +208,13 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     determinant = alone_1 * alone_2 + k * (alone_1 + seen(alone_2))
     w = ops.where(fin_held, rotor_alone, ((alone_2 + k) * n_1 + seen(k) * n_2) / determinant)
     u = ops.where(fin_held, 0.0, ((alone_1 + seen(k)) * n_2 + k * n_1) / determinant)
-    w, u = ops.where(stands, 0.0, w), ops.where(stands, fin_alone, u)
+    w, u = ops.where(rotor_held, 0.0, w), ops.where(rotor_held, fin_alone, u)
 
     current, integral = _electric_end(ops, p, s, mode.drive, e, w, h)
     end = Pair(s.angle + h * w, 2.0 * w - s.speed, current, integral, s.fin_angle + h * u, 2.0 * u - s.fin_speed)
     if felt is None:
         return end, 0.0, way
-    return end, given + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.speed) / h - body_force(), way
+    return end, spring + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.speed) / h - body_force(), way
 
 
 def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> Values:
@@ -236,9 +237,9 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
 
 
 def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Value) -> _Mode:
-    """Return the mode a step of `h` [s] starts in.
+    """Return the mode at the start of a step of `h` [s].
 
-    A flank that is just met is under load if without it the gap would end.
+    A flank that has just been met presses if the motion without it would close the gap.
     """
     deflection = s.angle - s.fin_angle
     pressed, flank = drive_line.pressed(ops, c, deflection, s.speed - s.fin_speed)
@@ -261,7 +262,7 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
 
 
 def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, Value]:
-    """Return the state after `h` [s] or at the first event before, and the time that took [s]."""
+    """Return the state after `h` [s] or at the first event before, and the time until then [s]."""
     s = switched(ops, s, acting.enabled)
     h = resolved(ops, p, s, acting, h)
     c = drive_line.line(ops, p, s.fin_angle + 0.5 * h * s.fin_speed)

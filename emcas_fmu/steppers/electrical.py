@@ -1,6 +1,6 @@
-"""The drive in a step: which of its equations hold, PWM and ideal loop among them, and an open bridge.
+"""The drive in a step: the equations in force, with PWM, ideal loop and open bridge.
 
-What stepping, heat and supply of any motor ask for; how the motor moves does not matter here.
+Stepping, heat and supply of every motor use it; it does not depend on how the motor moves.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive
+from ..physics.stick import sign
 
-# The demanded voltage counts as at its limit this close to it: what ends on it is rounded.
+# The demanded voltage counts as at its limit within this share of it, since a step that ends at the limit is rounded.
 _BAND = 1e-6
-# Where the voltage is at a limit that falls with the current, which is a resistance, steps are at most this share of
-# the winding's time constant with that resistance; and at least this share of the longest tick.
+# A voltage limit that falls with the current acts as a resistance. Steps at such a limit are at most this share of the
+# winding's time constant with that resistance, and at least this share of the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
 _TINY = 1e-300
 
@@ -49,24 +50,18 @@ class Drive(NamedTuple):
         return drive.voltage_limit(ops, p, self.supply, speed, current)
 
 
-def sign(ops: Ops, x: Value) -> Value:
-    """Return -1, 0 or 1."""
-    return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
-
-
 def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value,
                     accelerating: Callable[[], Value] = lambda: 0.0) -> Drive:
-    """Return the electrical mode a step of `h` [s] starts in; `accelerating` gives the acceleration [rad/s2].
+    """Return the electrical mode at the start of a step of `h` [s]; `accelerating` returns the acceleration [rad/s2].
 
-    A demand at the limit may be driven out while it is free and back while it is
-    clipped (its integral held): then it stays there, the integral following the
-    current (Filippov's sliding solution). A clipped voltage is the limit of mid-step,
-    as speed and current move from the start.
+    A demand at the limit may leave it while it is free and return while it is clipped (with its integral held): then
+    it stays there, and the integral follows the current (Filippov's sliding solution). A clipped voltage is the limit
+    of mid-step, with speed and current extrapolated from the start.
     """
     if p.structure.current == "pwm":
         return _pwm_mode(ops, p, u)
     i_ref = drive.current_reference(ops, p, u.reference)
-    if p.structure.current == "ideal":  # the current is its reference at once, and no voltage matters
+    if p.structure.current == "ideal":  # the current is its reference at once, whatever the voltage
         return Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, i_ref, u.enabled, 0.0, 1.0)
     demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
     supply = ops.maximum(u.supply, 0.0)
@@ -88,10 +83,10 @@ def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value,
                                          s.current + 0.5 * h * side * rise)
             return middle, p.drive.kp * rise + (middle - limit) / (0.5 * h)
 
-        # Limit of mid-step, and how fast a clipped demand falls back behind the limit.
+        # Limit of mid-step, and the speed at which a clipped demand falls back behind the limit.
         held, back = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (limit, p.drive.kp * rise))
-        drawn_out = side * p.drive.ki * (i_ref - s.current) > back
-        stays = ops.both(at_limit, ops.both(back > 0.0, drawn_out))
+        leaving = side * p.drive.ki * (i_ref - s.current) > back
+        stays = ops.both(at_limit, ops.both(back > 0.0, leaving))
         clipped = ops.either(ops.negate(at_limit), ops.either(back <= 0.0, stays))
         clipped_side = ops.where(clipped, side, 0.0)
         loop = ops.where(clipped, resistance, resistance + p.drive.kp)
@@ -105,7 +100,7 @@ def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value,
 
 
 def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
-    """Return the mode of a PWM amplifier: its voltage, within the supply, holds through the step."""
+    """Return the mode of a PWM amplifier: its voltage, within the supply, is constant over the step."""
     limit = ops.maximum(u.supply, 0.0)
     source = ops.clip(drive.pwm_voltage(p, u.reference), -limit, limit)
     resistance = p.motor.resistance
@@ -114,7 +109,7 @@ def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
 
 
 def switched(ops: Ops, s: Any, enabled: Value) -> Any:
-    """Return a plant's state as the drive's bridge has it: open while disabled, without current and integral."""
+    """Return a plant's state; a disabled drive's open bridge has no current and no integral."""
     current, integral = ops.branch(enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0))
     return s._replace(current=current, integral=integral)
 

@@ -1,4 +1,4 @@
-"""One step of the plant on LuGre bristles (:mod:`emcas_fmu.extensions.lugre`), without stick.
+"""One step of the plant with LuGre friction (:mod:`emcas_fmu.extensions.lugre`), which never sticks.
 
     dz/dt = w - a z        a = sigma_0 |w|/g        torque = sigma_0 z + sigma_1 dz/dt
 
@@ -8,11 +8,11 @@ means over a step of length h are linear in the step's mean speed W:
     end = e^-x z + h f1 W     mean z = f1 z + h f2 W     mean dz/dt = f1 (W - a z)     x = a h
     f1 = (1 - e^-x)/x         f2 = (1 - f1)/x
 
-So friction is a torque and a viscous coefficient to the midpoint step of the motion, which is solved with the current
-as ever. With sigma_1 a <= 4 sigma_0 (it is below sigma_0) the step is passive whatever the prediction: the friction's
-work h W (mean torque) is at least the change of sigma_0 z^2/2, for it is that of the exact z under a constant W. Of
-events there are the voltage's limit and the stops; a motor pressed against a stop stays there exactly, its bristles as
-they are.
+In the midpoint step of the motion, friction is thus a torque and a viscous coefficient, and the step is solved with the
+current as in :mod:`emcas_fmu.steppers.rigid`. With sigma_1 a <= 4 sigma_0 (it is below sigma_0) the step is passive
+whatever the prediction: the work of friction h W (mean torque) is at least the change of sigma_0 z^2/2, since it is
+that of the exact z under a constant W. Events are the voltage limit and the stops; a motor pressed against a stop stays
+exactly there, with constant bristles.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .electrical import Plant
 from .events import PROGRESS
 from .rigid import Motion, Step
 
-_SERIES = 0.02  # x below which f2 is its series: there both forms are good to 1e-12
+_SERIES = 0.02  # x below which f2 is its series: there both forms are accurate to 1e-12
 
 
 def shares(ops: Ops, x: Value) -> tuple[Value, ...]:
@@ -47,10 +47,10 @@ def shares(ops: Ops, x: Value) -> tuple[Value, ...]:
 
 
 def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: Value, h: Value) -> tuple[Value, ...]:
-    """Return what bristles do over a step of `h` [s] at a motor speed `at` [rad/s] for their rate.
+    """Return the bristles over a step of `h` [s], with the rate a of a motor speed `at` [rad/s].
 
-    Torque at rest [N.m] and slope [N.m.s/rad], kept share [1] and gain [s]: their mean torque is at_rest + slope W and
-    the deflection at the end kept z + gain W.
+    Returns at_rest [N.m], slope [N.m.s/rad], kept [1] and gain [s]: the mean torque is at_rest + slope W and the
+    deflection at the end is kept z + gain W.
     """
     rate, damping = mechanics.bristles(ops, p, m, at)
     kept, first, second = shares(ops, rate * h)
@@ -66,9 +66,9 @@ def _mechanics(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> mechanics.Mec
 
 def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at: Value | None = None
           ) -> tuple[Step, Value]:
-    """Return a step of a free motor, and the deflection at its end [rad], with the friction of a speed `at` [rad/s].
+    """Return a step of a free motor and the deflection at its end [rad].
 
-    Where it is not given it is that of mid-step, as a first step has it.
+    Friction is that at a speed `at` [rad/s], by default the mid-step speed of a first step.
     """
     if at is None:
         at = _step(ops, p, s, deflection, u, h, s.speed)[0].current.speed
@@ -76,7 +76,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     at_rest, slope, kept, gain = _bristles(ops, p, m, deflection, at, h)
     damping = mechanics.damping(ops, p, m, at) + slope
     w = s.speed
-    # As in rigid.py: mid-step speed in what is viscous, linearised in the centrifugal term.
+    # As in rigid.py: mid-step speed in the viscous terms, linearised in the centrifugal term.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - at_rest - damping * w + m.centrifugal * w * w
     motion = Motion(1.0, inertia, torque, 0.0, 0.0, m.load)
@@ -90,8 +90,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
 
 def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, step: Step, end_deflection: Value
           ) -> tuple[Value, ...]:
-    """Return state and deflection at the end of a free motor's `step` or at the first event in it, and the time of it.
-    """
+    """Return state and deflection at the end of a free motor's `step` or at its first event, and that time [s]."""
     side = step.motion.direction
     low, high = rigid.stops(ops, p)
     stop = ops.where(side > 0.0, high, low)
@@ -114,7 +113,7 @@ def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, st
 
 
 def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, side: Value) -> tuple[Value, ...]:
-    """Return the same of a motor at rest at the stop on a side (-1 or 1)."""
+    """Return the result of :func:`_free` for a motor at rest at the stop on a side (-1 or 1)."""
     m = _mechanics(ops, p, s, u, h)
     spring = p.lugre.stiffness * deflection
 
@@ -123,7 +122,7 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 
     pressed = pressing(s.current) >= 0.0
     free, free_deflection = _step(ops, p, s, deflection, u, h)
-    # A start that leads nowhere is none, as from rest in rigid.py.
+    # A motor that would start into the stop stays at rest, as in rigid.py.
     nowhere = side * (free.end.angle - s.angle) >= 0.0
 
     def held(h: Value) -> Step:
@@ -153,8 +152,7 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 
 
 def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) -> tuple[Plant, Value, Value]:
-    """Return state and bristle deflection [rad] after `h` [s] or at the first event before, and the time that took [s].
-    """
+    """Return state and deflection [rad] after `h` [s] or at the first event before, and the time until then [s]."""
     s = electrical.switched(ops, s, u.enabled)
     h = electrical.resolved(ops, p, s, u, h)
     low, high = rigid.stops(ops, p)

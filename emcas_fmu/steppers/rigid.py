@@ -1,14 +1,12 @@
 """One step of the plant: from a state to the end of a tick, or to the first event in it.
 
-The motion takes an implicit midpoint step (second order) under the mean torque of
-the tick. The current is stiff beside it, so it follows its exact exponential for
-the back-EMF of mid-tick; both are solved together, since the mean current is
-linear in the acceleration it causes.
+The motion takes an implicit midpoint step (second order) under the mean torque of the tick. The current is much
+faster, so it follows its exact exponential for the back-EMF of mid-tick; both are solved together, since the mean
+current is linear in the acceleration that it causes.
 
-Within a tick the equations are smooth until an event: the speed reaches zero, a
-stuck motor breaks away, the drive's voltage meets or leaves its limit, or the fin
-meets a stop. The step then ends at that event, placed by closed forms, and the
-caller steps on through what is left of the tick.
+Within a tick the equations are smooth until an event: the speed reaches zero, a stuck motor breaks away, the drive's
+voltage meets or leaves its limit, or the fin meets a stop. The step then ends at that event, whose time has a closed
+form, and the caller steps on through the rest of the tick.
 """
 
 from __future__ import annotations
@@ -19,15 +17,15 @@ from typing import Any, NamedTuple
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
-from ..physics.stick import WALL, overcome
-from .electrical import Drive, Plant, electrical_mode, resolved, sign, switched
+from ..physics.stick import WALL, overcome, sign
+from .electrical import Drive, Plant, electrical_mode, resolved, switched
 from .events import PROGRESS, zero_between
 
-# A time constant that is a smaller share of a step: the current has long settled on a course of its own with the speed.
-# A limit that is met within it: by a supply of microvolts, in ever shorter steps that would not end.
+# With a time constant below this share of a step the current has long settled and follows the speed. A limit that is
+# met within that share, with a supply of microvolts, would otherwise be met again and again in ever shorter steps.
 _SETTLED = 1.0 / 16.0
-# Of the change of speed in a step: what may be left of the speed where it is put to zero. More is left where the
-# current turns within the step, so that the speed is no line and its zero is later: the step ends without the event.
+# Share of the change of speed in a step that may remain where the speed is set to zero. More remains where the current
+# reverses within the step, so that the speed is not linear and its zero is later: the step then ends without the event.
 _LEFT = 0.01
 _TINY = 1e-300
 
@@ -76,11 +74,10 @@ def _stop_ahead(ops: Ops, p: Any, direction: Value) -> Value:
 
 def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value,
             felt: Value = 1.0) -> Motion:
-    """Return the mechanics of a motor that turns one way (`heading` 1 or -1), or of one at rest (None).
+    """Return the mechanics of a motor that turns in a direction (`heading` 1 or -1), or of one at rest (None).
 
-    Friction is that of a speed `at` [rad/s].
-
-    `felt` is the share of the load that a screw with losses leaves it to feel.
+    Friction is that at a speed `at` [rad/s]. `felt` is the share of the load that the motor feels through a screw with
+    losses.
     """
     m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u)
     direction, high, low = heading, 0.0, 0.0
@@ -112,9 +109,9 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
 
 def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: Value | None,
                    at: Value) -> Motion:
-    """Return the motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
+    """Return the motion with the efficiency for the step's mean torques: forward where they drive the load.
 
-    Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`). A speed against the
+    The sign of the load is the same with either efficiency (:mod:`emcas_fmu.physics.screw`). A speed against the
     heading counts as rest.
     """
     along = ops.maximum(heading * at, 0.0) if heading is not None and screw.falls(p) else at
@@ -129,13 +126,13 @@ def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, he
 
 
 def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Value) -> Current:
-    """Return the current's course for the back-EMF of the step's mean speed, and that speed.
+    """Return the current over a step for the back-EMF of the step's mean speed, and that speed.
 
-    Mean speed and mean integral are linear in the final current, which is therefore
-    found without iteration. A disabled drive's bridge is open: no current.
+    Mean speed and mean integral are linear in the final current, so no iteration is needed. A disabled drive's bridge
+    is open and has no current.
     """
     half_step = 0.5 * h
-    # Torque and source are known last: what they are multiplied with, inverses among it, does not wait for them.
+    # Torque and source are known last, so their factors, inverses among them, are computed before.
     drift = s.speed + half_step * motion.mobility * motion.torque  # mean speed if there were no current
 
     def flowing() -> tuple[Value, ...]:
@@ -158,14 +155,14 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
 
 
 def time_to(ops: Ops, c: Current, value: Value) -> Value:
-    """Return when the current reaches a value [A] that lies on its way [s]."""
+    """Return the time [s] at which the current reaches a value [A] between its start and its end."""
     rest = value - c.final
     ratio = (c.start - c.final) / ops.where(ops.fabs(rest) > _TINY, rest, _TINY)
     return c.tau * ops.log(ops.maximum(ratio, 1.0))
 
 
 class Step(NamedTuple):
-    """Where a step leads if nothing but what holds at its start happens, and what it was made of."""
+    """The end of a step without events, and its equations: motion, electrical mode, current."""
 
     end: Plant
     motion: Motion
@@ -174,10 +171,7 @@ class Step(NamedTuple):
 
 
 def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value | None = None) -> Step:
-    """Return a step under the friction of a speed `at` [rad/s].
-
-    Where friction depends on one and it is not given, it is that of mid-step as a first step has it.
-    """
+    """Return a step under the friction at a speed `at` [rad/s], by default the mid-step speed of a first step."""
     if at is None:
         at = _friction_speed(ops, p, s, u, h, heading)
     motion = _motion(ops, p, s, u, h, heading, at)
@@ -193,7 +187,7 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
         angle = s.angle + h * c.speed
         if heading is not None:
             return angle, speed
-        # A start from rest that leads nowhere is none.
+        # A motor that would start against its direction stays at rest.
         starts = speed * motion.direction > 0.0
         return ops.where(starts, angle, s.angle), ops.where(starts, speed, 0.0)
 
@@ -202,7 +196,7 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
 
 
 def _friction_speed(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> Value:
-    """Return the speed [rad/s] whose friction a step is under: that of mid-step, where friction depends on one."""
+    """Return the speed [rad/s] at which friction acts in a step: the mid-step speed, where friction depends on it."""
     def predicted() -> tuple[Value, ...]:
         return (_step(ops, p, s, u, h, heading, s.speed).current.speed,)
 
@@ -214,7 +208,7 @@ def _friction_speed(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Va
 
 
 def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:
-    """Return the acceleration [rad/s2] a step starts with."""
+    """Return the acceleration [rad/s2] at the start of a step."""
     return ops.where(motion.stuck, 0.0, (drive.torque(p, s.current) + motion.torque) * motion.mobility)
 
 
@@ -236,8 +230,8 @@ class Crossing(NamedTuple):
 
 
 class Events(NamedTuple):
-    """What happens in a step: the voltage crosses its limit, a motor at rest breaks away (``up``, ``down``), one that
-    turns comes to rest or gets to a stop."""
+    """Events in a step: the voltage crosses its limit, a motor at rest breaks away (``up``, ``down``), a turning one
+    comes to rest (``reversing``) or meets a stop."""
 
     crossing: Crossing
     up: Value
@@ -253,8 +247,8 @@ def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
     demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
     limit = d.limit_at(ops, p, end.speed, end.current)
     free = ops.equal(d.side, 0.0)
-    # From the limit itself the mode of the start holds through the step. Without supply the voltage is 0 on either side
-    # of its limit, and a current that decays would come to it in ever shorter steps.
+    # From the limit itself the mode of the start holds through the step. Without supply the voltage is 0 on both sides
+    # of its limit, which a decaying current would meet in ever shorter steps.
     watched = ops.both(ops.both(d.enabled, d.supply > 0.0), ops.equal(d.at_limit, 0.0))
     entering = ops.both(watched, ops.both(free, ops.fabs(demand) > limit))
     return Crossing(entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit)))
@@ -274,11 +268,11 @@ def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: Value | None) -> Ev
 
 def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: Value, part: Callable[[Value], Step]
                  ) -> Value:
-    """Return when the demanded voltage crosses the limit [s], `h` if it does not; `part` gives a shorter step.
+    """Return the time [s] at which the demanded voltage crosses the limit, `h` if it does not.
 
-    Where the current settles in much less than the step, it follows the speed to the limit: what its course meets at
-    once, with the back-EMF of mid-step, it may meet much later, as may a current that is little by then. A secant from
-    there to the step's end gives when.
+    `part` computes a shorter step. A current that settles in much less than the step follows the speed to the limit:
+    with the back-EMF of mid-step it meets the limit at once, in truth much later. The time is then that of a secant
+    from there to the step's end.
     """
     if p.structure.current == "pwm":
         return h
@@ -286,8 +280,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     before = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
     side = ops.where(crossing.entering, sign(ops, after), d.side)
-    # By the current's course, with the integral of the step's start; where the integral
-    # rather than the current drives the demand, by the line between its ends.
+    # By the current's exponential, with the integral of the step's start; where the integral rather than the current
+    # moves the demand, by the line between its ends.
     limit = d.limit_at(ops, p, step.end.speed, step.end.current)
     boundary = d.i_ref - (side * limit - s.integral) / p.drive.kp
     on_course = (boundary - s.current) * (step.end.current - boundary) >= 0.0
@@ -299,7 +293,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), on_line(before, after))
 
     def moving() -> tuple[Value, ...]:
-        # No later than the line between the reserves at start and end is zero: what is met too early is met again.
+        # No later than the zero of the line between the reserves at start and end: an early end is tried again.
         even = on_line(before + side * (limit - d.limit), after)
         return (ops.where(on_course, ops.minimum(time, even), even),)
 
@@ -320,14 +314,14 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
 
 
 def _breakaway_time(ops: Ops, p: Any, step: Step, e: Events, h: Value) -> Value:
-    """Return when the torque on a motor at rest exceeds its friction [s], `h` if it does not."""
+    """Return the time [s] at which the torque on a motor at rest exceeds its friction, `h` if it does not."""
     edge = ops.where(e.up, step.motion.high, step.motion.low)
     time = time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
     return ops.where(ops.either(e.up, e.down), time, h)
 
 
 def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
-    """Return when a motor that is `stopping` gets to the angle `stop` [s], else `h`; constant acceleration."""
+    """Return the time [s] at which a `stopping` motor meets the angle `stop`, else `h`; constant acceleration."""
     travel = stop - s.angle
     acceleration = (step.end.speed - s.speed) / h
     root = ops.sqrt(ops.maximum(s.speed * s.speed + 2.0 * acceleration * travel, 0.0))
@@ -338,13 +332,13 @@ def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: V
 
 def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events, h: Value,
                     heading: Value | None) -> tuple[Value, ...]:
-    """Return the state at the first event, and the time that took [s]."""
+    """Return the state at the first event, and the time until then [s]."""
     stop = _stop_ahead(ops, p, step.motion.direction)
     voltage = voltage_time(ops, p, s, step, e.crossing, h, lambda time: _step(
         ops, p, s, u, ops.maximum(time, PROGRESS * h), heading))
     stopping = stop_time(ops, s, step, e.stopping, stop, h)
     if heading is not None:
-        # First where the line between the speeds is zero, then on the line to that point.
+        # First the zero of the line between the speeds, then that of the line to this point.
         slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
         guess = ops.where(e.reversing, h * s.speed / slowing, h)
         (other,) = ops.branch(e.reversing, lambda: (_refined(ops, p, s, u, step, guess, h, heading),), lambda: (h,))
@@ -362,7 +356,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
 
 
 def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h: Value, heading: Value | None) -> Value:
-    """Return a better time of zero speed [s] than `guess`, by the secant to the side where it lies."""
+    """Return a better time of zero speed [s] than `guess`, by the secant to the side of the zero."""
     speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.speed
     late = speed * heading <= 0.0
     other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.speed, step.end.speed)
@@ -379,11 +373,11 @@ def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
 
 
 def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
-    """Return the state after `h` [s] or at the first event before, and the time that took [s]."""
+    """Return the state after `h` [s] or at the first event before, and the time until then [s]."""
     s = switched(ops, s, u.enabled)
     if p.structure.current != "loop":
         *plant, used = _headed(ops, p, s, u, h)
-    else:  # two sets of code, so that the one for a limit that is the supply is as short as if there were no other
+    else:  # two sets of code, so that the one whose limit is the supply is as short as without the other
         fixed = with_values(p, {"motor.pole_pairs": 0})
         *plant, used = ops.branch(p.motor.pole_pairs > 0.0,
                                   lambda: _headed(ops, p, s, u, resolved(ops, p, s, u, h)),
@@ -392,7 +386,7 @@ def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Val
 
 
 def _headed(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Value, ...]:
-    """Return the same by the way the motor turns."""
+    """Return the result of :func:`advance` by the direction of the motor."""
     return ops.branch(ops.fabs(s.speed) > 0.0,
                       lambda: _follow(ops, p, s, u, h, ops.where(s.speed > 0.0, 1.0, -1.0)),
                       lambda: _follow(ops, p, s, u, h, None))

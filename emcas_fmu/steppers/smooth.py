@@ -1,13 +1,13 @@
-"""One step of smooth equations of motion, of whatever states: for actuators that have no stepping of their own.
+"""One step of smooth equations of motion, for actuators without special stepping.
 
 ROS2 of Verwer, Spee, Blom and Hundsdorfer (1999), "A second-order Rosenbrock method applied to photochemical
 dispersion problems", SIAM Journal on Scientific Computing 20 (4), 1456-1480:
 
     (I - g h A) k1 = f(y)        (I - g h A) k2 = f(y + h k1) - 2 k1        y(h) = y + h (3 k1 + k2)/2
 
-with g = 1 - 1/sqrt(2) it is L-stable for A the Jacobian of f, so that a mode much faster than the step is damped and
-does no harm. It is of second order whatever A is: differences quotients serve. The mechanical stops take the rate of
-a fin that runs against them, at the end of the step; the time of that event is met to the first order.
+With g = 1 - 1/sqrt(2) and A the Jacobian of f it is L-stable, so that a mode much faster than the step is damped. It is
+of second order for any A: difference quotients suffice. A fin that runs against a mechanical stop loses its rate at the
+end of the step; the time of that event is accurate to first order.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 
 _GAMMA = 1.0 - 1.0 / sqrt(2.0)
-# Of a difference quotient, about the square root of the rounding of a state of the order of one.
+# Increment of a difference quotient: about the square root of the rounding of a state of order one.
 _INCREMENT = 1e-7
 
 Derivatives = Callable[[Ops, Any, Record, Record], Mapping[str, Value]]
 
 
 def smooth_step(derivatives: Derivatives, names: Sequence[str]) -> Callable[..., tuple[dict[str, Value], Value]]:
-    """Return the `step` of states of these names that move by `derivatives`, ``fin_angle`` and ``fin_rate`` among them.
+    """Return the `step` of an actuator with states of these names, ``fin_angle`` and ``fin_rate`` among them.
 
-    `derivatives(ops, p, x, u)` gives d/dt of each by name, for `x` and `u` as `step` gets them.
+    `derivatives(ops, p, x, u)` returns d/dt of each by name, for the `x` and `u` of `step`.
     """
     def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[dict[str, Value], Value]:
         def slope(y: list[Value]) -> list[Value]:
-            given = derivatives(ops, p, x.replace(**dict(zip(names, y, strict=True))), u)
-            return [given[name] for name in names]
+            rates = derivatives(ops, p, x.replace(**dict(zip(names, y, strict=True))), u)
+            return [rates[name] for name in names]
 
         moved = dict(zip(names, ros2(ops, slope, [getattr(x, name) for name in names], h), strict=True))
         angle, rate, stop = moved["fin_angle"], moved["fin_rate"], p.fin.stop_angle
@@ -45,13 +45,13 @@ def smooth_step(derivatives: Derivatives, names: Sequence[str]) -> Callable[...,
 
 
 def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Value], h: Value) -> list[Value]:
-    """Return values that move by `slope`, d/dt of each, from `begin` after `h` [s]."""
+    """Return the values after `h` [s] from `begin`; `slope` returns d/dt of each."""
     count, first = len(begin), slope(begin)
     columns = []
     for i, value in enumerate(begin):
         increment = _INCREMENT * (1.0 + ops.fabs(value))
         shifted = slope([*begin[:i], value + increment, *begin[i + 1:]])
-        # What does not depend on the value is the very same in a traced program: an entry that is known to be 0.
+        # A derivative that does not depend on the value is the same object in a traced program: its entry is 0.
         columns.append([0.0 if a is b else (a - b) / increment for a, b in zip(shifted, first, strict=True)])
     matrix = [[_less(1.0 if i == k else 0.0, _GAMMA * h, columns[k][i]) for k in range(count)] for i in range(count)]
     k1 = solve(matrix, first)
@@ -61,7 +61,7 @@ def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Valu
 
 
 def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Value]:
-    """Return the solution of linear equations by elimination without pivots, which I - g h A near I does not need."""
+    """Return the solution of linear equations by elimination without pivoting, which I - g h A near I does not need."""
     rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
     count = len(rows)
     for i in range(count):
@@ -79,7 +79,7 @@ def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Val
 
 
 def _zero(value: Value) -> bool:
-    """Return whether a value is known to be 0, traced or not: what it would add is left out of the program."""
+    """Return whether a value is the number 0, whose terms are left out of a traced program."""
     return isinstance(value, float) and value == 0.0
 
 
