@@ -180,19 +180,28 @@ def _why(r: Requirement, measured: float) -> str:
     return "the response never reaches what is measured, or did not run to the end"
 
 
+def counted(judged: Sequence[Judged]) -> list[Judged]:
+    """Return those that were not skipped."""
+    return [j for j in judged if not j.skipped]
+
+
+def missed(judged: Sequence[Judged]) -> list[Judged]:
+    """Return those that were not skipped and are not met."""
+    return [j for j in counted(judged) if not j.passed]
+
+
 def all_passed(judged: Sequence[Judged]) -> bool:
-    """Return whether at least one requirement was judged and all judged ones passed."""
-    counted = [j for j in judged if not j.skipped]
-    return bool(counted) and all(j.passed for j in counted)
+    """Return whether at least one requirement was not skipped and all of these are met."""
+    return bool(counted(judged)) and not missed(judged)
 
 
 def in_words(judged: Sequence[Judged], one: str = "requirement", many: str = "requirements") -> str:
     """Return in words how many are met and how many were not judged; `one` and `many` are the nouns for them."""
-    counted = [j for j in judged if not j.skipped]
-    failed, left = sum(not j.passed for j in counted), len(judged) - len(counted)
-    met = ("nothing was judged" if not counted else
-           f"{failed} of {len(counted)} {many} {'is' if failed == 1 else 'are'} not met" if failed else
-           f"all {len(counted)} {many} are met" if len(counted) > 1 else f"the one {one} is met")
+    total, failed = len(counted(judged)), len(missed(judged))
+    left = len(judged) - total
+    met = ("nothing was judged" if not total else
+           f"{failed} of {total} {many} {'is' if failed == 1 else 'are'} not met" if failed else
+           f"all {total} {many} are met" if total > 1 else f"the one {one} is met")
     return met + (f"; {left} more {'was' if left == 1 else 'were'} not judged" if left else "")
 
 

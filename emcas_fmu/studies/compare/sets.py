@@ -146,9 +146,9 @@ def summary(result: Result) -> Iterator[RenderableType]:
     for name, values in result.differing.items() if len(result.models) == 1 else ():
         yield escape(f"{name}: {', '.join(numbers.number(value) for value in values)}")
     for column in result.columns:
-        missed = [j.name for j in column.judged if not j.passed and not j.skipped]
+        missed = ", ".join(j.name for j in verdict.missed(column.judged))
         yield (f"{escape(column.name)}: [green]meets all[/]" if column.passed else
-               f"{escape(column.name)}: [bold red]misses {', '.join(missed) or 'everything: nothing was judged'}[/]")
+               f"{escape(column.name)}: [bold red]misses {missed or 'everything: nothing was judged'}[/]")
 
 
 def _cell(j: Judged) -> str:

@@ -70,7 +70,7 @@ class Result:
     @property
     def failed(self) -> list[Judged]:
         """Requirements that are not met."""
-        return [j for j in self.judged if not j.passed and not j.skipped]
+        return verdict.missed(self.judged)
 
     @property
     def passed(self) -> bool:

@@ -139,12 +139,12 @@ class Result:
     @property
     def judged(self) -> list[Judged]:
         """The criteria that were judged."""
-        return [j for j in self.criteria if not j.skipped]
+        return verdict.counted(self.criteria)
 
     @property
     def failed(self) -> list[Judged]:
         """The criteria that were judged and are not met."""
-        return [j for j in self.judged if not j.passed]
+        return verdict.missed(self.criteria)
 
     @property
     def passed(self) -> bool:
