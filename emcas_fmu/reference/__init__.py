@@ -1,8 +1,13 @@
-"""An independent, event-located simulation of the whole actuator, and the reference files made with it.
+"""Independent, event-located integrations of whole actuators, and the reference files made with them.
 
-It exists to judge the product's own fixed-tick stepping, so it takes nothing from it: the equations are
-written again in fin coordinates, integrated by SciPy with error control, and every change of mode (stick,
-slip, voltage limit, mechanical stop) is found as a root instead of being stepped over.
+They are there to judge the package's own fixed-tick stepping, so they use none of its equations: these are written
+again in fin coordinates, integrated by SciPy with error control, and every change of mode (stick, slip, voltage limit,
+mechanical stop) is located as a root instead of being stepped over.
+
+Integrations: :mod:`.simulate` is the frame, over :mod:`.events`, :mod:`.vehicle`, :mod:`.drive` and
+:mod:`.controllers`; each actuator is a plant in a module of its name (:mod:`.plant` is the thesis's). Files:
+:mod:`.cases` holds the excitations, :mod:`.files` and :mod:`.stored` write and read responses, :mod:`.responses`
+caches them.
 
 Sources: S. Yerlikaya's thesis (2016), equations 2.1 - 2.47 and section 4.2, cited by number where used.
 """

@@ -1,7 +1,7 @@
-"""The excitations the actuator is judged by: steps, a square wave, sweeps, loads, cold and a voltage sag.
+"""The excitations of the reference responses: steps, a square wave, sweeps, loads, cold and a voltage sag.
 
-Every case starts with 50 ms at rest.  Inputs are rows 1 ms apart, each held until the next, and are rounded
-to the digits a file stores, so that the simulated input and the stored one are the same numbers.
+Every case starts with 50 ms at rest. Inputs are rows 1 ms apart, each held until the next, and are rounded to the
+digits of a file, so that the simulated input and the stored one are the same numbers.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from .vehicle import clip
 STEP = 1e-3  # s
 SIGNIFICANT_DIGITS = 9
 LEAD_IN = 0.05  # s
-EDGE_RATE = 400.0  # deg/s, faster than the fin can go, so that the edges still saturate the drive
+EDGE_RATE = 400.0  # deg/s, faster than the fin, so that the edges still saturate the drive
 LOAD = 100.0  # N.m, the load of the thesis's Table 2
-LOAD_RISE = 0.02  # s, so that it is a load and not a hammer
+LOAD_RISE = 0.02  # s, so that it is a load and not an impact
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
 SUPPLY = 39.0  # V, of the default actuator
 TOLERANCE = math.radians(0.002)  # a hundredth of the accuracy of Table 2: it must show in no figure judged by that
 _SAG = 28.0 / 39.0  # of the supply: below the back-EMF of a fast slew, so that the motor also regenerates
 _CHIRP_TIME = 12.0  # s
 
-# A quantised encoder and exact stiction together amplify any difference, down to rounding: two converged
-# integrations of the same case part by up to 0.004 deg (see docs/model/numerics.md), which says nothing of either.
-# Trajectories are therefore compared with true angle and speed fed back.
+# A quantised encoder and exact stiction together amplify any difference, even of rounding: two converged integrations
+# of the same case differ by up to 0.004 deg (see docs/model/numerics.md), which is an error of neither. Trajectories
+# are therefore compared with true angle and speed fed back.
 EXACT: Mapping[str, Value] = {"encoder.enabled": False}
 
 Columns = dict[str, Array]
 
 
 def stored(values: Array) -> Array:
-    """Return values as a reference file holds them."""
+    """Return values rounded as in a reference file."""
     return np.array([float(f"{value:.{SIGNIFICANT_DIGITS}g}") for value in values])
 
 
@@ -55,7 +55,7 @@ class Case:
     step: float = STEP  # s, distance of the rows
 
     def inputs(self) -> Columns:
-        """Return `time` and the input columns the case uses."""
+        """Return `time` and the input columns of the case."""
         time = stored(np.arange(round(self.stop_time / self.step) + 1) * self.step)
         return {"time": time} | {name: stored(column) for name, column in self.build(time).items()}
 
@@ -119,7 +119,7 @@ def sag(supply: float) -> Case:
 
 
 def with_supply(case: Case, supply: float) -> Case:
-    """Return a case for a unit whose supply is `supply` [V] at the start: a sag is a share of it."""
+    """Return a case for an actuator whose supply starts at `supply` [V]: a sag is a share of it."""
     return sag(supply) if case.name == "sag" else case
 
 
@@ -140,8 +140,8 @@ CASES = [
     sag(SUPPLY),
 ]
 
-# What an FMU carries of an actuator whose responses to the cases above are not stored: short, since it is integrated
-# when the FMU is built, with the command's sign and that of the hinge moment.
+# The reference embedded in an FMU of an actuator without stored responses: short, since it is integrated when the FMU
+# is built, and it shows the signs of command and hinge moment.
 STEP_AND_LOAD = Case("step_and_load", "Step to +10 deg, and 50 N.m against it from 0.2 s on", "embedded", 0.35,
                      math.radians(10.0),
                      lambda time: _levels((LEAD_IN, 10.0))(time) | {

@@ -1,9 +1,9 @@
-"""The reference files: inputs, responses and options of every case, as the FMI cross-check lays them out.
+"""The reference files: inputs, responses and options of every case, in the layout of the FMI cross-check.
 
     EMCAS_<case>_in.csv    input columns, one row per communication point
     EMCAS_<case>_ref.csv   the response at the same times
     EMCAS_<case>_ref.opt   start, stop, step size and relative tolerance
-    provenance.toml        how each was made, and hashes that tell whether it still is what was made
+    provenance.toml        how each file was made, and hashes that show whether it has changed since
 
 Layout: https://github.com/modelica/fmi-cross-check/blob/master/FMI-CROSS-CHECK-RULES.md
 """
@@ -38,14 +38,14 @@ PROVENANCE = "provenance.toml"
 Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Array]]
 """From parameters and input columns, ``time`` among them, to output columns at the same times; SI."""
 
-# Of an output's nominal value, where the table below says nothing: what an integrator of that accuracy leaves.
+# Tolerance of an output without an entry below, over its nominal value: room for an integrator of that accuracy.
 _RELATIVE = 1e-6
-# What a column may hold: nothing of an actuator comes near it, and squares of it and their sums are still finite.
+# Largest number in a column: no value of an actuator comes near it, and sums of its squares are still finite.
 _LARGEST = 1e100
-# How far a recomputed response may lie from the stored one.  Both carry the integration error: tightening
-# rtol tenfold moves no case by more than 1e-10 of a variable's range.  Storing nine digits adds half a unit
-# in the ninth, at most 5e-9 of the range.  What is left is room for another libm, yet a hundred times less
-# than what one encoder count taken the other way does (1e-6 rad, 0.3 A), so that a flipped count is seen.
+# Largest difference of a recomputed response from the stored one. Both have the integration error: tightening rtol
+# tenfold moves no case by more than 1e-10 of a variable's range. Nine stored digits add half a unit in the ninth, at
+# most 5e-9 of the range. The rest is room for another libm, yet a hundred times less than the effect of one encoder
+# count that falls the other way (1e-6 rad, 0.3 A), so that such a count is seen.
 TOLERANCES = {
     "fin_angle": 1e-8,  # rad, of 0.4
     "fin_rate": 1e-6,  # rad/s, of 5
@@ -56,7 +56,7 @@ TOLERANCES = {
 
 
 def simulator(model: str) -> Simulate:
-    """Return the independent integration of an actuator. Raises EmcasError for one that has none."""
+    """Return the independent integration of an actuator. Raises EmcasError without one."""
     actuator = get(model)
     if actuator.reference is None:
         raise EmcasError(f"--model {model}: the {actuator.name} actuator has no independent reference; nonlinear has "
@@ -74,21 +74,21 @@ def simulator(model: str) -> Simulate:
 
 
 def supply_start(model: str, values: Mapping[str, Value]) -> float:
-    """Return what supply_voltage of an actuator with these parameters starts at [V]; the default's without one."""
+    """Return the start value of supply_voltage [V] of an actuator; the default actuator's if it has no such input."""
     return next((float(v.initial(values)) for v in get(model).inputs if v.name == "supply_voltage"), SUPPLY)
 
 
 def cases(parameters: ParameterSet) -> tuple[Case, ...]:
-    """Return the cases an actuator can be run through, as they are for it.
+    """Return the cases that an actuator can run, adapted to it.
 
-    A case that changes a parameter or drives an input which the actuator does not have says nothing of it; an encoder
-    it does not have is left alone.
+    A case that changes a parameter or drives an input which the actuator does not have is left out, unless that
+    parameter is one of an encoder.
     """
     return cases_of(parameters.model, parameters.values)
 
 
 def cases_of(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
-    """Return the same for an actuator by its name and the values of its parameters."""
+    """Return the :func:`cases` of an actuator by its name and the values of its parameters."""
     names = {"time", *values, *(v.name for v in get(model).inputs)}
     return tuple(
         suited(case, model, values) for case in CASES
@@ -96,22 +96,22 @@ def cases_of(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
 
 
 def suited(case: Case, model: str, values: Mapping[str, Value]) -> Case:
-    """Return a case with a sag of the actuator's own supply and with those of its overrides that the actuator has."""
+    """Return a case with a sag of the actuator's supply, and with the overrides of parameters that the actuator has."""
     case, overrides = with_supply(case, supply_start(model, values)), {**case.overrides, **_true_angle(case)}
     return replace(case, overrides={name: value for name, value in overrides.items() if name in values})
 
 
 def _true_angle(case: Case) -> dict[str, Value]:
-    """Return what lets other sensors than an encoder read true values, in a case without encoder.
+    """Return the overrides with which sensors other than encoders measure true values, for a case without encoder.
 
-    A unit that is to be homed would follow no command before.
+    An actuator that has to be homed would follow no command before.
     """
     exact = case.overrides.get("encoder.enabled") is False
     return {"transducer.resolution": 0.0, "homing.required": False} if exact else {}
 
 
 class Difference(NamedTuple):
-    """Largest distance of a recomputed column from the stored one."""
+    """Largest difference of a recomputed column from the stored one."""
 
     case: str
     variable: str
@@ -143,12 +143,12 @@ def read_table(directory: Path, case: str, suffix: str) -> dict[str, Array]:
 
 
 def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> str:
-    """Return a header of names and one row per time, with significant `digits` and LF everywhere.
+    """Return CSV text: a header of names and one row per time, with significant `digits` and LF line ends.
 
-    Elements of an array of columns stand in one cell, apart by spaces.
+    The elements of an array in a column share one cell, separated by spaces.
     """
     def cell(value: float | list[float]) -> str:
-        # Adding zero turns -0.0 into 0.0: the sign of nothing is not part of a reference.
+        # Adding zero turns -0.0 into 0.0: the sign of a zero is not part of a reference.
         return " ".join(map(cell, value)) if isinstance(value, list) else f"{value + 0.0:.{digits}g}"
 
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
@@ -157,9 +157,9 @@ def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> 
 
 
 def read_csv(path: Path) -> dict[str, Array]:
-    """Return the columns of a file that holds what `csv_text` gives; those of an array have two dimensions.
+    """Return the columns of a file written by `csv_text`; those of an array have two dimensions.
 
-    Raises ValueError, naming the column where one is wrong.
+    Raises ValueError, with the name of a wrong column.
     """
     header, *rows = path.read_text("utf-8").splitlines() or [""]
     names = header.split(",")
@@ -178,7 +178,7 @@ def read_csv(path: Path) -> dict[str, Array]:
 
 
 def read_provenance(directory: Path) -> dict[str, Any]:
-    """Return the parsed `provenance.toml`; empty when there is none. Raises EmcasError where it cannot be read."""
+    """Return the parsed `provenance.toml`, empty without one. Raises EmcasError where it cannot be read."""
     path = directory / PROVENANCE
     try:
         return schema.document(path, EmcasError)[1] if path.exists() else {}
@@ -187,15 +187,15 @@ def read_provenance(directory: Path) -> dict[str, Any]:
 
 
 def remedy(directory: Path) -> str:
-    """Return what to do about reference files that are missing or damaged."""
+    """Return the remedy for missing or damaged reference files."""
     return f"make the reference files with `emcas reference --directory {directory}`"
 
 
 def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
                parameters: ParameterSet | None = None) -> None:
-    """Compute the named cases (default all), and write the files of all of them and the provenance into `directory`.
+    """Compute the named cases (default all) and write their files and the provenance into `directory`.
 
-    Nothing is written before all are computed. Without `parameters` the default set is used. Raises EmcasError for an
+    Nothing is written before all are computed. `parameters` defaults to the shipped set. Raises EmcasError for an
     actuator without an independent reference.
     """
     chosen = parameters or load_parameters()
@@ -223,9 +223,9 @@ def outputs(directory: Path, names: Sequence[str] | None, parameters: ParameterS
 
 def compare(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
             parameters: ParameterSet | None = None) -> list[Difference]:
-    """Recompute the named cases (default all) and measure them against the files in `directory`.
+    """Recompute the named cases (default all) and compare them with the files in `directory`.
 
-    A column that is missing, or whose rows differ in number or time, counts as infinitely far.
+    A column that is missing, or has another number of rows, counts as infinitely far.
     """
     differences = []
     chosen = parameters or load_parameters()
@@ -262,16 +262,16 @@ def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Pro
 
 
 def parameters_hash(values: Mapping[str, Value]) -> str:
-    """Return the hash by which a provenance names the parameters of its run."""
-    # Settings of the product's own stepping are no part of what the reference is made from.
+    """Return the hash that identifies the parameters of a run in its provenance."""
+    # The reference does not depend on settings of the package's stepping.
     used = {name: float(value) for name, value in values.items() if not name.startswith("solver.")}
     return _sha256(json.dumps(used, sort_keys=True).encode())
 
 
 def response_hash(values: Mapping[str, Value]) -> str:
-    """Return the hash of the parameters that the response to a case follows from.
+    """Return the hash of the parameters that determine the response to a case.
 
-    No case moves the vehicle: where nothing weighs anything, a fin's place on the body is no part of them.
+    No case moves the vehicle: without gravity the fin's position on the body has no effect.
     """
     return parameters_hash(values if values.get("loads.gravity") else {**values, "mounting.azimuth": 0.0})
 

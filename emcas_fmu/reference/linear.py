@@ -1,7 +1,6 @@
 """The thesis's linear model, (2.18)-(2.26), under its sampled controllers.
 
-The assembly angle is taken as zero and the fin angle as small, so that the reduction ratio is
-the constant N = d/l:
+The assembly angle is zero and the fin angle small, so that the reduction ratio is the constant N = d/l:
 
     J_eq dw/dt = K_t i - B_eq w       J_eq = J_m + J_s + m_n l^2 + J_ft/N^2,   B_eq = b_m + b_f/N^2
     L di/dt = K_p (i_ref - i) + xi - R i - K_e w      dxi/dt = K_i (i_ref - i)      i_ref = K_v u(t - T_d)
@@ -9,12 +8,11 @@ the constant N = d/l:
     I_k+1 = I_k + T_s K_i,pos (r - theta)        V_k+1 = V_k + T_s K_i,vel e_w        r = N command
     T_l = L (J_eq w - m_k)                       m_k+1 = m_k + T_s (K_t i + T_l)
 
-The plant's N, J_eq, B_eq, K_t and K_e are those of the unit as built, ``deviation.*`` off the nominal ones, which the
-controllers have. Without limits, Coulomb friction and its compensation, current offset, encoder counts or loads. The
-command is late, in whole samples, but is neither rounded nor held for longer than a sample.
-Controllers are sampled at T_s and the plant between the samples is solved exactly by matrix
-exponentials, so no integration error is mixed into a comparison. Nothing of the nonlinear
-model's code is used.
+The plant's N, J_eq, B_eq, K_t and K_e are those of the actuator as built, off by ``deviation.*`` from the nominal ones
+of the controllers. There are no limits, no Coulomb friction or its compensation, no current offset, encoder counts or
+loads. The command is late by whole samples, but neither rounded nor held for longer than a sample. Controllers are
+sampled at T_s, and the plant between the samples is solved exactly by matrix exponentials, so a comparison contains no
+integration error. The model uses no equation of the nonlinear one.
 """
 
 from __future__ import annotations
@@ -35,11 +33,11 @@ Array = NDArray[np.floating[Any]]
 
 
 def obstacle(values: Mapping[str, Any]) -> str:
-    """Return why the linear model is none of these parameters, with the remedy; empty if it is one."""
+    """Return why the linear model does not hold for these parameters, with the remedy; empty if it does."""
     held = whole_samples(values, "command.update_time") > 1
-    for name, unit, there in (("command.resolution", "rad", values["command.resolution"] > 0.0),
+    for name, unit, present in (("command.resolution", "rad", values["command.resolution"] > 0.0),
                               ("command.update_time", "s", held)):
-        if there:
+        if present:
             return f"{name} = {values[name]:g} {unit}: the linear model takes every command as it is; set it to 0"
     return ""
 
@@ -48,9 +46,9 @@ class LinearModel:
     """Discrete state space of the closed loop at the controllers' sample times, behind the command's latency.
 
     ``sample_time`` [s]; the input is the fin command [rad], the output the fin angle [rad].
-    ``update``, ``drive`` and ``output`` are its matrices; ``written`` is how a DAC value acts on the next state.
+    ``update``, ``drive`` and ``output`` are its matrices; ``written`` is the effect of a DAC value on the next state.
     The state is motor angle, speed, current, xi, I, V, r_k-1, m and the DAC values on their way to the drive.
-    Raises EmcasError for parameters that it is no model of (`obstacle`).
+    Raises EmcasError for parameters for which it does not hold (`obstacle`).
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
@@ -80,24 +78,24 @@ class LinearModel:
         error_of_target = proportional * values["controller.position.setpoint_weight"] + fed_forward
         control = velocity_gain * error
         control[5] += 1.0
-        load = np.zeros(size)  # what the observer estimates
+        load = np.zeros(size)  # the observer's estimate
         load[1], load[7] = values["controller.load_observer"] * inertia, -values["controller.load_observer"]
         control -= load / (values["motor.torque_constant"] * values["drive.current_gain"])
-        line = np.zeros((late + 2, size))  # DAC values from the oldest to the one written now
-        line[:-1, 8:] = np.eye(late + 1)
-        line[-1] = control
-        update[:4] += np.outer(older, line[0]) + np.outer(newer, line[1])
+        delayed = np.zeros((late + 2, size))  # DAC values from the oldest to the one written now
+        delayed[:-1, 8:] = np.eye(late + 1)
+        delayed[-1] = control
+        update[:4] += np.outer(older, delayed[0]) + np.outer(newer, delayed[1])
         update[4, 4], update[4, 0] = 1.0, -period * values["controller.position.ki"]
         update[5] = period * values["controller.velocity.ki"] * error
         update[5, 5] += 1.0
         if values["controller.load_observer"] > 0.0:
             update[7] = period * load
             update[7, 2], update[7, 7] = period * values["motor.torque_constant"], update[7, 7] + 1.0
-        update[8:] = line[1:]
+        update[8:] = delayed[1:]
         drive[4] = period * values["controller.position.ki"]
         drive[5] = period * values["controller.velocity.ki"] * error_of_target
         drive[6] = 1.0
-        written = np.zeros(size)  # how the value written now acts
+        written = np.zeros(size)  # the effect of the value written now
         written[-1] = 1.0
         if late == 0:  # already in this period
             written[:4] = newer

@@ -1,4 +1,4 @@
-"""The independent response to a case: the stored one, one kept since it was integrated, or one integrated now."""
+"""The independent response to a case: stored, cached since it was integrated, or integrated now."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from .events import Value
 from .simulate import Array
 
 _KEPT = 256  # responses of some 35 kB
-_EXACT = 17  # digits that tell any two floats apart: rounded here, they would lie on edges of the archive's rounding
+_EXACT = 17  # digits that keep every float: with fewer, values would lie on edges of the archive's rounding
 
 
 def is_shipped(parameters: ParameterSet, case: Case) -> bool:
     """Return whether the response of an actuator is stored."""
     if parameters.model != NONLINEAR:
         return False
-    made = files.read_provenance(models_directory() / "reference").get(case.name)
+    stored_case = files.read_provenance(models_directory() / "reference").get(case.name)
     wanted = files.response_hash({**parameters.values, **case.overrides})
-    return made is not None and made["sha256_parameters"] == wanted
+    return stored_case is not None and stored_case["sha256_parameters"] == wanted
 
 
 def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
-    """Return the stored response of an actuator, as far as the case goes; None where none is stored."""
+    """Return the stored response of an actuator, up to the end of the case; None without one."""
     if not is_shipped(parameters, case):
         return None
     (known,), rows = stored.load(models_directory() / "reference", [case.name]), len(case.inputs()["time"])
@@ -44,42 +44,41 @@ def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
 
 
 def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
-    """Return `time` and the outputs that the independent integration of an actuator gives.
+    """Return `time` and the outputs of the independent integration of an actuator.
 
-    It takes a second or two, but where the response is stored, or kept in the user's cache. An actuator of the user's
-    is integrated each time: nobody sees when its file changes.
+    Integrating takes a second or two, unless the response is stored or in the user's cache. An actuator of the user is
+    integrated each time, since a change of its file would not be noticed.
     """
     if (known := shipped(parameters, case)) is not None:
         return known
-    given, inputs = {**parameters.values, **case.overrides}, case.inputs()
-    kept = _place(parameters.model, given, inputs)
-    if kept is not None:
-        with suppress(OSError, ValueError):  # not there, or damaged
-            return files.read_csv(kept)
-    simulate = files.simulator(parameters.model)
-    result = dict(simulate(given, inputs))
-    if kept is not None:
-        _keep(kept, result)
+    values, inputs = {**parameters.values, **case.overrides}, case.inputs()
+    cached = _cache_path(parameters.model, values, inputs)
+    if cached is not None:
+        with suppress(OSError, ValueError):  # missing or damaged
+            return files.read_csv(cached)
+    result = dict(files.simulator(parameters.model)(values, inputs))
+    if cached is not None:
+        _write_cached(cached, result)
     return result
 
 
-def _place(model: str, values: Mapping[str, Value], inputs: Mapping[str, Array]) -> Path | None:
-    """Return where a response is kept: named by all that it follows from. None where it is not."""
+def _cache_path(model: str, values: Mapping[str, Value], inputs: Mapping[str, Array]) -> Path | None:
+    """Return the path of a cached response, named by the hash of all that determines it; None if it is not cached."""
     reference = get(model).reference
     if not isinstance(reference, str) or not reference.startswith(__package__):
         return None
     folder = Path(str(import_module(reference).__file__)).parent
-    follows = json.dumps([
+    inputs_of_hash = json.dumps([
         __version__, scipy.__version__, reference, files.response_hash(values), files.csv_text(inputs),
         *(path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.py")))])
     try:
-        return cache_directory() / "references" / f"{hashlib.sha256(follows.encode()).hexdigest()[:32]}.csv"
+        return cache_directory() / "references" / f"{hashlib.sha256(inputs_of_hash.encode()).hexdigest()[:32]}.csv"
     except OSError:
         return None
 
 
-def _keep(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write a response, and let the oldest go; a cache that cannot be written is none."""
+def _write_cached(path: Path, columns: Mapping[str, Array]) -> None:
+    """Write a response and delete the oldest ones; a cache that cannot be written is ignored."""
     try:
         path.parent.mkdir(exist_ok=True)
         write(path, files.csv_text(columns, _EXACT))

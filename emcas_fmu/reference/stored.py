@@ -18,14 +18,14 @@ from . import files
 from .cases import SIGNIFICANT_DIGITS, sag
 
 Columns = Mapping[str, Array]
-_NEAR = 1e-3  # of a step, by which a time of nine digits may differ from its place
+_NEAR = 1e-3  # of a step, the largest error of a time of nine digits
 
 
 @dataclass(frozen=True)
 class Stored:
-    """A reference case as its folder, or an FMU, holds it; `model` is the actuator it is of.
+    """A reference case from a folder or an FMU; `model` is its actuator.
 
-    One that is not `independent` is the response of the package's own stepping.
+    A case that is not `independent` is a record of the package's own stepping.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Stored:
     independent: bool = True
 
     def __post_init__(self) -> None:
-        """Raise ValueError for times and values that no run can have."""
+        """Raise ValueError for impossible times and values."""
         for what, value in (("step", self.step), ("stop time", self.stop_time)):
             if not (isinstance(value, (int, float)) and 0.0 < value < inf):
                 raise ValueError(f"{self.name}: its {what} is {value!r}; expected seconds above 0")
@@ -58,23 +58,22 @@ class Stored:
 
     @property
     def supply(self) -> float | None:
-        """What the supply starts at [V]; None where the case leaves it alone."""
+        """Start value of the supply [V]; None if the case does not drive it."""
         column = self.inputs.get("supply_voltage")
         return None if column is None else float(column[0])
 
     def with_supply(self, supply: float) -> Stored:
-        """Return the case for a unit whose supply starts at `supply` [V]: of another it is no reference."""
+        """Return the case for an actuator whose supply starts at `supply` [V]; without a reference if that differs."""
         if self.kind != "sag" or self.supply is None or isclose(self.supply, supply, rel_tol=10.0**-SIGNIFICANT_DIGITS):
             return self
         case = sag(supply)
         return replace(self, title=case.title, inputs=case.inputs(), reference={})
 
 
-
 def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) -> list[Stored]:
-    """Return the named cases of a folder (default all, and those that are `needed` have to be among them).
+    """Return the named cases of a folder, by default all, which then have to include the `needed` ones.
 
-    Raises EmcasError where the folder is not as its provenance says, or says too little.
+    Raises EmcasError where the folder does not agree with its provenance, or the provenance is incomplete.
     """
     remedy = files.remedy(folder)
     if not folder.is_dir():
