@@ -21,7 +21,7 @@ from fmpy.validation import validate_fmu
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get
+from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get, get_extension
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.description import terminals_and_icons, to_bytes
 from emcas_fmu.fmi.fmi2.slave import Slave
@@ -44,12 +44,18 @@ from ..fmu.host import OK, Fmu, Instance
 
 DRIVEN = str(Path(__file__).with_name("driven.py"))
 RATED = 2e5  # Pa
-WITH_EXTENSIONS = [
-    *NAMES, "nonlinear+stribeck+efficiency+heat+homing+faults", "nonlinear+lugre+heat+homing+supply+faults",
-    "elastic+stribeck+efficiency+heat+homing+faults", "ristanovic+stribeck+efficiency+heat+homing+supply+faults",
-    "linear+heat+faults", "habibi+stribeck+heat+homing+faults", "ozkan+stribeck+heat+homing+faults",
-    "second-order+faults", "worm-gear+stribeck+heat+homing+supply+faults", "clutch+faults",
-    "series-clutch+heat+faults", "electrohydrostatic+heat+faults", "electrohydraulic+faults"]
+
+
+def _with_all(name: str, *without: str) -> str:
+    """Return an actuator's name with every extension that it can have, in their order."""
+    for extension in EXTENSIONS:
+        if extension not in without and get(name).provides.issuperset(get_extension(extension).needs):
+            name += f"+{extension}"
+    return name
+
+
+# LuGre friction is instead of Stribeck friction.
+WITH_EXTENSIONS = [*NAMES, *map(_with_all, NAMES), _with_all("nonlinear", "stribeck")]
 # All tests of one model run in turn, so that it is traced once.
 each_traced_once = pytest.mark.parametrize("model", WITH_EXTENSIONS, scope="module")
 

@@ -230,7 +230,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     torques = [ops.clip(torque, -dry.low, dry.high)
                for torque, dry in zip(coupled.friction_torques(ops, b, m.signs), b.dry, strict=True)]
     return p, interface.moment(
-        ops, p, x, u, x.screw_angle, x.screw_speed, nut=x.screw_angle, current=current, limited=limited, drawn=drawn,
+        ops, p, x, u, x.screw_angle, x.screw_speed, current=current, limited=limited, drawn=drawn,
         coil_currents=coil_currents, torques=(torques[coupled.WITH], torques[coupled.AGAINST]),
         slip_powers=_slip_powers(ops, b, m.signs, x))
 

@@ -85,8 +85,9 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value, speed: Val
     """Return what the outputs of the groups follow from, with parameters as built.
 
     `angle` [rad] and `speed` [rad/s] are those of the fin, referred to the motor; `tangent` is that of the lever's
-    angle, `fin` the fin's angle [rad]. The actuator adds what its groups use: `nut`, the angle of the screw at the nut
-    [rad]; `current` [A] and `voltage` [V] of the motor; `limited`, whether a limit is active.
+    angle, `fin` the fin's angle [rad]. The actuator adds what its groups use: `current` [A] and `voltage` [V] of the
+    motor; `limited`, whether a limit is active; `nut`, the angle of the screw at the nut [rad], if it is not `angle`.
     """
     tangent = kinematics.lever_tangent(ops, p, angle)
-    return Record(x=x, u=u, speed=speed, tangent=tangent, fin=kinematics.fin_angle(ops, p, tangent), **further)
+    fin = kinematics.fin_angle(ops, p, tangent)
+    return Record(**{"x": x, "u": u, "nut": angle, "speed": speed, "tangent": tangent, "fin": fin, **further})

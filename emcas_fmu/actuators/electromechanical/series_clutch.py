@@ -221,7 +221,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
     limited = ops.either(u.limited > 0.0, ops.negate(ops.equal(m.coil.side, 0.0)))
     return p, interface.moment(
-        ops, p, x, u, x.screw_angle, x.screw_speed, nut=x.screw_angle, voltage=voltage, current=current,
+        ops, p, x, u, x.screw_angle, x.screw_speed, voltage=voltage, current=current,
         limited=ops.either(clipped > 0.0, limited), train=t, motion=motion,
         drawn=voltage * current + m.coil.drawn(ops, p, x.coil_current))
 
