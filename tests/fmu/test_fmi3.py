@@ -346,7 +346,7 @@ def test_the_clock_ticks_at_samples_and_changes_nothing(clocked3: Fmu, unit3: Fm
     run_to(clocked, now, now + 0.4 * SAMPLE)
     assert clocked.call("EnterEventMode") == OK
     assert clock_calls(clocked, True)[0] == ERROR
-    assert "is no sample" in clocked.messages(ERROR)
+    assert "is not a sample" in clocked.messages(ERROR)
     assert CLOCK not in unit3.references
 
 

@@ -331,7 +331,7 @@ def test_the_page_is_of_its_back_end(unit: Path, backend: str, description: Elem
     assert options is not None
     assert ("ramp through it" in page) == (options.attrib["canInterpolateInputs"] == "true")
     assert ("externalDependencies.txt" in page) == ("documentation/externalDependencies.txt" in names)
-    assert f"Binaries are here for {', '.join(sorted(read_platforms(unit)))}." in page
+    assert f"The FMU has binaries for {', '.join(sorted(read_platforms(unit)))}." in page
 
 
 def test_native_contents(native: Path) -> None:

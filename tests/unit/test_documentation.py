@@ -50,7 +50,7 @@ def test_no_markup_is_left(model: str, fins: int, monkeypatch: pytest.MonkeyPatc
 
 def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "elastic drive line between them (<code>physics.drive_line</code>)" in page("elastic", 1, monkeypatch)
-    assert "or with <code>encoder.on_fin</code> it is" in page("elastic", 1, monkeypatch)
+    assert "So is the position, unless <code>encoder.on_fin</code> selects an" in page("elastic", 1, monkeypatch)
     assert documentation._typeset("a < b, ``c`` and `d`") == "a &lt; b, <code>c</code> and <code>d</code>"
 
 
