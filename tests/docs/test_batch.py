@@ -17,7 +17,7 @@ def test_blocks(capsys: pytest.CaptureFixture[str]) -> None:
     if not library.available():
         missing("there is no C compiler")
     page = (ROOT / "docs/use/batch.md").read_text(encoding="utf-8")
-    assert f"of {library.WORTH_VECTORS // batch.STEPS} actuators or more" in page
+    assert f"for {library.WORTH_VECTORS // batch.STEPS} actuators or more" in page
     names: dict[str, Any] = {}
     for language, text in recipes("use/batch.md").values():
         assert language == "python"

@@ -151,7 +151,11 @@ def _locked(folder: Path) -> FileLock:
         raise CampaignError(f"another run ({holder or 'pid unknown'}) writes to {folder}; wait for it, or name another "
                             "folder with --output") from error
     # In a file of its own: some systems do not let others read a locked file.
-    write(owner, f"pid {os.getpid()} on {platform.node()}")
+    try:
+        write(owner, f"pid {os.getpid()} on {platform.node()}")
+    except BaseException:
+        lock.release()
+        raise
     return lock
 
 
