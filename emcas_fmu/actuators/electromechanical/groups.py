@@ -8,7 +8,7 @@ from typing import Any
 
 from ...namespace import Record
 from ...ops.base import Ops, Value
-from ...physics import drive, kinematics, mechanics
+from ...physics import drive, kinematics
 from ...variables import Variable, integer_parameter, parameter, real_output, switch, tunable
 from .. import as_built, capabilities, fin_port
 from ..composition import Group, Output
@@ -33,7 +33,7 @@ def hinge(fork: str = "fork", **descriptions: str) -> Group:
     equations: dict[str, Callable[[Ops, Any, Record], Value]] = {
         "fin_angle": lambda ops, p, m: m.fin,
         "fin_rate": lambda ops, p, m: m.speed / kinematics.reduction_ratio(ops, p, m.tangent),
-        "hinge_torque": lambda ops, p, m: mechanics.external_moment(ops, p, m.tangent, m.u),
+        "hinge_torque": lambda ops, p, m: m.hinge_torque,
         "tracking_error": lambda ops, p, m: fin_port.clipped_command(ops, p, m.u.command) - m.fin,
         "measured_fin_angle": lambda ops, p, m: m.u.measured_fin_angle,
         "saturated": lambda ops, p, m: m.limited,

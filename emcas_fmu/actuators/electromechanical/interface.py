@@ -10,7 +10,7 @@ from typing import Any
 
 from ...namespace import Record
 from ...ops.base import Ops, Value
-from ...physics import kinematics
+from ...physics import kinematics, mechanics
 from ...variables import real_input, real_output
 from ..composition import Composition, Group
 from ..declaration import PlantInputs, State, Supply
@@ -85,9 +85,11 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value, speed: Val
     """Return what the outputs of the groups follow from, with parameters as built.
 
     `angle` [rad] and `speed` [rad/s] are those of the fin, referred to the motor; `tangent` is that of the lever's
-    angle, `fin` the fin's angle [rad]. The actuator adds what its groups use: `current` [A] and `voltage` [V] of the
-    motor; `limited`, whether a limit is active; `nut`, the angle of the screw at the nut [rad], if it is not `angle`.
+    angle, `fin` the fin's angle [rad], `hinge_torque` the external moment [N.m]. The actuator adds what its groups use:
+    `current` [A] and `voltage` [V] of the motor; `limited`, whether a limit is active; `nut`, the angle of the screw at
+    the nut [rad], if it is not `angle`.
     """
     tangent = kinematics.lever_tangent(ops, p, angle)
-    fin = kinematics.fin_angle(ops, p, tangent)
-    return Record(**{"x": x, "u": u, "nut": angle, "speed": speed, "tangent": tangent, "fin": fin, **further})
+    fin, hinge_torque = kinematics.fin_angle(ops, p, tangent), mechanics.external_moment(ops, p, tangent, u)
+    return Record(**{"x": x, "u": u, "nut": angle, "speed": speed, "tangent": tangent, "fin": fin,
+                     "hinge_torque": hinge_torque, **further})

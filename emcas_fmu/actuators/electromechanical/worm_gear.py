@@ -16,7 +16,7 @@ from typing import Any
 
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
-from ...physics import drive, mechanics, screw, screw_loss, worm
+from ...physics import drive, screw, screw_loss, worm
 from ...physics.structure import Structure
 from ...rules import Rule, when
 from ...variables import in_group, integer_parameter, parameter, real_output, tunable
@@ -29,7 +29,7 @@ from .rules import MOST_JAMMING
 def _loss(ops: Ops, p: Any, m: Record) -> Value:
     return screw_loss.loss(ops, p, m.x, m.u, {
         "motor_speed": m.x.motor_speed, "fin_angle": m.fin, "motor_torque": drive.torque(p, m.current),
-        "hinge_torque": mechanics.external_moment(ops, p, m.tangent, m.u)})
+        "hinge_torque": m.hinge_torque})
 
 
 WORM = Group((*in_group(
