@@ -57,10 +57,10 @@ BOXES = (
     Box(10, 76, 146, 52, VIOLET, "ssp/", ("archives of fins",)),
     Box(170, 76, 480, 52, VIOLET, "studies/", ("validation · report · baseline · tuning · campaign · analysis …",)),
     Box(10, 142, 640, 52, VIOLET, "bench/", (
-        "one way to run, excite, measure, judge and tell, for every actuator or FMU",)),
+        "one way to excite, run, measure and judge, for every actuator or FMU · pages/: their HTML",)),
     Box(10, 208, 640, 70, BLUE, "fmi/", (
         "interface of one fin or several · model description · documentation · package",
-        "common/: one unit in C, of no version · fmi2/: fmi2.c, slave.py · fmi3/: fmi3.c"), "1"),
+        "common/: an instance in C for both versions · fmi2/: fmi2.c, slave.py · fmi3/: fmi3.c"), "1"),
     Box(10, 292, 640, 88, BLUE, "runtime/", (
         "codegen · compiled · batch: an actuator, or many at once, as a program in Python and C",
         "core.py, core.h, vector_core.h, the same in all: samples, delay line, ticks, events",
@@ -72,21 +72,21 @@ BOXES = (
         "stribeck · lugre · efficiency · heat · homing · faults:", "an actuator in, an actuator out")),
     Box(224, 478, 426, 106, GREEN, "actuators/", (
         "declaration: states, variables, rules, equations",
-        "fin_port: what all show · capabilities: what some have",
-        "electromechanical/ · second_order",
+        "fin_port: the variables of all · capabilities: of some",
+        "composition: groups in electromechanical/ · hydraulic/",
         "external: the one in your own file"), "3"),
     Box(224, 598, 250, 64, GREEN, "steppers/", ("rigid · elastic · lugre · smooth",), "5"),
     Box(488, 598, 162, 64, GREEN, "control/", ("controllers · sensors",), "4"),
     Box(10, 676, 640, 52, GREEN, "physics/", (
         "kinematics · mechanics · friction · screw · drive · loads · heat · bus …",), "6"),
     Box(10, 742, 640, 52, GRAY, "ops/", (
-        "what the equations are written with: floats, arrays, symbols, or the tracer",)),
+        "the operations of the equations: on floats, arrays, symbols, or the tracer",)),
     Box(680, 10, 210, 184, AMBER, "reference/", (
         "independent integrations", "by SciPy: share no equation", "with the rest", "",
         "studies/ compare with them", "what the FMU computes"), "", True),
-    Box(680, 292, 210, 172, AMBER, "parameters", (
+    Box(680, 292, 210, 172, AMBER, "parameters/", (
         "files in layers over the", "defaults, units by pint,", "rules that must hold", "",
-        "variables · units · rules ·", "namespace · schema · errors")),
+        "sets · entries · schema;", "variables · units · rules")),
     Box(680, 478, 210, 184, AMBER, "models/", (
         "emcas.toml: the default set", "actuators/ · extensions/:", "what differs, each number", "with its source", "",
         "reference/: stored", "responses")),
