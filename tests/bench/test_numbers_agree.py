@@ -85,7 +85,7 @@ def _run(*arguments: object) -> str:
     return done.output
 
 
-@pytest.fixture(scope="module", params=["default", "robust"])
+@pytest.fixture(scope="module", params=["default", pytest.param("robust", marks=pytest.mark.slow)])
 def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Unit:
     """Every command on one set."""
     folder, name = tmp_path_factory.mktemp(request.param), request.param

@@ -138,6 +138,7 @@ def kept(study: Study, folder: Path, sizes: tuple[int, ...] = (9,)) -> str:
         return repr(store.table().to_pylist())
 
 
+@pytest.mark.slow
 def test_resumed_and_by_workers(varied: Study, tmp_path: Path, client: Any) -> None:
     rows = kept(varied, tmp_path / "alone")
     assert kept(varied, tmp_path / "resumed", (2, 3, 4)) == rows

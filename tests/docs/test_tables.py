@@ -35,8 +35,9 @@ def tables() -> ModuleType:
     ("make_tables", "use/hosts.md"), ("make_tables", "use/fins.md"), ("make_tables", "use/requirements.md"),
     ("make_tables", "use/your_actuator.md"), ("make_tables", "tools/ci.md"),
     ("make_tables", "model/models.md"), ("make_tables", "model/elastic.md"), ("make_tables", "model/drive.md"),
-    ("make_faults", "model/faults.md"), ("make_supply", "model/supply.md"), ("make_numerics", "model/numerics.md"),
-    ("make_campaigns", "tools/campaigns.md"),
+    ("make_supply", "model/supply.md"), ("make_numerics", "model/numerics.md"),
+    pytest.param("make_faults", "model/faults.md", marks=pytest.mark.slow),
+    pytest.param("make_campaigns", "tools/campaigns.md", marks=pytest.mark.slow),
 ])
 def test_not_stale(tables: ModuleType, maker: str, document: str) -> None:
     text = (ROOT / "docs" / document).read_text(encoding="utf-8")

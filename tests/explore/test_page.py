@@ -324,7 +324,7 @@ def test_a_csv_file_is_flown(opened: Browser, tmp_path: Path) -> None:
     path.write_text("time,nonsense\n0,0\n1,1\n", encoding="utf-8")
     opened.driver.find_element("id", "file").send_keys(str(path))
     opened.wait("document.getElementById('problems').textContent")
-    assert "mine.csv: nonsense is no input" in opened.run("document.getElementById('problems').textContent")
+    assert "mine.csv: nonsense is not an input" in opened.run("document.getElementById('problems').textContent")
 
 
 def test_two_settings_stand_side_by_side(opened: Browser) -> None:

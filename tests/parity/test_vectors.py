@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -172,8 +173,9 @@ def test_tables_by_vectors_are_the_loop(model: str, seed: int, count: int) -> No
             np.testing.assert_array_equal(column, tables[0].columns[name], err_msg=name)
 
 
-def test_vectors_are_compiled_where_they_pay() -> None:
+def test_vectors_are_compiled_where_they_pay(monkeypatch: pytest.MonkeyPatch) -> None:
     """A few steps are not worth it, unless they have been compiled; a processor without vectors has none."""
+    monkeypatch.setattr(library, "_steps", defaultdict(float))  # without those of the tests before
     (model, width), = [(NONLINEAR, w) for w in widths(NONLINEAR)[:1]] or pytest.skip("no vectors on this processor")
     assert library.vectors(model, library.WORTH_VECTORS, width) is not None
     assert library.vectors(model, 1, width) is not None
