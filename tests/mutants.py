@@ -181,7 +181,8 @@ def _python(tree: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 def _digest(tree: Path) -> str:
     """Return a digest of all that actuators compute and declare in a tree."""
-    return _python(tree, "tests.kernels", "--digest").stdout
+    done = _python(tree, "tests.kernels", "--digest")
+    return done.stdout if done.returncode == 0 else ""
 
 
 @cache
@@ -211,7 +212,7 @@ def tried(mutant: Mutant, trees: SimpleQueue[Path]) -> tuple[str, str]:
         with applied(mutant, tree) as change:
             if killed(tree, mutant.file):
                 return "killed", change
-            same = mutant.file in declared_only() and _digest(tree) == _digest_as_it_is()
+            same = mutant.file in declared_only() and _digest(tree) == _digest_as_it_is() != ""
             return "no effect" if same else "ALIVE", change
     finally:
         trees.put(tree)

@@ -1,6 +1,6 @@
 """The kinds of motion that files name: the fields of each with their units, and the excitation that it is.
 
-Campaigns, baselines, requirements and tuning studies read their tables by KINDS: a further kind is one entry there.
+Campaigns accept every kind of KINDS, baselines and requirements those that jump or sweep: a further kind is one entry.
 """
 
 from __future__ import annotations

@@ -20,6 +20,8 @@ from .schema import ANNOTATION, FMU, NAMESPACES, SSD, SSV, SspError, parse, viol
 from .units import Unit
 
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
+_TRANSFORMATIONS = ("LinearTransformation", "BooleanMappingTransformation", "IntegerMappingTransformation",
+                    "EnumerationMappingTransformation")
 _CORRECT = "correct the file, or write the archive anew"
 
 
@@ -115,6 +117,13 @@ def read_variant(ssp: Path, name: str) -> Structure:
     return structures[name]
 
 
+def _path(source: str) -> str:
+    """Return the path in the archive that a source names; a source that names none is returned as it is."""
+    path = unquote(source)
+    return normpath(path) if path and "://" not in path else path
+
+
+
 class _Reader:
     """Reads one structure; collects what is wrong with it and goes on."""
 
@@ -151,7 +160,7 @@ class _Reader:
         return Structure(self.file, root.get("name", ""), system, self.problems)
 
     def element(self, node: Any, units: Mapping[str, Unit]) -> Element:
-        element = Element(node.get("name", ""), normpath(unquote(node.get("source", ""))))
+        element = Element(node.get("name", ""), _path(node.get("source", "")))
         element.annotations = [a.get("type", "") for a in node.iterfind("ssd:Annotations/ssc:Annotation", NAMESPACES)]
         for child in node.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
             kind, unit, _ = _typed(child, units)
@@ -169,14 +178,15 @@ class _Reader:
     def connection(self, node: Any) -> Connection:
         start, end = ((node.get(f"{side}Element", ""), node.get(f"{side}Connector", "")) for side in ("start", "end"))
         connection = Connection(start, end)
-        if node.find("*") is not None:
+        if any(node.find(f"ssc:{kind}", NAMESPACES) is not None for kind in _TRANSFORMATIONS):
             self.problem("has a transformation, which emcas does not read", "convert where the value is computed",
                          place=f"connection {connection}")
         return connection
 
     def binding(self, node: Any) -> Binding:
         """Read a parameter set from its file. Raises SspError if it cannot be read or is not in a file as it is."""
-        if node.get("prefix") or not node.get("source") or node.find("*") is not None:
+        if node.get("prefix") or not node.get("source") or any(
+                node.find(f"ssd:{kind}", NAMESPACES) is not None for kind in ("ParameterValues", "ParameterMapping")):
             raise SspError("emcas reads sets from files, without prefix or mapping; bind one such file to each "
                            "component, which every host reads")
         file = normpath(unquote(node.get("source")))

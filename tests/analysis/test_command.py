@@ -64,7 +64,7 @@ def test_json_has_the_keys_promised(written: tuple[dict[str, Any], str, str]) ->
 def test_page_is_whole_and_by_itself(written: tuple[dict[str, Any], str, str]) -> None:
     _, page, _ = written
     titles = ("Bode diagrams", "Nichols chart", "Root locus against controller.velocity.kp",
-              "Steps, linear and simulated", "Bandwidth against amplitude", "Where the limits bite", "Torque and speed",
+              "Steps, linear and simulated", "Bandwidth against amplitude", "Where the limits act", "Torque and speed",
               "Capability against fin angle", "Final values", "Natural frequencies", "Stability margins")
     assert [title for title in titles if title not in page] == []
     assert page.count("<svg") == 8

@@ -106,7 +106,7 @@ def test_every_actuator_can_be_moved(site: Path, pages: dict[str, etree._Element
     for name in NAMES:
         shown = html.fromstring((site / "explore" / f"{name}.html").read_text(encoding="utf-8"))
         assert name in shown.findtext(".//title")
-        assert len(shown.xpath("//script[@id='unit']")) == 1
+        assert len(shown.xpath("//script[@id='actuator']")) == 1
 
 
 def test_the_thesis_is_gone_through(site: Path, pages: dict[str, etree._Element]) -> None:

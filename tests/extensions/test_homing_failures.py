@@ -142,7 +142,7 @@ def test_a_count_to_and_fro_is_a_stall() -> None:
 
 
 # First failures are 41 and -38.5 N.m at 24 degC, 37.5 and -33.25 at
-# -6 degC from zero (docs/homing.md): between the two lists it is either.
+# -6 degC from zero (docs/model/homing.md): between the two lists it is either.
 @pytest.mark.parametrize(("temperature", "homes", "fails"), [
     (24.0, (-37.0, 39.0), (-41.0, 43.0)), (-6.0, (-32.0, 36.0), (-36.0, 40.0))])
 def test_loads_up_to_which_it_homes(temperature: float, homes: Sequence[float], fails: Sequence[float]) -> None:

@@ -141,6 +141,18 @@ def test_another_unit_at_a_connection(edited: Edit, new: str, expected: str) -> 
     assert [f.level for f in found if expected in str(f)] == ["error"], "\n".join(map(str, found))
 
 
+def test_what_tools_add_to_an_archive_is_no_problem(edited: Edit) -> None:
+    """The line that an editor draws for a connection, and annotations, change nothing that is computed."""
+    wiring, binding = f"<ssd:Connection {COMMAND}/>", '<ssd:ParameterBinding source="resources/nominal_fin1.ssv"/>'
+    note = '<ssd:Annotations><ssc:Annotation type="org.example"/></ssd:Annotations>'
+    geometry = '<ssd:ConnectionGeometry pointsX="0 1" pointsY="0 1"/>'
+    drawn = edited(STRUCTURE, wiring, f"{wiring[:-2]}>{geometry}</ssd:Connection>")
+    assert check(drawn).errors == ()
+    noted = edited(STRUCTURE, wiring, f"{wiring[:-2]}>{note}</ssd:Connection>",
+                   binding, f"{binding[:-2]}>{note}</ssd:ParameterBinding>")
+    assert check(noted).errors == ()
+
+
 def test_warnings(edited: Edit) -> None:
     """An input without a wire where others have one, and what a host is known not to read."""
     unwired = check(edited(STRUCTURE, f"<ssd:Connection {ROLL}/>", ""))

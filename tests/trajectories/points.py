@@ -7,7 +7,7 @@ met with the drive off, a controller's state beyond its limit.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import asinh, isfinite
 from typing import Any
 
@@ -23,6 +23,7 @@ from emcas_fmu.runtime import codegen
 from .runs import OTHER, mark
 
 SETS, PERIODS = 6, 24
+NOT_FINITE = -99.0
 _TIMING = {"controller.sample_time", "drive.transport_delay", "solver.max_tick"}  # a walk would take other ticks
 _SIZES = {"rad": 0.4, "N.m": 200.0, "m/s2": 60.0, "rad/s": 6.0, "rad/s2": 150.0}  # of inputs, by unit
 
@@ -43,8 +44,14 @@ def points(model: str) -> dict[str, list[float]]:
                 columns.setdefault(name, []).append(_results(function, *(given[a] for a in arguments)))
             if actuator.derivatives is not None:
                 columns.setdefault("rates", []).append(_results(_rates, actuator, p, Record(**given)))
-    return {name: [float(f"{mark(column):.12g}") for column in zip(*rows, strict=False)]
+    return {name: [float(f"{mark(column):.12g}") for column in zip(*_of_one_length(rows), strict=True)]
             for name, rows in columns.items()}
+
+
+def _of_one_length(rows: Sequence[list[float]]) -> Iterator[list[float]]:
+    """Give the results of each call; those of a call that raised are marked as results that are not finite."""
+    length = max(map(len, rows))
+    return (row or [NOT_FINITE] * length for row in rows)
 
 
 def _rates(actuator: Actuator, p: Any, given: Record) -> Iterable[Any]:
@@ -105,6 +112,6 @@ def _input(v: Any, values: Mapping[str, Any], draw: random.Random) -> Any:
 def _results(function: Any, *arguments: Any) -> list[float]:
     """Return what a function gives, on a scale on which a tenth more counts as much of a little as of a lot."""
     try:
-        return [asinh(1e6 * x) if isfinite(x) else -99.0 for x in map(float, function(*arguments))]
+        return [asinh(1e6 * x) if isfinite(x) else NOT_FINITE for x in map(float, function(*arguments))]
     except (ArithmeticError, ValueError):
         return []

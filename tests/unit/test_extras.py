@@ -16,10 +16,11 @@ EXTRAS = {"analysis": ("control", "casadi"), "campaign": ("filelock", "pyarrow",
           "native": ("ziglang",)}
 EVERY = [module for modules in EXTRAS.values() for module in modules]
 MODELS = models_directory()
+RECORDS = Path(__file__).resolve().parents[2] / "examples/identification_bench/records"
 NEEDED = {"analyse": "analysis", "tune": "analysis", f"campaign {MODELS}/campaign.toml": "campaign",
           "build --backend native": "native", "explore": "native", "ssp": "native"}
 BASE = ("parameters", "build", "envelope --plot e.svg --json e.json -o e.csv", "simulate --step 5 --plot s.html",
-        "fit", f"identify backlash {MODELS}/bench/backlash.csv --report b.html",
+        "fit", f"identify backlash {RECORDS}/backlash.csv --report b.html",
         "reference --case step_plus1 --directory made", f"campaign {MODELS}/campaign.toml --only 3")
 
 

@@ -36,7 +36,7 @@ from ...ops.base import Ops, Value
 from ...physics import clutch, clutched_screw, drive, friction, kinematics, loads, mechanics, screw
 from ...physics.clutched_screw import Train
 from ...physics.stick import WALL
-from ...rules import Rule
+from ...rules import Rule, when
 from ...steppers import current_loop, electrical, events, rigid
 from ...variables import parameter, real_output, tunable
 from .. import capabilities
@@ -237,8 +237,16 @@ def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return rules.jams(ops, _screw_side(p), p.efficiency.backward, nonlinear.longest_tick(ops, p))
 
 
+def _screw_without_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    inertia = p.inertia.screw + p.clutch.driven_inertia
+    return when(ops, inertia <= 0.0), inertia
+
+
+_SCREW_INERTIA = Rule(_screw_without_inertia, "inertia.screw + clutch.driven_inertia = %.6g kg.m2 must be above 0: the "
+                                              "screw turns freely while the clutch slips")
+
 ACTUATOR = Actuator(
-    **COMPOSITION.declared((Rule(_jams, rules.jamming_text("clutch and screw")),
+    **COMPOSITION.declared((_SCREW_INERTIA, Rule(_jams, rules.jamming_text("clutch and screw")),
                             *plausibility.of_screw(lambda ops, p: _as_one(p))), "motor, clutch and screw"),
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
