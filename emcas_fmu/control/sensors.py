@@ -4,8 +4,8 @@
     q = 2 pi/(pulses multiplier)
 
 The speed is always that of the motor's encoder. So is the position, unless ``encoder.on_fin`` selects an encoder with
-as many pulses on the fin shaft. The zero of an incremental encoder is arbitrary: `offset` [counts] is added to the
-position's counts from the true zero; None if its zero is the true one.
+as many pulses on the fin shaft. The zero of an incremental encoder is arbitrary: `offset` [counts] lies
+between it and the true zero, and is added to the position's counts; without one, the zero is the true one.
 """
 
 from __future__ import annotations

@@ -31,10 +31,10 @@ NOTES = (
     "This FMU computes in Python: its host's process must have Python 3.10 or later loaded, as "
     "<code>externalDependencies.txt</code> says.",
     "Inputs are held over a step: this FMU does not interpolate them and takes no input derivatives.",
-    "A call out of place, a write to what cannot be set, or an input that is not finite is logged, and the next step "
-    "is answered with <code>fmi2Discard</code>, the state unchanged. So is a step that cannot be followed.",
-    "A reference that is unknown or of another type is logged where it is used and harms no step: what is read is NaN, "
-    "0 or false; a write goes nowhere, which standard error tells, too.",
+    "A call out of place, a write to a variable that cannot be set, or an input that is not finite is logged; the next "
+    "step returns <code>fmi2Discard</code> and leaves the state unchanged. So does a step that cannot be computed.",
+    "A value reference that is unknown or of another type is logged and affects no step. Reading it returns NaN, 0 or "
+    "false; writing it has no effect, of which standard error has a message, too.",
     "Parameters out of range are logged at the end of initialization, which returns <code>fmi2OK</code>; every step is "
     "then discarded. A wrong GUID is not noticed.",
 )
