@@ -323,7 +323,7 @@ def test_the_page_is_of_its_back_end(unit: Path, backend: str, description: Elem
         page = " ".join(archive.read("documentation/index.html").decode().split())
         names = archive.namelist()
     said = {"python": ("Python 3.10 or later", "does not interpolate", "takes no input derivatives", "is logged",
-                       "harms no step", "every step is then discarded", "A wrong GUID is not noticed"),
+                       "affects no step", "every step is then discarded", "A wrong GUID is not noticed"),
             "native": ("needs nothing in its host", "fmi2SetRealInputDerivatives", "fmi2Error", "repeat the call",
                        "A wrong GUID is refused")}
     assert {fact for facts in said.values() for fact in facts if fact in page} == set(said[backend])
