@@ -32,15 +32,10 @@ from .entries import (
     Value,
     as_text,
     declared_names,
-    file_entry,
     in_variables_unit,
     known_names,
     read_entries,
 )
-
-__all__ = ["MADE_FOR", "Entry", "ParameterError", "ParameterSet", "Value", "are_defaults", "broken_rules",
-           "check_combinations", "check_parameters", "file_entry", "load_parameters", "parameter_file",
-           "require_sound", "write_parameters"]
 
 # Ratio of constants that should be equal. Measured ones differ less, by saturation and iron losses; a mistake (rms for
 # peak, phase for line to line) is 22 % or more.

@@ -18,7 +18,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emcas_fmu import rules
-from emcas_fmu.parameters import ParameterError, ParameterSet, check_combinations, check_parameters, load_parameters
+from emcas_fmu.parameters import (
+    Entry,
+    ParameterError,
+    ParameterSet,
+    check_combinations,
+    check_parameters,
+    load_parameters,
+)
 from emcas_fmu.parameters import sets as parameters
 from emcas_fmu.rules import check_ranges
 from emcas_fmu.support import files
@@ -57,7 +64,7 @@ def test_default_set_has_every_entry_in_table_order() -> None:
 
 
 @pytest.mark.parametrize("entry", DEFAULTS.entries, ids=lambda e: str(e.variable.name))
-def test_default_has_source_note_type_and_lies_within_limits(entry: parameters.Entry) -> None:
+def test_default_has_source_note_type_and_lies_within_limits(entry: Entry) -> None:
     assert entry.source in ("thesis", "derived", "estimate")
     assert re.fullmatch(r"[A-Z0-9].{10,}\.", entry.note)
     assert entry.file == "emcas.toml"
