@@ -5,9 +5,10 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from textwrap import dedent
 from types import ModuleType
 from typing import Any
 
@@ -73,6 +74,13 @@ def _typeset(text: str) -> Markup:
     return Markup(re.sub(r"(?::\w+:)?(`{1,2})(?:emcas_fmu\.)?(.+?)\1", r"<code>\2</code>", str(escape(text))))
 
 
+def _blocks(docstring: str) -> Iterator[tuple[bool, Markup]]:
+    """Yield the paragraphs of a docstring as HTML, each with whether it is indented, as equations are."""
+    for paragraph in docstring.split("\n\n"):
+        indented = paragraph.startswith(" ")
+        yield indented, _typeset(dedent(paragraph.strip("\n")) if indented else " ".join(paragraph.split()))
+
+
 def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str], fmi: Format,
           platforms: Sequence[str]) -> str:
     equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
@@ -82,7 +90,8 @@ def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, note
                 model=interface.model, guid=guid, description=describe(interface), fins=interface.fins,
                 parameters=parameters_in_words(interface, sets), line=interface.line, notes=notes, platforms=platforms,
                 arrays=fmi.arrays, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
-                pictures=response_pictures(sets[0]), equations=list(filter(None, map(_docstring, equations))))
+                pictures=response_pictures(sets[0]),
+                equations=[list(_blocks(text)) for text in map(_docstring, equations) if text])
     return interface.respelt(text)
 
 

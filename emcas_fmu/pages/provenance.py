@@ -55,9 +55,15 @@ def made(*of: ParameterSet | Source) -> Made:
     return Made(tuple(dict.fromkeys(sources)), _COMMAND.get(), today())
 
 
-def repeatable(*of: ParameterSet) -> Made:
-    """Return how a page with these sources was made, without date, command and folders: the same at every build."""
-    return Made(tuple(replace(source, file=PurePath(source.file).name) for source in made(*of).sources), "", "")
+def repeatable(*fins: ParameterSet) -> Made:
+    """Return how a page about fins with these parameters was made; the same at every build.
+
+    It has no date, command and folders. The sources of several fins have the numbers of the fins, from 1.
+    """
+    sources = [replace(source, file=PurePath(source.file).name, what=source.what + f" of fin {n}" * (len(fins) > 1),
+                       model=source.model if n == len(fins) else "")
+               for n, fin in enumerate(fins, 1) for source in made(fin).sources]
+    return Made(tuple(sources), "", "")
 
 
 def shipped(model: str) -> str:

@@ -54,6 +54,19 @@ def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert documentation._typeset("a < b, ``c`` and `d`") == "a &lt; b, <code>c</code> and <code>d</code>"
 
 
+def test_equations_keep_their_lines_and_prose_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = page("nonlinear", 1, monkeypatch)
+    assert "<pre>a_h = a + w&#39; x r + w x (w x r)" in text  # aligned columns, without the docstring's indentation
+    assert "<p>With R = dtheta/ddelta and ddelta = w/R - R&#39; w^2/R^3 the hinge equation</p>" in text
+    assert re.search(r">Equation of motion \(2.8\)-\(2.17\), written for the motor angle</h3>", text)
+
+
+def test_sources_of_several_fins_have_their_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = page("nonlinear", 2, monkeypatch)
+    assert re.findall(r"parameters of fin (\d)</th>", text) == ["1", "2"]
+    assert text.count('<th scope="row">actuator</th>') == 1
+
+
 def test_contents_and_provenance(monkeypatch: pytest.MonkeyPatch) -> None:
     """The page begins with its contents, and ends with the parameters, their hash and the version."""
     text = page("nonlinear", 1, monkeypatch)
