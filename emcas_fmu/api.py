@@ -19,13 +19,14 @@ import numpy as np
 
 from . import actuators
 from .bench import excitation as excitations
-from .bench.excitation import COMMAND, STEP, Excitation, check_span
+from .bench.excitation import COMMAND, Excitation, check_span
 from .bench.fmu_subject import open_subject
 from .bench.requirements import load_requirements
 from .bench.subject import ParameterSubject, Subject
 from .errors import EmcasError, EmcasWarning, hint
 from .fmi.interface import FmuInterface, fin_sets, require_shared
 from .fmi.package import Built, build
+from .motions import STEP
 from .parameters import ParameterError, ParameterSet, load_parameters
 from .response import Response
 from .runtime import batch, compiled

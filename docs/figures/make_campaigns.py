@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 from make_tables import DOCS, main, markdown
 
-from emcas_fmu.bench.excitation import STEP
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.motions import LEAD_IN, STEP
 from emcas_fmu.pages.numbers import with_unit
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign import measure
 from emcas_fmu.studies.campaign.experiments import REQUIREMENT, Experiment, excitation
 from emcas_fmu.studies.campaign.run import in_process

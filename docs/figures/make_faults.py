@@ -16,12 +16,13 @@ import numpy as np
 from make_tables import main, markdown
 
 from emcas_fmu.actuators import NAMES, get
-from emcas_fmu.bench.excitation import STEP, Excitation, times
+from emcas_fmu.bench.excitation import Excitation, times
 from emcas_fmu.bench.runs import Runs
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.extensions.fault_list import bits, possible
 from emcas_fmu.extensions.monitors import MONITORS
 from emcas_fmu.figures import plots
+from emcas_fmu.motions import STEP
 from emcas_fmu.parameters import load_parameters
 
 HERE = Path(__file__).parent

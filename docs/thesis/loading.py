@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.bench.excitation import COMMAND, LOAD, STEP, Excitation, times
+from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, times
 from emcas_fmu.bench.metrics import crossing, rms, settling, sustained_rate
 from emcas_fmu.figures.plots import GRAY
-from emcas_fmu.reference.cases import LEAD_IN, LOAD_RISE
-from emcas_fmu.reference.cases import LOAD as RATED
+from emcas_fmu.motions import LEAD_IN, LOAD_RISE, RATED, STEP
 
 from . import loading_rig
 from .entry import Shown, Table

@@ -13,7 +13,7 @@ from emcas_fmu.bench.frequency_response import FrequencyResponse
 from emcas_fmu.bench.metrics import FIGURES, displayed, motion, rest, shown, usage
 from emcas_fmu.extensions.status import STATUS
 from emcas_fmu.figures import plots
-from emcas_fmu.reference.cases import LOAD
+from emcas_fmu.motions import RATED
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.studies.tuning import pictures as tuning_pictures
 from emcas_fmu.studies.tuning.evaluate import evaluate
@@ -44,11 +44,11 @@ def linear_model(runs: Runs) -> Shown:
     held = {}
     plain = {"controller__position__ki": 0.0, "controller__position__setpoint_weight": 1.0}
     for name, gains in (("P", plain), ("PI", {})):
-        held[name] = degrees(float(rest(runs.run(step_to(0.0, HOLD, LOAD), **gains))["steady_error"]))
+        held[name] = degrees(float(rest(runs.run(step_to(0.0, HOLD, RATED), **gains))["steady_error"]))
     rows = (("-3 dB [Hz]", response.bandwidth), ("-90 deg [Hz]", response.phase_bandwidth),
-            *((f"fin angle left by {LOAD:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
+            *((f"fin angle left by {RATED:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
               for name, error in held.items()))
-    conditions = runs.conditions("small sines; 0 for the errors left", f"none; {LOAD:g} N.m for the errors left")
+    conditions = runs.conditions("small sines; 0 for the errors left", f"none; {RATED:g} N.m for the errors left")
     return Shown(conditions, figure,
                  "Fin angle over command of the thesis's linear model, with sampled controllers and the drive's delay; "
                  "dots mark -3 dB and -90 deg.", Table(("", "value"), rows))
@@ -80,7 +80,7 @@ def linear_steps(*sizes: float) -> Show:
 
 def antiwindup(runs: Runs) -> Shown:
     """Show a slew against the load with the anti-windup and without (Figure 4.2)."""
-    excitation = slew_to(runs.reach, 1.5, -LOAD)
+    excitation = slew_to(runs.reach, 1.5, -RATED)
     off = runs.run(excitation, controller__antiwindup=0.0, controller__drive_antiwindup=0.0)
     responses = {"as set": runs.run(excitation), "none": off}
     rows = []
@@ -90,7 +90,7 @@ def antiwindup(runs: Runs) -> Shown:
                      float(np.trapezoid(run.columns["at_stop"], run.columns["time"]))))
     as_set = responses["as set"]
     return Shown(runs.conditions(f"slew from {-degrees(runs.reach):g}° to {degrees(runs.reach):g}° at 1 s",
-                                 f"-{LOAD:g} N.m, against the slew"), panels([
+                                 f"-{RATED:g} N.m, against the slew"), panels([
         Panel("fin angle [deg]", [of_run(as_set), *(angle(run.columns, name) for name, run in responses.items())]),
         Panel("fin rate [deg/s]", [rate(run.columns) for run in responses.values()]),
         Panel("reference [V]", [Line(run.columns["time"], run.columns["drive_reference"])

@@ -9,7 +9,7 @@ from math import radians
 from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.bench.excitation import LOAD, step_to
 from emcas_fmu.bench.metrics import displayed, motion
-from emcas_fmu.reference.cases import LOAD as RATED
+from emcas_fmu.motions import RATED
 
 from .entry import Show, Shown, Table
 from .pictures import Line, Panel, angle, of_run, panels, rate

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu.actuators import NONLINEAR
-from emcas_fmu.bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case, times
+from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, reference_case, times
 from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.motions import LEAD_IN, LOAD_RISE, RATED, STEP
 from emcas_fmu.parameters import ParameterSet, load_parameters
-from emcas_fmu.reference.cases import LEAD_IN, LOAD_RISE
-from emcas_fmu.reference.cases import LOAD as RATED
 from emcas_fmu.reference.files import supply_start
 
 from . import friction_rig, loading_rig

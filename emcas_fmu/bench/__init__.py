@@ -6,7 +6,6 @@
     references.py          the references embedded in an FMU
     runs.py                responses of one run and of many
     excitation.py          excitations: rows of inputs
-    motions.py             the kinds of motion that a file may name, with their arguments
     metrics.py             the figures of a response, SI, each defined once
     frequency_response.py  the figures of sweeps and sines
     measure.py             the tests that requirements name, and the figures measured in them

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from math import degrees, inf, log, pi
+from math import degrees, inf, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,13 +20,11 @@ import numpy as np
 from ..actuators import NONLINEAR, get
 from ..errors import ArgumentError, EmcasError, unreadable
 from ..fmi.interface import FmuInterface
-from ..reference.cases import CASES, LEAD_IN, LOAD_RISE, SUPPLY, SWEEP, with_supply
+from ..motions import FASTEST, KINDS, LEAD_IN, SETTLE, STEP, SWEEP
+from ..reference.cases import CASES, SUPPLY, with_supply
 from ..simulation import MOST_POINTS, Array
 from ..support.arguments import brief, checked
 
-STEP = 1e-3  # s
-SETTLE = 1.0  # s, unloaded at the starting end of a slew: three times the settling time of a large step
-_FASTEST = 0.5 / STEP  # Hz
 HOLD = 3.0  # s: many time constants kp/ki of the integral action (0.24 s with the default gains)
 COMMAND, LOAD = "fin_command", "aero_torque"
 
@@ -139,27 +137,43 @@ def _above_zero(name: str, value: float | Array, limit: float = inf) -> None:
                             f"{STEP:g} s apart give two a cycle" if limit < inf else ""))
 
 
-def _loaded(title: str, command: Array, time: Array, begin: float, load: float, step: float = STEP) -> Excitation:
-    """Return a motion that is commanded at `begin` [s], with a load [N.m] that rises then."""
-    rising = {LOAD: load * np.clip((time - begin) / LOAD_RISE, 0.0, 1.0)} if load else {}
-    return Excitation(title + (f" with {load:+g} N.m" if load else ""), {COMMAND: command, **rising}, begin, step)
+@checked
+def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, settle: float = SETTLE,
+           step: float = STEP, **fields: float) -> Excitation:
+    """Return the excitation of a kind of `motions.KINDS`, with rows until `duration` [s] after its beginning.
+
+    `amplitude` of the command [rad], `torque` about the hinge [N.m], `settle` [s] at the starting end of a slew, and
+    the further `fields` of the kind. Raises ArgumentError.
+    """
+    each = KINDS[kind]
+    for name, value in fields.items():
+        _above_zero(name, value, FASTEST)
+    if each.sweeps:
+        _above_zero("duration", duration)
+    if "low" in fields and not fields["low"] < fields["high"]:
+        raise ArgumentError(f"the sweep's low = {fields['low']:g} Hz is not below its high = {fields['high']:g} Hz")
+    begin = settle if "settle" in each.fields else LEAD_IN
+    since = _following(begin, duration, step) - begin
+    columns = {COMMAND: each.command(since, amplitude, duration=duration, step=step, **fields)}
+    if "settle" in each.fields:
+        columns[COMMAND][0] = 0.0
+    if torque:
+        columns[LOAD] = each.torque(since, torque)
+    size = degrees(amplitude)
+    title = each.description.format(size=size, back=-size, **fields) + (f" with {torque:+g} N.m" if torque else "")
+    return Excitation(title, columns, begin, step)
 
 
 @checked
 def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
     """Return a step from rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] rises with it."""
-    time = _following(LEAD_IN, duration, step)
-    return _loaded(f"step to {degrees(level):+.6g} deg", np.where(time > LEAD_IN - step / 2, level, 0.0), time, LEAD_IN,
-                   load, step)
+    return motion("step", level, duration, load, step=step)
 
 
 @checked
 def slew_to(level: float, duration: float, load: float = 0.0, settle: float = SETTLE) -> Excitation:
     """Return a step from -level, where the fin rests for `settle` [s], to +level [rad]; otherwise as `step_to`."""
-    time = _following(settle, duration)
-    command = np.where(time > settle - STEP / 2, level, -level)
-    command[0] = 0.0
-    return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, settle, load)
+    return motion("slew", level, duration, load, settle)
 
 
 @checked
@@ -168,15 +182,7 @@ def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float 
 
     Raises ArgumentError.
     """
-    _above_zero("duration", duration)
-    _above_zero("low", low)
-    _above_zero("high", high, _FASTEST)
-    if not low < high:
-        raise ArgumentError(f"the sweep's low = {low:g} Hz is not below its high = {high:g} Hz")
-    since = np.maximum(_following(LEAD_IN, duration) - LEAD_IN, 0.0)
-    growth = log(high / low) / duration
-    return Excitation(f"sine sweep of {degrees(amplitude):.6g} deg",
-                      {COMMAND: amplitude * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth)}, LEAD_IN)
+    return motion("sweep", amplitude, duration, low=low, high=high)
 
 
 @checked
@@ -188,7 +194,7 @@ def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0
     the hinge moment a free inertia at rest does not drift, as it would under a sine. Arrays of frequencies and `cycles`
     are for as many runs, which all last and are judged as long as the longest.
     """
-    _above_zero("frequency", frequency, _FASTEST)
+    _above_zero("frequency", frequency, FASTEST)
     _above_zero("cycles", cycles)
     if np.ndim(frequency) > 1 or np.shape(cycles) not in ((), np.shape(frequency)) or min(settle) < 0.0:
         raise ArgumentError(f"sine: frequency = {brief(frequency)}, cycles = {brief(cycles)}, settle = {settle}: "
@@ -204,10 +210,7 @@ def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0
 @checked
 def sine_from_rest(amplitude: float, frequency: float, duration: float) -> Excitation:
     """Return a sine of the command [rad] at a frequency [Hz] for `duration` [s], from rest at zero; all is judged."""
-    _above_zero("frequency", frequency, _FASTEST)
-    since = np.maximum(_following(LEAD_IN, duration) - LEAD_IN, 0.0)
-    return Excitation(f"sine of {degrees(amplitude):.6g} deg at {frequency:g} Hz",
-                      {COMMAND: amplitude * np.sin(2.0 * pi * frequency * since)}, LEAD_IN)
+    return motion("sine", amplitude, duration, frequency=frequency)
 
 
 @checked

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 
 from ..actuators import capabilities
+from ..motions import MOTIONS, SETTLE, STEP
 from ..parameters import ParameterError, ParameterSet
 from ..simulation import Array
 from ..support import extras
-from .excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to, times
+from .excitation import COMMAND, LOAD, Excitation, sine, slew_to, times
+from .excitation import motion as excited
 from .frequency_response import PURE, FrequencyResponse, fundamental_weights, swept
 from .metrics import FIGURES, MOTION, RESTING, USAGE, motion, rest, usage
-from .motions import KINDS as MOTIONS
-from .motions import motion as commanded
 from .runs import Run, Runs
 from .subject import Subject
 
@@ -170,16 +170,16 @@ def _run(test: Test, sign: float, subject: Subject, changes: Sequence[Mapping[st
 @lru_cache(maxsize=64)
 def _motion(test: Test, sign: float) -> Excitation:
     level, torque = sign * test.amplitude, sign * test.torque
-    if test.kind in ("load", "release"):
-        settle = test.settle if test.kind == "release" else 0.0
-        begin = step_to(0.0, settle + test.duration)
-        at_rest = replace(begin, begin=begin.begin + settle)
-        on = begin.judged(begin.time) & (~at_rest.judged(begin.time) if settle else True)
-        return at_rest.holding({LOAD: np.where(on, torque, 0.0)})
+    if test.kind == "load":
+        return excited("load", 0.0, test.duration, torque)
+    if test.kind == "release":
+        applied = excited("load", 0.0, test.settle + test.duration, torque)
+        released = replace(applied, begin=applied.begin + test.settle)
+        return released.holding({LOAD: np.where(released.judged(released.time), 0.0, applied.columns[LOAD])})
     if test.kind == "slew":
         slew = slew_to(level, test.duration, torque, settle=test.settle)
         return slew.holding({COMMAND: np.where(slew.judged(slew.time), level, -level)})  # from the first row on
-    return commanded(test.kind, level, test.duration).holding({LOAD: torque})
+    return excited(test.kind, level, test.duration).holding({LOAD: torque})
 
 
 def _moved(runs: Runs) -> dict[str, Array]:

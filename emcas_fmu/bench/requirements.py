@@ -14,13 +14,13 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PlainValidator, ValidationInfo, create_model, field_validator, model_validator
 
+from .. import motions
 from ..errors import EmcasError
+from ..motions import SETTLE, STEP
 from ..parameters import ParameterSet
 from ..parameters.schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
 from ..support.files import models_directory
 from ..variables import Variable
-from . import motions
-from .excitation import SETTLE, STEP
 from .measure import BANDWIDTHS, KINDS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
 from .subject import COMMAND_RANGE, ParameterSubject, Subject

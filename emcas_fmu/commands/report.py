@@ -38,7 +38,7 @@ def report(
     from ..bench.excitation import csv_file
     from ..bench.requirements import load_requirements
     from ..bench.writers import write_json
-    from ..reference.cases import LOAD
+    from ..motions import RATED
     from ..studies.report.acceptance import carry_out
     from ..studies.report.acceptance_output import as_dict, summary, write_junit, write_report
 
@@ -49,7 +49,7 @@ def report(
         printed = common.calendar_date(date) if date else ""
         with common.progress_bar() as progress, common.open_subject(article, model, fin, parameters) as subject:
             profile = csv_file(mission, model=subject.model) if mission else None
-            result = carry_out(subject, load=load or LOAD, profile=profile,
+            result = carry_out(subject, load=load or RATED, profile=profile,
                                specification=load_requirements(requirements, subject.parameters),
                                progress=common.stepper(progress, "test"))
         write_report(result, output, printed, document, revision)

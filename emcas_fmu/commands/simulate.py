@@ -14,9 +14,9 @@ from rich.table import Column, Table
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..fmi.interface import FmuInterface, fin_files, fin_sets, require_shared
+from ..motions import LEAD_IN
 from ..parameters import load_parameters
 from ..parameters.schema import In
-from ..reference.cases import LEAD_IN
 from . import common
 from .settings import changed, entered, read_settings
 
@@ -87,9 +87,10 @@ def simulate(
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
     from ..api import simulate as run
     from ..bench.conditions import resting_on
-    from ..bench.excitation import STEP, csv_file, reference_case
+    from ..bench.excitation import csv_file, reference_case
     from ..bench.writers import write_json
     from ..figures.plots import check_ending
+    from ..motions import STEP
     from ..pages.numbers import number
     from ..reference.files import supply_start
 

@@ -12,21 +12,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..motions import KINDS, LEAD_IN, RATED, STEP
 from .events import Value
 from .simulate import Array
 from .vehicle import clip
 
-STEP = 1e-3  # s
 SIGNIFICANT_DIGITS = 9
-LEAD_IN = 0.05  # s
 EDGE_RATE = 400.0  # deg/s, faster than the fin, so that the edges still saturate the drive
-LOAD = 100.0  # N.m, the load of the thesis's Table 2
-LOAD_RISE = 0.02  # s, so that it is a load and not an impact
-SWEEP = 0.5, 30.0  # Hz, first and last frequency
 SUPPLY = 39.0  # V, of the default actuator
 TOLERANCE = math.radians(0.002)  # a hundredth of the accuracy of Table 2: it must show in no figure judged by that
 _SAG = 28.0 / 39.0  # of the supply: below the back-EMF of a fast slew, so that the motor also regenerates
-_CHIRP_TIME = 12.0  # s
+_SWEEP_TIME = 12.0  # s
 
 # A quantised encoder and exact stiction together amplify any difference, even of rounding: two converged integrations
 # of the same case differ by up to 0.004 deg (see docs/model/numerics.md), which is an error of neither. Trajectories
@@ -47,7 +43,7 @@ class Case:
 
     name: str
     title: str
-    kind: str  # step, square, chirp, load, cold, sag or embedded: what to look at in the response
+    kind: str  # of the command's motions: one of motions.KINDS, square, or embedded
     stop_time: float  # s
     amplitude: float  # rad, of the largest command
     build: Callable[[Array], Columns]  # input columns at the row times [s]
@@ -82,27 +78,17 @@ def _square(time: Array) -> Columns:
     return {"fin_command": np.radians(command)}
 
 
-def _chirp(amplitude: float) -> Callable[[Array], Columns]:
-    """Return a logarithmic sine sweep of `amplitude` [deg] over the time after the lead-in."""
-    def build(time: Array) -> Columns:
-        first, last = SWEEP
-        growth = math.log(last / first) / (_CHIRP_TIME - LEAD_IN)
-        since = np.maximum(time - LEAD_IN, 0.0)
-        phase = 2.0 * math.pi * first * np.expm1(growth * since) / growth
-        return {"fin_command": math.radians(amplitude) * np.sin(phase)}
-
-    return build
+def _swept(amplitude: float) -> Callable[[Array], Columns]:
+    """Return a sweep of `amplitude` [deg] over the time after the lead-in."""
+    return lambda time: {"fin_command": KINDS["sweep"].command(
+        time - LEAD_IN, math.radians(amplitude), duration=_SWEEP_TIME - LEAD_IN)}
 
 
-def _loaded(moment: float) -> Callable[[Array], Columns]:
-    """Return a command that settles at -20 deg unloaded and slews to +20 deg while `moment` [N.m] comes on."""
+def _loaded(torque: float) -> Callable[[Array], Columns]:
+    """Return a command that settles at -20 deg unloaded and slews to +20 deg while a torque [N.m] rises."""
     slew = 0.35
-
-    def build(time: Array) -> Columns:
-        load = moment * np.clip((time - slew) / LOAD_RISE, 0.0, 1.0)
-        return _levels((LEAD_IN, -20.0), (slew, 20.0))(time) | {"aero_torque": load}
-
-    return build
+    return lambda time: {**_levels((LEAD_IN, -20.0), (slew, 20.0))(time),
+                         "aero_torque": KINDS["slew"].torque(time - slew, torque)}
 
 
 _LARGE = math.radians(20.0)
@@ -115,7 +101,7 @@ def sag(supply: float) -> Case:
         return command | {"supply_voltage": _held(time, supply, (0.4, _SAG * supply), (0.47, supply))}
 
     title = f"Supply sags from {supply:.3g} to {_SAG * supply:.3g} V during a 40 deg slew and recovers"
-    return Case("sag", title, "sag", 1.0, _LARGE, build)
+    return Case("sag", title, "step", 1.0, _LARGE, build)
 
 
 def with_supply(case: Case, supply: float) -> Case:
@@ -130,12 +116,12 @@ CASES = [
            _levels((LEAD_IN, side * size)))
       for size in (1, 5, 10, 20) for sign, side in (("plus", 1), ("minus", -1))),
     Case("square", "Modified square wave, 5 to 20 deg, edges at 400 deg/s", "square", 2.5, _LARGE, _square),
-    *(Case(f"chirp_{label}deg", f"Logarithmic sine sweep 0.5 to 30 Hz, {degrees:g} deg", "chirp", _CHIRP_TIME,
-           math.radians(degrees), _chirp(degrees))
+    *(Case(f"chirp_{label}deg", f"Logarithmic sine sweep 0.5 to 30 Hz, {degrees:g} deg", "sweep", _SWEEP_TIME,
+           math.radians(degrees), _swept(degrees))
       for label, degrees in (("1", 1.0), ("3p5", 3.5))),
-    Case("load_opposing", "Slew from -20 to +20 deg against 100 N.m", "load", 0.85, _LARGE, _loaded(-LOAD)),
-    Case("load_aiding", "Slew from -20 to +20 deg with 100 N.m", "load", 0.85, _LARGE, _loaded(LOAD)),
-    Case("cold", "Steps to +5, +20, +5 and 0 deg at -6 degC", "cold", 1.0, _LARGE,
+    Case("load_opposing", "Slew from -20 to +20 deg against 100 N.m", "slew", 0.85, _LARGE, _loaded(-RATED)),
+    Case("load_aiding", "Slew from -20 to +20 deg with 100 N.m", "slew", 0.85, _LARGE, _loaded(RATED)),
+    Case("cold", "Steps to +5, +20, +5 and 0 deg at -6 degC", "step", 1.0, _LARGE,
          _levels((LEAD_IN, 5.0), (0.3, 20.0), (0.55, 5.0), (0.8, 0.0)), {**EXACT, "friction.temperature": -6.0}),
     sag(SUPPLY),
 ]
@@ -144,5 +130,5 @@ CASES = [
 # is built, and it shows the signs of command and hinge moment.
 STEP_AND_LOAD = Case("step_and_load", "Step to +10 deg, and 50 N.m against it from 0.2 s on", "embedded", 0.35,
                      math.radians(10.0),
-                     lambda time: _levels((LEAD_IN, 10.0))(time) | {
-                         "aero_torque": -50.0 * np.clip((time - 0.2) / LOAD_RISE, 0.0, 1.0)})
+                     lambda time: {**_levels((LEAD_IN, 10.0))(time),
+                                   "aero_torque": KINDS["step"].torque(time - 0.2, -50.0)})

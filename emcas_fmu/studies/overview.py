@@ -12,10 +12,10 @@ import numpy as np
 
 from ..actuators import capabilities, fin_port
 from ..actuators.electromechanical import plausibility
+from ..motions import LOAD_RISE
 from ..ops.floats import FLOATS
 from ..parameters import Entry, ParameterError, ParameterSet, load_parameters
 from ..physics import kinematics
-from ..reference.cases import LOAD_RISE
 from ..simulation import Array, simulate
 
 if TYPE_CHECKING:

@@ -17,11 +17,11 @@ from emcas_fmu.bench.linear import frequency
 from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.bench.linear.systems import decays, sampled, shown, wire
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.motions import RATED
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics.loads import NONE
-from emcas_fmu.reference.cases import LOAD
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import thesis
@@ -191,7 +191,7 @@ def test_final_values_are_those_of_closed_forms(values: Values) -> None:
     # At rest T/R = K_t K_v K_vel K_pos R e: the current follows its reference thanks to the drive's integral.
     gains = (values["motor.torque_constant"] * values["drive.current_gain"] * values["controller.velocity.kp"]
              * values["controller.position.kp"])
-    assert rows["P"].load_error == pytest.approx(-degrees(LOAD / ratio**2 / gains), rel=1e-6)
+    assert rows["P"].load_error == pytest.approx(-degrees(RATED / ratio**2 / gains), rel=1e-6)
     # An integrator in the plant for the command, one in the controller for the load; rounding remains.
     errors = [rows["P"].command_error, rows["PI"].command_error, rows["PI"].load_error]
     assert errors == pytest.approx([0.0] * 3, abs=1e-7)
@@ -202,7 +202,7 @@ def test_final_value_is_where_the_load_step_ends(smooth: Values) -> None:
          "kinematics.initial_angle": 0.0}
     row = final_values(p)[0]
     assert row.stable
-    run = simulate(p, 10.0 * row.slowest, aero_torque=0.1 * LOAD)  # a tenth, for the lever's curvature
+    run = simulate(p, 10.0 * row.slowest, aero_torque=0.1 * RATED)  # a tenth, for the lever's curvature
     # The ratio differs by 2 tan^2 of 0.05 deg: nothing; e^-10 of the slowest mode remains.
     assert -degrees(run["fin_angle"][-1]) == pytest.approx(0.1 * row.load_error, rel=1e-3)
 

@@ -12,8 +12,6 @@ import pytest
 
 from emcas_fmu.bench import excitation
 from emcas_fmu.bench.excitation import (
-    SETTLE,
-    STEP,
     Excitation,
     check_span,
     csv_file,
@@ -30,8 +28,8 @@ from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import Requirement, load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.motions import LEAD_IN, SETTLE, STEP
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.reference.cases import LEAD_IN
 
 FASTEST = 0.5 / STEP  # Hz, two rows a cycle
 MOST = 1000

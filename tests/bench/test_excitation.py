@@ -7,10 +7,10 @@ import pytest
 
 from emcas_fmu.bench.excitation import (
     LOAD,
-    SETTLE,
     Excitation,
     Move,
     load_ramp,
+    motion,
     reference_case,
     sine,
     sine_from_rest,
@@ -20,7 +20,8 @@ from emcas_fmu.bench.excitation import (
     sweep,
 )
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.reference.cases import CASES, LEAD_IN, LOAD_RISE
+from emcas_fmu.motions import LEAD_IN, LOAD_RISE, MOTIONS, SETTLE
+from emcas_fmu.reference.cases import CASES
 
 
 def test_step_comes_with_its_load() -> None:
@@ -113,3 +114,14 @@ def test_reference_cases_are_those_of_the_references() -> None:
     assert reference_case("cold", exact=False).start_values == {"friction.temperature": -6.0}
     with pytest.raises(EmcasError, match="there is no case nonsense"):
         reference_case("nonsense")
+
+
+def test_reference_cases_have_the_words_of_the_excitations() -> None:
+    assert {case.kind for case in CASES} <= {*MOTIONS, "square"}
+
+
+def test_a_load_comes_at_once_on_a_fin_held_at_zero() -> None:
+    load = motion("load", 0.0, 0.3, -40.0)
+    assert not load.command.any()
+    assert load.columns[LOAD].tolist() == [0.0] * 50 + [-40.0] * 301
+    assert not load.moves

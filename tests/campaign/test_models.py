@@ -14,8 +14,8 @@ import pytest
 
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions import fault_list
+from emcas_fmu.motions import LEAD_IN
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.campaign import fault_detection, sample

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.bench.excitation import STEP, Excitation
+from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.motions import LEAD_IN, STEP
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign import measure
 from emcas_fmu.studies.campaign.experiments import Experiment, Profile, excitation
 

@@ -14,10 +14,10 @@ import pytest
 from emcas_fmu.bench import metrics
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.frequency_response import frequency_response
-from emcas_fmu.bench.motions import KINDS, OLD_WORDS
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.motions import LEAD_IN, MOTIONS, OLD_WORDS
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.reference.cases import CASES, LEAD_IN
+from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.campaign import measure, sample
@@ -166,16 +166,16 @@ duration = "2 s"
 """
 
 
-@pytest.mark.parametrize("kind", [*KINDS, *OLD_WORDS])
+@pytest.mark.parametrize("kind", [*MOTIONS, *OLD_WORDS])
 def test_every_kind_of_motion_is_an_experiment(write: Write, kind: str) -> None:
     shape = "".join(f'{field} = "{hertz} Hz"\n' for field, hertz in zip(
-        KINDS[OLD_WORDS.get(kind, kind)].shape, (5, 20), strict=False))
+        MOTIONS[OLD_WORDS.get(kind, kind)].shape, (5, 20), strict=False))
     plan = load_study(write(SMALL.replace('kind = "step"\n', f'kind = "{kind}"\n{shape}'))).plan
     row = row_of(plan, 0, [0.11, 20.0, -10.0], SUBJECT)
     assert (row["status"], row["error"]) == ("ok", "")
     assert row["step.peak_rate"] > 0.01
-    assert ("step.rise_time" in row) == KINDS[plan.experiments[0].kind].jumps
-    assert ("step.bandwidth_3db" in row) == KINDS[plan.experiments[0].kind].sweeps
+    assert ("step.rise_time" in row) == MOTIONS[plan.experiments[0].kind].jumps
+    assert ("step.bandwidth_3db" in row) == MOTIONS[plan.experiments[0].kind].sweeps
 
 
 def test_no_response_is_no_bandwidth(write: Write, recwarn: pytest.WarningsRecorder) -> None:

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from emcas_fmu.bench.motions import KINDS
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.motions import LEAD_IN, MOTIONS
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.study import Study, load_study
@@ -166,7 +165,7 @@ duration = "0.2 s"
     ('low = "-6 degC"', 'low = "50 %"', "a percentage of a temperature has no meaning"),
     ('follows = "motor.torque_constant"', 'follows = "motor.resistance"', "is no number that varies"),
     ('kind = "constant"', 'kind = "konstant"', "did you mean constant"),
-    ('kind = "step"', 'kind = "leap"', f"there is {', '.join(KINDS)}"),
+    ('kind = "step"', 'kind = "leap"', f"there is {', '.join(MOTIONS)}"),
     ('amplitude = "5 deg"', 'amplitude = "5 V"', "experiments.step.amplitude = 5 V"),
     ('amplitude = "5 deg"', 'amplitude = "50 deg"', "must be within"),
     ('amplitude = "5 deg"', 'amplitude = "0 deg"', "other than 0"),

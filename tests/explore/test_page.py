@@ -27,7 +27,7 @@ from tests.tools.test_every_actuator import TOGETHER
 from .browser import SHOWN, Browser, written
 
 MODELS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
-SETTING = "excitation.shape=slew&excitation.amplitude=0.15&excitation.load=-40"
+SETTING = "excitation.kind=slew&excitation.amplitude=0.15&excitation.torque=-40"
 STEP = 1e-3
 
 
@@ -134,7 +134,7 @@ SLIDER = ("(s => [s.checkVisibility(), Number(s.min), Number(s.value), Number(s.
 def test_sliders_end_within_the_limits_and_show_their_value(opened: Browser) -> None:
     values = opened.run("Object.fromEntries(window.page.controls.filter(each => each.range).map("
                         "({control, factor}) => [control.name, window.page.live.setting.get(control.name) / factor]))")
-    assert {"excitation.load", "supply_voltage", "controller.position.kp"} <= values.keys()
+    assert {"excitation.torque", "supply_voltage", "controller.position.kp"} <= values.keys()
     for name, value in values.items():
         visible, least, at, most = opened.run(SLIDER, name)
         assert least <= value <= most, name
@@ -194,7 +194,7 @@ def test_commands_are_warned_of_as_by_simulate(opened: Browser, tmp_path: Path, 
     path = tmp_path / "mine.csv"
     path.write_text(f"time,fin_command\n0,0\n0.1,{command}\n", encoding="utf-8")
     opened.driver.find_element("id", "file").send_keys(str(path))
-    opened.wait("window.page.live.setting.shape === 'csv' && window.page.live.run")
+    opened.wait("window.page.live.setting.kind === 'csv' && window.page.live.run")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EmcasWarning)
         expected = simulate(excitation=csv_file(path)).warnings
@@ -232,7 +232,7 @@ def test_a_problem_is_seen_wherever_one_has_scrolled_to(opened: Browser, width: 
 
 
 def test_a_kept_setting_that_cannot_be_shown_is_said(opened: Browser) -> None:
-    opened.open(SHOWN, "#A=excitation.shape%3Dcsv&B=")
+    opened.open(SHOWN, "#A=excitation.kind%3Dcsv&B=")
     assert "A is not shown: choose a CSV file" in opened.run("document.getElementById('warnings').textContent")
     assert opened.run("document.getElementById('problems').textContent") == ""
 
@@ -265,7 +265,7 @@ def test_a_typed_value_acts_and_is_put_back(opened: Browser) -> None:
 def test_a_link_restores_both_settings(opened: Browser) -> None:
     opened.set("motor.resistance", 0.3)
     opened.run("window.page.keep()")
-    opened.set("excitation.shape", "sine")
+    opened.set("excitation.kind", "sine")
     opened.set("friction.temperature", -6.0)
     opened.rested("window.page.refresh()")
     state = ("[window.page.kept, window.page.live].map(each => [each.setting.values, each.figures.peak_current])")
@@ -299,7 +299,7 @@ def test_a_link_copied_at_once_is_of_what_is_set(opened: Browser, value: Any) ->
 def test_files_give_the_same_response_in_simulate(opened: Browser, tmp_path: Path,
                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name, value in {"excitation.shape": "slew", "excitation.load": -60.0, "controller.position.kp": 70.0,
+    for name, value in {"excitation.kind": "slew", "excitation.torque": -60.0, "controller.position.kp": 70.0,
                         "supply_voltage": 34.0, "angular_rate.x": 1.0, "encoder.enabled": False}.items():
         opened.set(name, value)
     for name, script in {"parameters.toml": "parameterFile(window.page.live.setting)",
@@ -318,7 +318,7 @@ def test_a_csv_file_is_flown(opened: Browser, tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     path.write_text("time,fin_command,aero_torque\n0,0,0\n0.1,0.1,-20\n0.4,0.1,-20\n", encoding="utf-8")
     opened.driver.find_element("id", "file").send_keys(str(path))
-    opened.wait("window.page.live.setting.shape === 'csv' && window.page.live.run")
+    opened.wait("window.page.live.setting.kind === 'csv' && window.page.live.run")
     assert opened.run("document.getElementById('file-name').textContent") == "mine.csv"
     assert opened.run("window.page.live.run.outputs.fin_angle.at(-1)") == pytest.approx(0.1, abs=radians(0.5))
     path.write_text("time,nonsense\n0,0\n1,1\n", encoding="utf-8")
@@ -329,7 +329,7 @@ def test_a_csv_file_is_flown(opened: Browser, tmp_path: Path) -> None:
 
 def test_two_settings_stand_side_by_side(opened: Browser) -> None:
     opened.run("window.page.keep()")
-    opened.set("excitation.load", -80.0)
+    opened.set("excitation.torque", -80.0)
     opened.rested("window.page.refresh()")
     heads = opened.run("[...document.querySelectorAll('#figures-head th')].map(e => e.textContent)")
     assert heads == ["figure", "A, kept", "B, live", "definition"]

@@ -21,6 +21,7 @@ from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.verdict import Judged, judge
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.motions import KINDS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.explore import page
 
@@ -80,23 +81,29 @@ def test_messages_have_their_numbers_as_in_python(scripts: Browser) -> None:
     assert said == "a.b = 0.1 is 5 % above 1e-07"
 
 
-@pytest.mark.parametrize(("shape", "fields", "made"), [
-    ("step", {"amplitude": 10 * DEG, "load": -50.0, "duration": 0.5}, excitations.step_to(10 * DEG, 0.5, -50.0)),
-    ("step", {"amplitude": -3 * DEG, "load": 0.0, "duration": 1.0}, excitations.step_to(-3 * DEG, 1.0)),
-    ("slew", {"amplitude": 20 * DEG, "load": -100.0, "duration": 0.6}, excitations.slew_to(20 * DEG, 0.6, -100.0)),
-    ("load", {"load": 80.0, "duration": 0.5}, excitations.step_to(0.0, 0.5, 80.0)),
-    ("sine", {"amplitude": DEG, "frequency": 5.0, "load": 0.0, "duration": 1.0},
-     excitations.sine_from_rest(DEG, 5.0, 1.0)),
-    ("chirp", {"amplitude": DEG, "low": 0.5, "high": 30.0, "load": 0.0, "duration": 12.0},
-     excitations.sweep(DEG, 12.0)),
-], ids=["step under load", "step", "slew", "load", "sine", "chirp"])
-def test_excitations_are_the_bench_s(scripts: Browser, shape: str, fields: dict[str, float], made: Excitation) -> None:
-    found = columns_of(scripts, f"SHAPES.{shape}.build({json.dumps(fields)})")
+EXCITATIONS: list[tuple[str, dict[str, float]]] = [
+    ("step", {"amplitude": 10 * DEG, "torque": -50.0, "duration": 0.5}),
+    ("step", {"amplitude": -3 * DEG, "torque": 0.0, "duration": 1.0}),
+    ("slew", {"amplitude": 20 * DEG, "torque": -100.0, "settle": 0.4, "duration": 0.6}),
+    ("load", {"amplitude": 0.0, "torque": 80.0, "duration": 0.5}),
+    ("sine", {"amplitude": DEG, "frequency": 5.0, "torque": 30.0, "duration": 1.0}),
+    ("sweep", {"amplitude": DEG, "low": 0.5, "high": 30.0, "torque": 0.0, "duration": 12.0})]
+
+
+@pytest.mark.parametrize(("kind", "fields"), EXCITATIONS)
+def test_excitations_are_the_bench_s(scripts: Browser, kind: str, fields: dict[str, float]) -> None:
+    made = excitations.motion(kind, **fields)
+    found = columns_of(scripts, f"excited('{kind}', {json.dumps(fields)})")
     assert found.pop("begin") == made.begin
     np.testing.assert_array_equal(found.pop("time"), made.time)
     assert found.keys() == made.columns.keys()
     for name, column in made.columns.items():
         np.testing.assert_allclose(found[name], column, rtol=0, atol=ROUNDING * np.max(np.abs(column), initial=1e-300))
+
+
+def test_every_kind_of_the_page_is_compared(scripts: Browser) -> None:
+    assert {*scripts.run("Object.keys(SHARES)")} == {kind for kind, _ in EXCITATIONS}
+    assert scripts.run("Object.keys(DATA.kinds)") == [*(name for name, kind in KINDS.items() if kind.usual), "csv"]
 
 
 def test_tests_of_the_requirements_are_the_bench_s(scripts: Browser, subject: ParameterSubject) -> None:
@@ -259,7 +266,7 @@ def test_what_is_no_csv_file_is_refused_as_by_simulate(scripts: Browser, text: s
 
 
 def test_a_link_holds_a_setting(scripts: Browser) -> None:
-    values = {"excitation.shape": "slew", "excitation.amplitude": 0.2, "controller.position.kp": 71.5,
+    values = {"excitation.kind": "slew", "excitation.amplitude": 0.2, "controller.position.kp": 71.5,
               "encoder.enabled": False, "friction.temperature": -6.0}
     text = scripts.run("new Setting(arguments[0]).toString()", values)
     found = scripts.run("(([setting, unknown]) => [setting.values, unknown])(Setting.parse(arguments[0]))",

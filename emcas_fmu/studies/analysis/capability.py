@@ -20,11 +20,12 @@ from ...actuators import NONLINEAR, capabilities, get
 from ...bench.excitation import reference_case
 from ...bench.runs import Columns
 from ...bench.subject import ParameterSubject
+from ...motions import RATED
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, kinematics, loads, mechanics
-from ...reference.cases import CASES, LOAD
+from ...reference.cases import CASES
 from ...reference.files import supply_start
 from ...simulation import Array
 
@@ -80,7 +81,7 @@ class Capability:
     """Capability against ``fin_angle`` [rad]; arrays [angles], or [2, angles] for motion along + and -.
 
     ``stall`` [N.m] is the largest opposing hinge moment that the fin moves, ``held`` the largest that it holds at rest,
-    with the help of dry friction. ``rate`` [rad/s] is without load, ``rate_loaded`` against LOAD, within supply, drive
+    with the help of dry friction. ``rate`` [rad/s] is without load, ``rate_loaded`` against RATED, within supply, drive
     current and the controllers' speed limit; ``free_rate`` and ``free_rate_loaded`` are without that limit. ``ratio``
     is R [1].
     """
@@ -110,7 +111,7 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     rates = [np.stack([steady_rate(p, fin, side, level.replace(aero_torque=-side * load), limit)
                        for side in (1.0, -1.0)])
-             for limit in (p.controller.speed_limit, free) for load in (0.0, LOAD)]
+             for limit in (p.controller.speed_limit, free) for load in (0.0, RATED)]
     return Capability(fin, m.ratio, stall, held, *rates)
 
 

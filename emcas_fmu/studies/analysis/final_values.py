@@ -14,14 +14,14 @@ from typing import Any
 from ...actuators import NONLINEAR, capabilities, get
 from ...bench.linear.actuator import LinearActuator
 from ...bench.linear.systems import cleared, largest_pole
-from ...reference.cases import LOAD
+from ...motions import RATED
 
 COMMAND = 1.0  # deg; the load is that of the thesis's Table 2
 
 
 @dataclass(frozen=True)
 class FinalValues:
-    """Steady errors [deg], command less fin angle, after steps of COMMAND and LOAD; nan if the loop is unstable.
+    """Steady errors [deg], command less fin angle, after steps of COMMAND and RATED; nan if the loop is unstable.
 
     ``name`` is the position controller's, ``ki`` its integral gain [1/s2] (None for a loop not in cascade). ``slowest``
     [s] is the largest time constant of the closed loop: final values are reached after several of them.
@@ -52,5 +52,5 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
         largest = largest_pole(linear.closed)
         slowest = -linear.period / log(largest) if linear.stable else inf
         table.append(FinalValues(name, ki, cleared(COMMAND * (1.0 - command), 1e-9),
-                                 cleared(degrees(-LOAD * load), 1e-9), slowest, linear.stable))
+                                 cleared(degrees(-RATED * load), 1e-9), slowest, linear.stable))
     return table

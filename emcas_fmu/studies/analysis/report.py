@@ -13,8 +13,8 @@ from ...bench import writers
 from ...bench.linear.frequency import continuous_poles
 from ...bench.linear.systems import System
 from ...figures import plots
+from ...motions import RATED
 from ...pages.page import write_page
-from ...reference.cases import LOAD
 from . import final_values
 from .analyse import Analysis, ClosedLoop
 from .modes import Modes
@@ -37,7 +37,7 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
         "linear": _loop(analysis.linear) | {"transfer_function": _state_space(analysis.linear.system)},
         "thesis_linear": _loop(thesis) if thesis else None,
         "final_values": {
-            "command_step_deg": final_values.COMMAND, "load_step_nm": LOAD,
+            "command_step_deg": final_values.COMMAND, "load_step_nm": RATED,
             **{row.name.lower().replace(" ", "_"): {
                 "ki": row.ki, "stable": row.stable, "command_error_deg": row.command_error,
                 "load_error_deg": row.load_error, "slowest_time_constant_s": row.slowest}
@@ -106,7 +106,7 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
     moments = {"stall_torque_nm": c.stall, "held_torque_nm": c.held}
     rates = {"rate": c.rate, "rate_loaded": c.rate_loaded, "free_rate": c.free_rate,
              "free_rate_loaded": c.free_rate_loaded}
-    return {"fin_angle_deg": np.degrees(c.fin_angle), "ratio": c.ratio, "load_nm": LOAD,
+    return {"fin_angle_deg": np.degrees(c.fin_angle), "ratio": c.ratio, "load_nm": RATED,
             **{name: np.min(both, axis=0) for name, both in moments.items()},
             **{f"{name}_deg_per_s": np.degrees(np.min(both, axis=0)) for name, both in rates.items()}}
 

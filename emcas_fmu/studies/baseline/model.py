@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PlainValidator, ValidationInfo, field_validator
 
+from ... import motions
 from ...actuators import get
-from ...bench import metrics, motions
-from ...bench.excitation import Excitation, csv_file, reference_case
+from ...bench import metrics
+from ...bench.excitation import Excitation, csv_file, motion, reference_case
 from ...bench.frequency_response import sweep_response
 from ...bench.measure import Test, sweep_figures
 from ...bench.measure import excitation as measured
@@ -203,7 +204,7 @@ class Motion(Case):
             sign = copysign(1.0, self.command)
             slew = Test("slew", abs(radians(self.command)), self.duration, sign * torque)
             return measured(slew, sign, subject)
-        return motions.motion(self.kind, radians(self.command), self.duration, **({"torque": torque} if torque else {}))
+        return motion(self.kind, radians(self.command), self.duration, torque)
 
 
 class Jump(Motion):

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ...actuators import get
-from ...bench.excitation import COMMAND, STEP, Excitation
-from ...bench.motions import KINDS, motion
+from ...bench.excitation import COMMAND, Excitation, motion
+from ...motions import KINDS, STEP
 from ...simulation import Array
 
 REQUIREMENT = "requirement"  # reserved: the columns of requirements begin with it

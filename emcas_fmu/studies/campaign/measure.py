@@ -14,9 +14,9 @@ from ...actuators import get
 from ...bench.excitation import Excitation
 from ...bench.frequency_response import sweep_response, swept
 from ...bench.metrics import FIGURES, Figure, leap_weights, leaping_power, motion, usage
-from ...bench.motions import KINDS
 from ...bench.runs import Run
 from ...bench.subject import Subject, left_out
+from ...motions import KINDS
 from ...simulation import Array
 from .experiments import Experiment
 

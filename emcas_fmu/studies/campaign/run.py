@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ... import __version__
 from ...actuators import NONLINEAR
-from ...bench.excitation import STEP
+from ...motions import STEP
 from ...runtime import library
 from ...simulation import Array
 from .distributions import CampaignError

@@ -17,13 +17,12 @@ from typing import Any
 import numpy as np
 
 from ...actuators import extension_outputs
-from ...bench.excitation import STEP
 from ...bench.fmu_subject import open_subject
 from ...bench.metrics import Figure
 from ...bench.subject import Subject
 from ...bench.verdict import evaluate, worst_of
 from ...errors import EmcasError
-from ...reference.cases import LEAD_IN
+from ...motions import LEAD_IN, STEP
 from ...simulation import Array
 from ...variables import Variable
 from . import measure

@@ -10,10 +10,11 @@ from typing import Annotated, Any
 
 from pydantic import PlainValidator, create_model
 
+from ... import motions
 from ...actuators import EXTENSIONS, NAMES, get, parts
-from ...bench import motions
-from ...bench.excitation import COMMAND, LOAD, STEP
+from ...bench.excitation import COMMAND, LOAD
 from ...errors import EmcasError, hint
+from ...motions import STEP
 from ...parameters import ParameterSet
 from ...parameters.schema import In, Table, each, kind_of, leaves
 from ...variables import Variable
@@ -143,8 +144,8 @@ class Reader:
     def _experiment(self, name: str, entry: Any) -> Experiment:
         if "." in name or name == REQUIREMENT:
             raise ValueError(f"a name without dots is needed, and another than {REQUIREMENT}")
-        kind, prefix = motions.kind_in(entry), f"experiments.{name}"
-        units = {field: motions.UNITS[field] for field in motions.KINDS[kind].shape}
+        kind, prefix = motions.motion_in(entry), f"experiments.{name}"
+        units = {field: motions.FIELDS[field].unit for field in motions.KINDS[kind].shape}
         numbers = self._fields(prefix, COMMAND, {"amplitude": SAME, **units})
         numbers["duration"] = (Annotated[float, PlainValidator(_duration)], 1.0)
         profiles = Annotated[Any, PlainValidator(partial(self._profiles, f"{prefix}.inputs"))]

@@ -103,7 +103,7 @@ class Control {
     /** Shows a setting's value. */
     show(setting) {
         const value = setting.get(this.control.name), start = setting.default(this.control.name);
-        if (start !== this.start) this.range = null;  // another shape's start
+        if (start !== this.start) this.range = null;  // another kind's start
         this.start = start;
         this.row.classList.toggle("changed", value !== start);
         this.again.hidden = value === start;
@@ -126,7 +126,7 @@ class Control {
 /** The main controls in groups: the excitation's fields, supply, temperature, gains. */
 function firstControls(change) {
     const controls = [];
-    for (const [group, names] of Object.entries({command: EXCITATION.map(({name}) => name), ...DATA.first})) {
+    for (const [group, names] of Object.entries({command: DATA.fields.map(({name}) => name), ...DATA.first})) {
         const box = document.getElementById(`group-${group}`);
         for (const name of names) {
             const control = new Control(CONTROLS.get(name), change, {slider: true});

@@ -1,5 +1,5 @@
 "use strict";
-/* Excitations: rows of inputs 1 ms apart, a port of bench/excitation.py. SI throughout. */
+/* Excitations: rows of inputs, a port of motions.py and bench/excitation.py. SI throughout. */
 
 const STEP = DATA.constants.STEP;
 
@@ -7,55 +7,38 @@ function times(stop) {
     return Float64Array.from({length: Math.round(stop / STEP) + 1}, (_, k) => k * STEP);
 }
 
-/** A jump of the command at `begin` [s], with a load [N.m] that rises with it. */
-function motionTo(level, from, begin, {duration, load}) {
-    const time = times(begin + duration), clip = x => Math.min(Math.max(x, 0), 1);
-    const command = time.map(t => t > begin - STEP / 2 ? level : from);
-    command[0] = 0;
-    const columns = {fin_command: command};
-    if (load) columns.aero_torque = time.map(t => load * clip((t - begin) / DATA.constants.LOAD_RISE));
-    return {time, columns, begin};
-}
-
-/** A sine of the command from rest; `phase` [rad] is a function of the time [s] since its begin. */
-function wave(amplitude, duration, phase) {
-    const begin = DATA.constants.LEAD_IN, time = times(begin + duration);
-    const command = time.map(t => amplitude * Math.sin(phase(Math.max(t - begin, 0))));
-    return {time, begin, columns: {fin_command: command}};
-}
-
-/** A logarithmic sweep between two frequencies [Hz]. */
-function sweep({amplitude, low, high, duration}) {
-    const [from, to] = [low, high].map(f => general(f, 6));
-    if (!(low < high)) throw new Error(`the sweep's low = ${from} Hz is not below its high = ${to} Hz`);
-    const growth = Math.log(high / low) / duration;
-    return wave(amplitude, duration, since => 2 * Math.PI * low * Math.expm1(growth * since) / growth);
-}
-
-/** An excitation with a constant load. */
-function underLoad(excitation, load) {
-    if (load) excitation.columns.aero_torque = excitation.time.map(() => load);
-    return excitation;
-}
-
-const SHAPES = {
-    step: {title: "Step", fields: ["amplitude", "load", "duration"], amplitude: Math.PI / 18, duration: 0.5,
-        build: s => motionTo(s.amplitude, 0, DATA.constants.LEAD_IN, s)},
-    slew: {title: "Slew, from − to +", fields: ["amplitude", "load", "duration"], amplitude: Math.PI / 9, duration: 0.5,
-        build: s => motionTo(s.amplitude, -s.amplitude, DATA.constants.SETTLE, s)},
-    load: {title: "Load step", fields: ["load", "duration"], amplitude: 0, duration: 0.5, load: -DATA.load,
-        build: s => motionTo(0, 0, DATA.constants.LEAD_IN, s)},
-    sine: {title: "Sine", fields: ["amplitude", "frequency", "load", "duration"], amplitude: Math.PI / 180, duration: 1,
-        build: s => underLoad(wave(s.amplitude, s.duration, since => 2 * Math.PI * s.frequency * since), s.load)},
-    chirp: {title: "Chirp", fields: ["amplitude", "low", "high", "load", "duration"], amplitude: Math.PI / 180,
-        duration: 12, build: s => underLoad(sweep(s), s.load)},
-    csv: {title: "Your CSV", fields: ["load"], amplitude: 0, duration: 1,
-        build: s => {
-            if (!s.file) throw new Error("choose a CSV file: a column time [s] and columns of inputs, SI");
-            const excitation = {time: s.file.time, begin: 0, columns: {...s.file.columns}};
-            return "aero_torque" in excitation.columns ? excitation : underLoad(excitation, s.load);
-        }},
+/** The command over the amplitude, by kind, at a time [s] since the beginning of the motion: a port of motions.py. */
+const SHARES = {
+    step: since => Number(since > -STEP / 2),
+    slew: since => since > -STEP / 2 ? 1 : -1,
+    load: () => 0,
+    sine: (since, {frequency}) => Math.sin(2 * Math.PI * frequency * Math.max(since, 0)),
+    sweep: (since, {low, high, duration}) => {
+        const growth = Math.log(high / low) / duration;
+        return Math.sin(2 * Math.PI * low * Math.expm1(growth * Math.max(since, 0)) / growth);
+    },
 };
+
+/** The excitation of a kind, from its fields; a torque rises with the motion, or is constant. Throws an Error. */
+function excited(kind, fields) {
+    const {amplitude = 0, torque, duration, settle: begin = DATA.constants.LEAD_IN, low, high} = fields;
+    if (low >= high) {
+        const [from, to] = [low, high].map(f => general(f, 6));
+        throw new Error(`the sweep's low = ${from} Hz is not below its high = ${to} Hz`);
+    }
+    const time = times(begin + duration), {rise} = DATA.kinds[kind];
+    const columns = {fin_command: time.map((t, k) => k && amplitude * SHARES[kind](t - begin, fields))};
+    const risen = since => rise ? Math.min(Math.max(since / rise, 0), 1) : SHARES.step(since);
+    if (torque) columns.aero_torque = time.map(t => rise === null ? torque : torque * risen(t - begin));
+    return {time, begin, columns};
+}
+
+/** The excitation of a CSV file, under a constant torque if it has none. */
+function ofFile(file, torque) {
+    if (!file) throw new Error("choose a CSV file: a column time [s] and columns of inputs, SI");
+    const {time, columns} = file, constant = torque ? {aero_torque: time.map(() => torque)} : {};
+    return {time, begin: 0, columns: {...constant, ...columns}};
+}
 
 /** The jumps of a command: instant [s], level, and when the next one comes or the rows end [s]. */
 function moves(time, command) {

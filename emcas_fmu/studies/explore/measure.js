@@ -38,8 +38,8 @@ async function describingFunction(amplitude, load, frequency, respond) {
     const {CYCLES, FITTED, TRANSIENT: [cycles, seconds], PURE} = DATA.constants, turn = 2 * Math.PI * frequency;
     const begin = Math.max(cycles / frequency, seconds);
     const end = begin + Math.ceil(Math.max(CYCLES / frequency, FITTED) * frequency) / frequency, time = times(end);
-    const sine = {time, begin, columns: {fin_command: time.map(t => amplitude * Math.sin(turn * t))}};
-    const run = await respond(underLoad(sine, load), ["fin_angle"]);
+    const command = time.map(t => amplitude * Math.sin(turn * t)), torque = time.map(() => load);
+    const run = await respond({time, begin, columns: {fin_command: command, aero_torque: torque}}, ["fin_angle"]);
     if (!run) return [NaN, NaN];
     const first = time.findIndex(t => t >= begin), last = lastIndex(time, t => t <= end) + 1;
     const fitted = time.subarray(first, last), centred = column => {

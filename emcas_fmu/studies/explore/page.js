@@ -25,10 +25,10 @@ class Page {
     }
 
     listen() {
-        $("shape").append(...Object.entries(SHAPES).map(([value, {title}]) => element("option", {value}, title)));
-        $("shape").addEventListener("change", () => {
-            if ($("shape").value === "csv") $("file").click();
-            this.change("excitation.shape", $("shape").value);
+        $("kind").append(...Object.entries(DATA.kinds).map(([value, {title}]) => element("option", {value}, title)));
+        $("kind").addEventListener("change", () => {
+            if ($("kind").value === "csv") $("file").click();
+            this.change("excitation.kind", $("kind").value);
         });
         $("file").addEventListener("change", () => this.open($("file").files[0]));
         $("keep").addEventListener("click", () => this.keep());
@@ -95,14 +95,14 @@ class Page {
 
     /** Shows the setting, and computes its response before the next frame. */
     refresh() {
-        const {setting} = this.live, shape = SHAPES[setting.shape];
-        $("shape").value = setting.shape;
-        $("file-row").hidden = setting.shape !== "csv";
+        const {setting} = this.live, {fields} = DATA.kinds[setting.kind];
+        $("kind").value = setting.kind;
+        $("file-row").hidden = setting.kind !== "csv";
         $("file-name").textContent = setting.file ? setting.file.title : "none chosen";
         for (const control of this.controls) {
             control.show(setting);
             const [, field] = control.control.name.split("excitation.");
-            if (field) control.row.hidden = !shape.fields.includes(field);
+            if (field) control.row.hidden = !fields.includes(field);
         }
         for (const id of ["drop", "swap"]) $(id).disabled = !this.kept;
         $("keep").setAttribute("aria-pressed", String(this.kept !== null));

@@ -12,10 +12,10 @@ from math import isclose
 from pathlib import Path
 from typing import Any
 
-from ... import __version__, rules
+from ... import __version__, motions, rules
 from ...actuators import extension_outputs, full_name, get, parts
 from ...actuators import fin_port as port
-from ...bench import excitation, frequency_response, measure, metrics
+from ...bench import frequency_response, measure, metrics
 from ...bench.excitation import COMMAND, LOAD, Excitation
 from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.subject import Identification, ParameterSubject, Subject
@@ -25,7 +25,6 @@ from ...errors import EmcasError
 from ...pages.numbers import typeset
 from ...pages.page import page
 from ...parameters import Entry, ParameterSet, load_parameters
-from ...reference import cases
 from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels
 from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten
 from ...runtime.compiled import REASONS
@@ -77,7 +76,6 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
     described: dict[str, Any] = {
         "tool": f"emcas {__version__}", "model": _without_folder(model),
-        "command_limit": parameters.values["command.limit"],
         "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name],
                         "range": _tested(v, parameters.values)} for v in actuator.parameters],
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
@@ -91,12 +89,12 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
         "figures": {name: {"title": metrics.FIGURES[name].title, "shown": _shown(metrics.FIGURES[name].unit)}
                     for name in _FIGURES},
         "headlines": _HEADLINES, "usage": metrics.REDUCED,
-        **_judging(specification, subject), "load": cases.LOAD, "constants": _constants(),
-        "units": {unit: _shown(unit) for unit in ("rad", "rad/s")},
+        **_judging(specification, subject), "constants": _constants(),
+        **_excitations(parameters.values["command.limit"], starts[LOAD]),
     }
     shown = {each["shown"][0] for each in (*described["parameters"], *described["inputs"], *described["panels"],
-                                           *described["figures"].values())}
-    units = sorted({*shown, *(r["unit"] for r in described["requirements"]), "deg", "N.m"})
+                                           *described["fields"], *described["figures"].values())}
+    units = sorted({*shown, *(r["unit"] for r in described["requirements"])})
     described["typeset"] = {unit: typeset(unit) for unit in units}
     result: dict[str, Any] = plain(described)
     return result
@@ -119,6 +117,20 @@ def _shown(unit: str) -> tuple[str, float]:
 
 def _inverse(shown: tuple[str, float]) -> tuple[str, float]:
     return shown[0], 1.0 / shown[1]
+
+
+def _excitations(limit: float, torque: float) -> dict[str, Any]:
+    """Return the kinds of excitation that the page shows, and their fields with the ranges of sliders."""
+    kinds = {name: {"title": kind.title, "rise": kind.rise, "usual": kind.usual,
+                    "fields": tuple(dict.fromkeys((*kind.fields, "torque")))}
+             for name, kind in motions.KINDS.items() if kind.usual}
+    heavy = 2.0 * motions.RATED
+    ranges = {"amplitude": (-limit, limit), "frequency": motions.SWEEP, "torque": (-heavy, heavy)}
+    fields = {**motions.FIELDS, "torque": motions.FIELDS["torque"]._replace(default=torque)}
+    return {"kinds": {**kinds, "csv": {"title": "Your CSV", "usual": {}, "fields": ("torque",)}},
+            "fields": [{**field._asdict(), "name": f"excitation.{name}", "kind": "Real", "shown": _shown(field.unit),
+                        "description": "", "range": ranges.get(name), "value": field.default}
+                       for name, field in fields.items()]}
 
 
 def _parameter(entry: Entry) -> dict[str, Any]:
@@ -216,7 +228,7 @@ def _counted(run: Excitation) -> dict[str, Any]:
 
 
 def _constants() -> dict[str, Any]:
-    named = {excitation: ("STEP", "SETTLE"), cases: ("LEAD_IN", "LOAD_RISE", "SWEEP"),
+    named = {motions: ("STEP", "LEAD_IN"),
              metrics: ("ACCURACY", "HELD"), frequency_response: ("PURE",),
              measure: ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT")}
     return {"MOST_ROWS": MOST_ROWS, **{name: getattr(module, name) for module, names in named.items()

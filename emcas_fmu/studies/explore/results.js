@@ -95,11 +95,10 @@ function drawRequirements(table, cases) {
     }));
 }
 
-/** Amplitude [rad] and load [N.m] of the frequency responses: those of requirements, and of a sine or chirp that is set. */
+/** Amplitude [rad] and load [N.m] of the frequency responses: those of requirements, and of a sine or sweep that is set. */
 function sinesOf(setting) {
     const required = DATA.tests.filter(({kind}) => kind === "sine").map(({amplitude}) => [amplitude, 0]);
-    const wave = ["sine", "chirp"].includes(setting.shape);
-    const own = wave ? ["amplitude", "load"].map(field => setting.get(`excitation.${field}`)) : [];
+    const wave = ["sine", "sweep"].includes(setting.kind), {amplitude, torque} = setting.fields, own = [amplitude, torque];
     const known = required.some(each => each.every((x, k) => x === own[k]));
     return wave && own[0] && !known ? [...required, own] : required;
 }

@@ -1,22 +1,9 @@
 "use strict";
 /* A setting: the values that differ from the page's; links and files with a setting. SI throughout. */
 
-const EXCITATION = [
-    {name: "excitation.amplitude", title: "Amplitude of the command", unit: "rad", shown: DATA.units.rad,
-        minimum: -Math.PI, maximum: Math.PI, range: [-DATA.command_limit, DATA.command_limit]},
-    {name: "excitation.frequency", title: "Frequency", unit: "Hz", minimum: 0.05, maximum: 100, range: [0.5, 30],
-        value: 5},
-    {name: "excitation.low", title: "Lowest frequency", unit: "Hz", minimum: 0.05, maximum: 100,
-        value: DATA.constants.SWEEP[0]},
-    {name: "excitation.high", title: "Highest frequency", unit: "Hz", minimum: 0.1, maximum: 200,
-        value: DATA.constants.SWEEP[1]},
-    {name: "excitation.load", title: "Load torque on the hinge", unit: "N.m", minimum: -1e6, maximum: 1e6,
-        range: [-2 * DATA.load, 2 * DATA.load], value: DATA.inputs.find(({name}) => name === "aero_torque").value},
-    {name: "excitation.duration", title: "Duration", unit: "s", minimum: 0.01, maximum: 60},
-].map(control => ({kind: "Real", shown: [control.unit, 1], description: "", ...control}));
 /* The other inputs are constant. */
 const HELD = DATA.inputs.filter(v => !["fin_command", "aero_torque"].includes(v.name));
-const CONTROLS = new Map([...EXCITATION, ...HELD, ...DATA.parameters].map(control => [control.name, control]));
+const CONTROLS = new Map([...DATA.fields, ...HELD, ...DATA.parameters].map(control => [control.name, control]));
 
 class Setting {
     constructor(values = {}, file = null) {
@@ -24,24 +11,23 @@ class Setting {
         this.file = file;
     }
 
-    get shape() {
-        return this.values["excitation.shape"] ?? "step";
+    get kind() {
+        return this.values["excitation.kind"] ?? "step";
     }
 
     default(name) {
-        const field = name.replace("excitation.", "");
-        return field !== name && field in SHAPES[this.shape] ? SHAPES[this.shape][field] : CONTROLS.get(name).value;
+        return DATA.kinds[this.kind].usual[name.replace("excitation.", "")] ?? CONTROLS.get(name).value;
     }
 
     get(name) {
         return this.values[name] ?? this.default(name);
     }
 
-    /** The setting with another value. Another shape begins with its default fields, and keeps the load. */
+    /** The setting with another value. Another kind begins with its usual fields, and keeps the torque. */
     with(name, value) {
         const values = {...this.values, [name]: value};
-        if (name === "excitation.shape") {
-            for (const {name: field} of EXCITATION) if (field !== "excitation.load") delete values[field];
+        if (name === "excitation.kind") {
+            for (const {name: field} of DATA.fields) if (field !== "excitation.torque") delete values[field];
         } else if (value === this.default(name)) {
             delete values[name];
         }
@@ -49,7 +35,7 @@ class Setting {
     }
 
     withFile(file) {
-        return new Setting({...this.values, "excitation.shape": "csv"}, file);
+        return new Setting({...this.values, "excitation.kind": "csv"}, file);
     }
 
     get parameters() {
@@ -63,9 +49,15 @@ class Setting {
             `${name}: '${this.get(name)}' is not a number${unit && unit !== "1" ? `; the unit is ${unit}` : ""}`);
     }
 
+    /** The fields of the excitation. */
+    get fields() {
+        return Object.fromEntries(DATA.kinds[this.kind].fields.map(field => [field, this.get(`excitation.${field}`)]));
+    }
+
     /** Messages for fields of the excitation and constant inputs outside their limits. */
     get problems() {
-        const numbers = [...EXCITATION, ...HELD].filter(({kind}) => kind === "Real");
+        const fields = Object.keys(this.fields).map(field => CONTROLS.get(`excitation.${field}`));
+        const numbers = [...fields, ...HELD].filter(({kind}) => kind === "Real");
         return numbers.flatMap(({name, minimum, maximum, shown: [unit, factor]}) => {
             const value = this.get(name), of = [value, minimum, maximum].map(x => general(x / factor, 6));
             return value >= minimum && value <= maximum && Number.isFinite(value) ? [] :
@@ -75,8 +67,7 @@ class Setting {
 
     /** The excitation. Throws an Error. */
     excite() {
-        const fields = EXCITATION.map(({name}) => [name.replace("excitation.", ""), this.get(name)]);
-        return SHAPES[this.shape].build({...Object.fromEntries(fields), file: this.file});
+        return this.kind === "csv" ? ofFile(this.file, this.fields.torque) : excited(this.kind, this.fields);
     }
 
     /** All inputs, as columns or constants. */
@@ -95,7 +86,7 @@ class Setting {
         for (const [name, written] of new URLSearchParams(text)) {
             const control = CONTROLS.get(name), flag = control?.kind === "Boolean";
             const sound = flag ? ["true", "false"].includes(written) : control && Number.isFinite(Number(written));
-            if (name === "excitation.shape" && written in SHAPES) values[name] = written;
+            if (name === "excitation.kind" && written in DATA.kinds) values[name] = written;
             else if (sound) values[name] = flag ? written === "true" : Number(written);
             else unknown.push(name);
         }
@@ -108,7 +99,7 @@ function clipped(setting, {columns: {fin_command: command}}) {
     const {message, rounding, in_degrees: inDegrees, like_degrees: likeDegrees} = DATA.clipping;
     const limit = setting.get("command.limit"), most = command ? largest(command.map(Math.abs)) : 0;
     if (most <= limit * (1 + rounding)) return [];
-    const file = setting.shape === "csv" && most > likeDegrees;
+    const file = setting.kind === "csv" && most > likeDegrees;
     return [formatted(message, [most, degrees(most), degrees(limit)]) + (file ? inDegrees : "")];
 }
 

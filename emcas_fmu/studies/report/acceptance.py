@@ -12,15 +12,15 @@ import numpy as np
 from ...actuators import NONLINEAR
 from ...bench import verdict
 from ...bench.conditions import conditions
-from ...bench.excitation import STEP, Excitation
+from ...bench.excitation import Excitation
 from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.runs import StoppedError
 from ...bench.subject import Identification, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
+from ...motions import RATED, STEP
 from ...parameters import load_parameters
 from ...parameters.schema import unknown
-from ...reference.cases import LOAD
 from ...support.progress import Progress, silent
 from ...variables import Variable
 from . import mission, responses, static_accuracy, stepping, stiffness, threshold
@@ -78,7 +78,7 @@ class Result:
         return not self.stopped and verdict.all_passed(self.judged)
 
 
-def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | None = None,
+def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | None = None,
               specification: Specification | None = None, progress: Progress = silent) -> Result:
     """Carry out every test, and judge the subject by a specification, the shipped one by default.
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, times
+from ...bench.excitation import COMMAND, LOAD, Excitation, times
 from ...bench.metrics import rms, usage
+from ...motions import STEP
 from .outcome import Array, Outcome, Quantity, Rig, Value
 
 LAG = 0.02  # s, of the hinge moment behind the command in the synthetic profile

@@ -15,9 +15,9 @@ from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import FIGURES, result_name, unit_of
 from ...bench.runs import Run
 from ...bench.subject import Subject
+from ...motions import RATED
 from ...pages import numbers
 from ...pages.numbers import typeset
-from ...reference.cases import LOAD
 
 Array = NDArray[Any]
 Value = float | bool
@@ -31,7 +31,7 @@ class Rig:
     """`load` is the rated hinge torque [N.m]; `mission` replaces the synthetic mission profile."""
 
     subject: Subject
-    load: float = LOAD
+    load: float = RATED
     mission: Excitation | None = None
 
     @property

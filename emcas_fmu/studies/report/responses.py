@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ...bench.excitation import HOLD, SETTLE, Excitation, step_to, sweep
+from ...bench.excitation import HOLD, Excitation, step_to, sweep
 from ...bench.frequency_response import SWEPT, sweep_response
 from ...bench.measure import BANDWIDTHS, Test, excitation, sweep_figures
 from ...bench.metrics import motion
-from ...reference.cases import LOAD_RISE, SWEEP
+from ...motions import LOAD_RISE, SETTLE, SWEEP
 from .outcome import Outcome, Quantity, Rig, displayed, quantity
 
 SIZES = (1.0, 5.0, 10.0)  # deg of a step; the end of the range is added

@@ -7,9 +7,10 @@ from math import degrees, nan
 
 import numpy as np
 
-from ...bench.excitation import LOAD, STEP, Excitation, load_ramp, sine
+from ...bench.excitation import LOAD, Excitation, load_ramp, sine
 from ...bench.frequency_response import fundamental, held
 from ...bench.metrics import breakaway
+from ...motions import STEP
 from .outcome import Array, Outcome, Quantity, Rig, Value
 
 FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # Hz

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...bench import metrics
 from ...bench.runs import Run
+from ...motions import LEAD_IN
 from ...pages.numbers import rounded
-from ...reference.cases import LEAD_IN
 
 # "Linear against nonlinear": amplitudes [deg], and the angle below which both agree according to the thesis.
 AMPLITUDES = (1.0, 2.0, 3.0, 10.0, 20.0)

@@ -1,0 +1,139 @@
+"""The kinds of excitation: the fields of each with their units, limits and defaults, and the columns that they are.
+
+Files, the explorer and the reference cases name excitations by these words. Campaigns accept every kind that moves the
+command, baselines and requirements those that jump or sweep: a further kind is one entry of KINDS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import log, pi, radians
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import create_model
+
+from .parameters.schema import Table, kind_of
+from .simulation import Array
+
+STEP = 1e-3  # s, between rows
+LEAD_IN = 0.05  # s, at rest before a motion
+SETTLE = 1.0  # s, unloaded at the starting end of a slew: three times the settling time of a large step
+LOAD_RISE = 0.02  # s, so that it is a load and not an impact
+RATED = 100.0  # N.m, the load of the thesis's Table 2
+SWEEP = 0.5, 30.0  # Hz, first and last frequency
+FASTEST = 0.5 / STEP  # Hz
+OLD_WORDS: Mapping[str, str] = {"chirp": "sweep"}
+"""Kinds by the words that older files have for them."""
+
+
+class Field(NamedTuple):
+    """A field of an excitation: its unit, title and limits, and the value where none is set."""
+
+    unit: str
+    title: str
+    minimum: float
+    maximum: float
+    default: float | None = None
+
+
+FIELDS: Mapping[str, Field] = {
+    "amplitude": Field("rad", "Amplitude of the command", -pi, pi),
+    "frequency": Field("Hz", "Frequency", 1e-3, FASTEST, 5.0),
+    "low": Field("Hz", "Lowest frequency", 1e-3, FASTEST, SWEEP[0]),
+    "high": Field("Hz", "Highest frequency", 1e-3, FASTEST, SWEEP[1]),
+    "torque": Field("N.m", "Torque on the hinge", -1e6, 1e6, 0.0),
+    "duration": Field("s", "Duration", 0.01, 60.0),
+    "settle": Field("s", "Time at the starting end", STEP, 60.0, SETTLE)}
+"""The fields of excitations. Angles are those of the fin, the duration counts from the beginning of the motion."""
+
+
+class Kind(NamedTuple):
+    """A kind of excitation: its title, and its description with the `size` [deg] of the command.
+
+    `share` returns the command over the amplitude at times [s] since the beginning of the motion, negative before, for
+    all fields by name. A campaign needs those in `shape`; `options` are further ones. The torque rises within `rise`
+    [s] from the beginning on, or, with None, is constant. A kind that `jumps` is measured by rise time, overshoot and
+    the like, one that `sweeps` by bandwidths; one that does not `move` has no amplitude. `usual` are the values with
+    which a page shows the kind.
+    """
+
+    title: str
+    description: str
+    share: Callable[..., Array]
+    shape: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
+    rise: float | None = None
+    usual: Mapping[str, float] | None = None
+    jumps: bool = False
+    sweeps: bool = False
+    moves: bool = True
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """All fields, in the order in which files have them."""
+        return (*(("amplitude",) if self.moves else ()), *self.shape, "duration", *self.options)
+
+    def command(self, since: Array, amplitude: float, **fields: float) -> Array:
+        """Return the command [rad] at times [s] since the beginning of the motion."""
+        return amplitude * self.share(since, **fields) + 0.0  # no -0.0 for a negative amplitude
+
+    def torque(self, since: Array, torque: float) -> Array:
+        """Return the torque [N.m] at times [s] since the beginning of the motion."""
+        if self.rise is None:
+            return np.full_like(since, torque)
+        return torque * (np.clip(since / self.rise, 0.0, 1.0) if self.rise else _begun(since)) + 0.0
+
+
+def _begun(since: Array, step: float = STEP, **_: float) -> Array:
+    """Return 1 from the beginning on, 0 before; a row that is early by a rounding error counts as on it."""
+    return np.where(since > -step / 2, 1.0, 0.0)
+
+
+def _side(since: Array, **_: float) -> Array:
+    return 2.0 * _begun(since) - 1.0
+
+
+def _sine(since: Array, frequency: float, **_: float) -> Array:
+    share: Array = np.sin(2.0 * pi * frequency * np.maximum(since, 0.0))
+    return share
+
+
+def _sweep(since: Array, duration: float, low: float = SWEEP[0], high: float = SWEEP[1], **_: float) -> Array:
+    growth = log(high / low) / duration
+    share: Array = np.sin(2.0 * pi * low * np.expm1(growth * np.maximum(since, 0.0)) / growth)
+    return share
+
+
+KINDS: Mapping[str, Kind] = {
+    "step": Kind("Step", "step to {size:+.6g} deg", _begun, options=("torque",), rise=LOAD_RISE,
+                 usual={"amplitude": radians(10.0), "duration": 0.5}, jumps=True),
+    "slew": Kind("Slew, from − to +", "slew from {back:+.6g} to {size:+.6g} deg", _side, options=("torque", "settle"),
+                 rise=LOAD_RISE, usual={"amplitude": radians(20.0), "duration": 0.5}, jumps=True),
+    "load": Kind("Load step", "fin held at 0", lambda since, **_: np.zeros_like(since), shape=("torque",), rise=0.0,
+                 usual={"torque": -RATED, "duration": 0.5}, moves=False),
+    "sine": Kind("Sine", "sine of {size:.6g} deg at {frequency:g} Hz", _sine, shape=("frequency",),
+                 usual={"amplitude": radians(1.0), "duration": 1.0}),
+    "sweep": Kind("Sweep", "sine sweep of {size:.6g} deg", _sweep, shape=("low", "high"),
+                  usual={"amplitude": radians(1.0), "duration": 12.0}, sweeps=True),
+    "hold": Kind("Hold", "hold at {size:+.6g} deg", lambda since, **_: np.ones_like(since)),
+}
+MOTIONS: Mapping[str, Kind] = {name: kind for name, kind in KINDS.items() if kind.moves}
+"""The kinds that move the command."""
+
+
+def motion_in(table: Any) -> str:
+    """Return the kind of motion that a table of a file names. Raises ValueError or ValidationError."""
+    if isinstance(table, Mapping) and table.get("kind") in tuple(OLD_WORDS):
+        return OLD_WORDS[table["kind"]]
+    return kind_of(table, MOTIONS)
+
+
+def schema(kind: str, types: Mapping[str, Any], base: type[Table] = Table, **more: Any) -> type[Any]:
+    """Return the model of a table for a kind.
+
+    `types` are the pydantic definitions, type and default, of those fields that a study reads; `more` are those of
+    further entries.
+    """
+    fields = {name: types[name] for name in KINDS[kind].fields if name in types}
+    return create_model(kind, __base__=base, kind=(str, ...), **fields, **more)
