@@ -101,7 +101,7 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
 
 
 def _sets(function: str, parameters: Any) -> tuple[ParameterSet, ...]:
-    """Return parameter sets of one actuator; None stands for the default set. Raises EmcasError."""
+    """Return parameter sets of one actuator; None means the default set. Raises EmcasError."""
     several = isinstance(parameters, Iterable)
     sets = tuple(load_parameters() if each is None else each for each in (parameters if several else (parameters,)))
     if not sets or len({each.model for each in sets}) > 1:

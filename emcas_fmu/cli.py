@@ -1,4 +1,4 @@
-"""The `emcas` command. Exit codes: 0 done, 1 a check failed, 2 the request cannot be carried out."""
+"""The `emcas` command. Exit codes: 0 done, 1 a check failed, 2 the request cannot be executed."""
 
 from __future__ import annotations
 

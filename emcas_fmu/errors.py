@@ -26,11 +26,11 @@ _REASONS = {
 
 
 class EmcasError(Exception):
-    """The request cannot be carried out; the message names the thing and the remedy."""
+    """The request cannot be executed; the message names the thing and the remedy."""
 
 
 class EmcasWarning(UserWarning):
-    """The request can be carried out, but is unusual."""
+    """The request can be executed, but is unusual."""
 
 
 class ArgumentError(EmcasError, ValueError):
@@ -78,7 +78,7 @@ def _reason(error: OSError) -> tuple[str, str, str]:
     return _REASONS.get(error.errno or 0, (error.strerror or str(error), "give another file", "choose another place"))
 
 
-def place(function: Callable[..., Any]) -> str:
+def location(function: Callable[..., Any]) -> str:
     """Return file, line and name of an actuator's function, for a message."""
     code = getattr(function, "__code__", None)
     return f"{code.co_filename}, line {code.co_firstlineno}: {code.co_name}()" if code else repr(function)

@@ -45,7 +45,7 @@ _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of
 # Command and its limit [rad, deg, deg], in formats of C: the page of emcas explore uses this message too.
 CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
 ROUNDING = 1e-9  # relative; a command at its limit may exceed it by rounding
-IN_DEGREES = ". Commands are in rad: is it given in degrees?"
+IN_DEGREES = ". Commands are in rad: is it in degrees?"
 LIKE_DEGREES = pi * (1.0 + ROUNDING)  # rad; no fin is commanded beyond it. The limit of --step, which is in deg
 _MOST_CHANGES = 4  # of a status that are listed
 

@@ -72,7 +72,7 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
     mixing = [unit.reference[v.name] for v in MIXING]
 
     def arranged(row: Sequence[float]) -> Sequence[tuple[Any, ...]]:
-        fins = [[row[i] for i in places] for places in unit.places]
+        fins = [[row[i] for i in indices] for indices in unit.fin_inputs]
         return cores.acting(fins, cores.motion_loads(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
 
     rows = np.array(list(_rows(cores, table, step, arranged)), dtype=float)
@@ -175,7 +175,7 @@ class SteppedUnit:
             self._row[self._inputs[name]] = value
         self._acting = codegen.core_inputs(self._core, self._row, self._model)
 
-    def place(self, output: str) -> int:
+    def index(self, output: str) -> int:
         """Return the index of an output in `now` and in the result of `run`."""
         return self._names.index(output)
 

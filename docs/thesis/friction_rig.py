@@ -79,7 +79,7 @@ def sweep(values: Mapping[str, Any], rpm: float, temperature: float) -> Sweep:
     low, high = (float(kinematics.motor_angle(FLOATS, p, angle)) for angle in (start, -start))
     commanded, constant = _profile(rpm * RPM, high - low, rig.acceleration, rig.sample_time)
     unit = SteppedUnit(values, rig.sample_time)
-    speed_at, angle_at = unit.place("motor_speed"), unit.place("motor_angle")
+    speed_at, angle_at = unit.index("motor_speed"), unit.index("motor_angle")
     currents, integral = [], 0.0
     for wanted in commanded:
         speed, angle = unit.now[speed_at], unit.now[angle_at]

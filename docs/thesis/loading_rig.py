@@ -44,7 +44,7 @@ def run(values: Mapping[str, Any], excitation: Excitation) -> Loaded:
     rig = rig_values("loading")
     step = excitation.step / _SUBSTEPS
     unit, load = SteppedUnit(values, step), _Load(rig, float(values["fin.start_angle"]), step)
-    angle_at, rate_at = unit.place("fin_angle"), unit.place("fin_rate")
+    angle_at, rate_at = unit.index("fin_angle"), unit.index("fin_rate")
     command, asked = excitation.command.tolist(), excitation.columns[LOAD].tolist()
     applied = [0.0]
     for k in range(len(command) - 1):

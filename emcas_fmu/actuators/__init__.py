@@ -1,4 +1,4 @@
-"""The actuators by name: those shipped, those of installed packages, and those in a user's own file.
+"""The actuators by name: those shipped, those of installed packages, and those in a user's file.
 
 A shipped actuator is a module here with its ACTUATOR, a line in `_MODULES`, and a parameter file in
 ``models/actuators``. Extensions (:mod:`emcas_fmu.extensions`) extend any actuator that provides what they need. Names
@@ -62,7 +62,7 @@ def parts(name: str) -> tuple[str, tuple[str, ...]]:
             raise EmcasError(f"--model {name}: there is no extension {extension!r}{hint(extension, EXTENSIONS)}; "
                              f"there is {', '.join(EXTENSIONS)}")
         if extensions.count(extension) > 1:
-            raise EmcasError(f"--model {name}: extension {extension!r} is given twice")
+            raise EmcasError(f"--model {name}: extension {extension!r} appears twice")
     return _known(actuator, name), tuple(each for each in EXTENSIONS if each in extensions)
 
 
@@ -115,9 +115,9 @@ def _get(name: str, extensions: tuple[str, ...]) -> Actuator:
 def _extended(actuator: Actuator, extension: Extension, name: str, extensions: tuple[str, ...]) -> Actuator:
     for need in extension.needs:
         if need not in actuator.provides and (
-                taken := [each for each in extensions[:-1] if need in get_extension(each).replaces]):
+                replacing := [each for each in extensions[:-1] if need in get_extension(each).replaces]):
             raise EmcasError(f"--model {_SEPARATOR.join((name, *extensions))}: {extension.name} needs {need}, which "
-                             f"{taken[0]} replaces")
+                             f"{replacing[0]} replaces")
     require(_SEPARATOR.join((name, *extensions)), extension.name, *extension.needs, actuator=actuator)
     return extension.over(actuator)
 

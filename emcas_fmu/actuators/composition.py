@@ -41,7 +41,7 @@ class Group:
 
     @property
     def nominal(self) -> dict[str, float]:
-        """The values of the deviations with which the plant is as its controllers know it."""
+        """The values of the deviations of a plant that its controllers know exactly."""
         return {v.name: 0.0 for v in self.parameters if v.name.startswith("deviation.")}
 
 
@@ -95,7 +95,7 @@ class Composition:
 
     @property
     def nominal(self) -> dict[str, float]:
-        """The values of the deviations with which the plant is as its controllers know it."""
+        """The values of the deviations of a plant that its controllers know exactly."""
         return {name: value for group in self.groups for name, value in group.nominal.items()}
 
     def terminals(self, description: str) -> tuple[Terminal, ...]:
@@ -123,7 +123,8 @@ class Composition:
     def over(self, base: Actuator, change: Change, rules: tuple[Rule, ...] = (), **fields: Any) -> Actuator:
         """Return an actuator of these groups with the equations of `base`, for the parameters that `change` returns.
 
-        `rules` are added to those of the groups; `fields` are other fields of its declaration.
+        `rules` are added to those of the groups. `fields` are other fields of the declaration, used unchanged: an
+        equation among them gets the actuator's parameters without `change`.
         """
         declared = {**self.declared(rules), "initial": base.initial, "sample": base.sample,
                     "derivatives": base.derivatives, "step": base.step}
@@ -133,7 +134,7 @@ class Composition:
 
 
 def with_parameters(equation: Callable[..., Any], change: Change) -> Callable[..., Any]:
-    """Return an equation that changes its parameters first."""
+    """Return an equation for the parameters that `change(ops, p)` returns."""
     @wraps(equation)
     def changed(ops: Ops, p: Any, *arguments: Value) -> Any:
         return equation(ops, change(ops, p), *arguments)

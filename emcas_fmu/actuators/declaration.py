@@ -222,7 +222,7 @@ class Actuator:
         arguments = [name for _, names, _ in functions for name in names]
         if repeated := [name for _, names, _ in functions for name in names if names.count(name) > 1]:
             raise EmcasError(f"actuator {self.name}: {repeated[0]} is the name of two things; states, inputs and what "
-                             f"acts ({', '.join(dict.fromkeys(arguments))}) have names of their own")
+                             f"acts ({', '.join(dict.fromkeys(arguments))}) have different names")
         self._check_interface()
         check_names(self.name, self.faults)
 
@@ -234,7 +234,7 @@ class Actuator:
         count = Counter(v.name for v in (*self.inputs, *self.outputs, *self.parameters))
         if twice := [name for name, times in count.items() if times > 1]:
             raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; inputs, outputs and parameters have "
-                             "names of their own")
+                             "different names")
         for kind, needed in (("output", fin_port.OUTPUTS), ("parameter", fin_port.PARAMETERS)):
             if missing := [v.name for v in needed if v.name not in count]:
                 raise EmcasError(f"actuator {self.name}: {kind} {missing[0]} of the fin port is missing; it has "
@@ -334,7 +334,7 @@ class Actuator:
         return self.plant_outputs(ops, p, x, u)["motor_current"]
 
     def commanded(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
-        """Return :meth:`sampled` of the command that the bus delivers (:mod:`emcas_fmu.control.command`)."""
+        """Return :meth:`sampled` for the command after the bus (:mod:`emcas_fmu.control.command`)."""
         command, *after = bus.delivered(ops, p, inputs.command, *(getattr(x, name) for name in bus.STATES))
         return {**self.sampled(ops, p, x, inputs.replace(command=command)), **dict(zip(bus.STATES, after, strict=True))}
 

@@ -59,7 +59,7 @@ def load(path: Path) -> Actuator:
         raise EmcasError(f"{path}: gives no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")
     beside = path.with_suffix(".toml")
     if not actuator.files and not beside.is_file():
-        raise EmcasError(f"{beside}: there is no such file; it gives the parameters of {path.name}, unit and source")
+        raise EmcasError(f"{beside}: there is no such file; it has the parameters of {path.name}, unit and source")
     _check_name(actuator, path)
     reference = actuator.reference
     if isinstance(reference, str) and reference.endswith(".py"):
@@ -95,7 +95,7 @@ def refusal(error: Exception, path: Path) -> EmcasError:
     """Return an error in a user's file as one with file, line and, if known, the remedy."""
     what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
     if isinstance(error, TypeError) and "Expr" in what:
-        what += "; equations are traced: take functions from ops, as in ops.sin(x)"
+        what += "; equations are traced: use functions of ops, as in ops.sin(x)"
     return EmcasError(f"{located(error, path)}: {what}")
 
 

@@ -95,15 +95,15 @@ BUS = (
               sheet="specification: delay of the command on the data bus", display="ms"),
     parameter("command.resolution", "rad", 0.0, radians(10), "step of the command, which is rounded to a multiple of "
               "it (0: none)"),
-    parameter("command.update_time", "s", 0.0, 10.0, "interval at which a command is taken from the bus, in whole "
-              "sample times (rounded; 0: at every sample)",
+    parameter("command.update_time", "s", 0.0, 10.0, "interval at which the controllers read "
+              "the command from the bus, in whole sample times (rounded; 0: at every sample)",
               sheet="specification: interval between commands on the data bus", display="ms"),
 )
 MOUNTING = (
     switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),
     parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
     parameter("mounting.station", "m", -100.0, 100.0,
-              "place of the hinge along body x, from the point whose acceleration is given"),
+              "position of the hinge along body x, from the point whose acceleration the inputs are"),
 )
 MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick", display="ms")
 

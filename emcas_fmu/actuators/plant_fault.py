@@ -45,14 +45,14 @@ class PlantFault:
     def __post_init__(self) -> None:
         for name in (self.name, *(v.name for v in self.amounts)):
             if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name):
-                raise EmcasError(f"fault {self.name!r}: {name!r} is no Python identifier, such as leakage; give the "
+                raise EmcasError(f"fault {self.name!r}: {name!r} is not a Python identifier such as leakage; give the "
                                  "fault and its amounts such names")
-        if taken := [v.name for v in self.amounts if v.name in SCHEDULE]:
-            raise EmcasError(f"fault {self.name}: {taken[0]} is of its schedule; give the amount another name")
+        if reserved := [v.name for v in self.amounts if v.name in SCHEDULE]:
+            raise EmcasError(f"fault {self.name}: {reserved[0]} is of its schedule; give the amount another name")
 
 
 def check_names(actuator: str, faults: Iterable[PlantFault]) -> None:
     """Raise EmcasError where an actuator of this name declares a fault twice."""
     names = [fault.name for fault in faults]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise EmcasError(f"actuator {actuator}: fault {twice[0]} is declared twice; faults have names of their own")
+        raise EmcasError(f"actuator {actuator}: fault {twice[0]} is declared twice; give one of them another name")

@@ -117,7 +117,7 @@ ACTUATOR = Actuator(
     }),
     parameters=PARAMETERS,
     descriptions={
-        "enable": "false: the fin stands where it is, whatever the load",
+        "enable": "false: the fin stays where it is, whatever the load",
         "angular_acceleration.x": "vehicle angular acceleration about body x; nothing here depends on it",
         "aero_torque": "aerodynamic hinge moment on the fin; moves nothing, and counts in hinge_torque",
     },

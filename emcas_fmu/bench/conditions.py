@@ -1,4 +1,4 @@
-"""What a result rests on: conditions of a simulation, and parameters that are engineering estimates."""
+"""Conditions of a simulation, and figures that depend on engineering estimates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _TEMPERATURE = "friction.temperature"
 
 
 def conditions(model: str, values: Mapping[str, Any]) -> list[tuple[str, str, Any, str]]:
-    """Return the conditions of a simulation that parameters define: words, name, value and unit."""
+    """Return the conditions of a simulation that parameters define: label, name, value and unit."""
     actuator = get(model)
     rows: list[tuple[str, str, Any, str]] = []
     if actuator.supply:
@@ -28,7 +28,10 @@ ESTIMATE = " (estimate)"
 
 
 def resting_on(estimates: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return a sentence for all figures that depend on the same estimated parameters, whose names are by figure."""
+    """Return a sentence for each group of figures that depend on the same estimated parameters.
+
+    `estimates` are the names of these parameters by figure.
+    """
     alike: dict[tuple[str, ...], list[str]] = {}
     for figure, names in estimates.items():
         alike.setdefault(tuple(names), []).append(figure)

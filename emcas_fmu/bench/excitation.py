@@ -254,7 +254,7 @@ def of_case(title: str, inputs: Mapping[str, Array], step: float, start_values: 
 
 @checked
 def with_encoder(excitation: Excitation) -> Excitation:
-    """Return the excitation with the subject's own encoder, with which performance is judged."""
+    """Return the excitation with the subject's encoder, with which performance is judged."""
     return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
                                              if not name.startswith("encoder.")})
 
@@ -274,7 +274,7 @@ def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, mo
     if "time" not in table:
         raise EmcasError(f"{path}: has no column time; its columns are {', '.join(table)}")
     if unknown := [name for name in table if name not in (*inputs, "time")]:
-        raise EmcasError(f"{path}: {', '.join(unknown)} is no input; inputs are {', '.join(inputs)}")
+        raise EmcasError(f"{path}: {', '.join(unknown)} is not an input; inputs are {', '.join(inputs)}")
     time = table.pop("time")
     if not table:
         raise EmcasError(f"{path}: has no column of an input; inputs are {', '.join(inputs)}")
@@ -316,7 +316,7 @@ def _number(cell: str, line: int) -> float:
     try:
         return float(cell)
     except ValueError as error:
-        raise ValueError(f"line {line}: {cell!r} is no number") from error
+        raise ValueError(f"line {line}: {cell!r} is not a number") from error
 
 
 def check_span(what: str, step: float, stop: float) -> None:
@@ -325,7 +325,7 @@ def check_span(what: str, step: float, stop: float) -> None:
         raise EmcasError(f"{what}: the end at {stop:g} s must be 1 to {MOST_POINTS:g} steps of {step:g} s from 0; "
                          "see --stop and --interval")
     if abs(stop / step - round(stop / step)) > 1e-6:
-        raise EmcasError(f"{what}: the end at {stop:g} s is no whole number of steps of {step:g} s; see --stop and "
+        raise EmcasError(f"{what}: the end at {stop:g} s is not a whole number of steps of {step:g} s; see --stop and "
                          "--interval")
 
 

@@ -35,7 +35,7 @@ class OpenedFmu:
     """An unpacked FMU; `starts` are the start values of inputs and parameters.
 
     Of an FMU of several fins it represents one: all names are those of a single actuator, which `names` maps to the
-    FMU's. The other fins stay at their start values. `variables` are its variables, elements in place of arrays, under
+    FMU's. The other fins stay at their start values. `variables` are its variables, elements instead of arrays, under
     the structured names of FMI 2.0.
     """
 
@@ -111,7 +111,7 @@ def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError
         raise error(f"{file}: is named {name}, which does not tell its model; name it with --model, as the FMU was "
                     "built: FILE.py, or a name such as elastic+faults")
     if named is not None and model not in (None, named):
-        raise error(f"{file}: is of the model {named}, and {model} is asked for; leave the model out, or build the FMU "
+        raise error(f"{file}: is of the model {named}, but {model} is requested; leave the model out, or build the FMU "
                     f"with emcas build --model {model}")
     return str(named or model)
 
@@ -142,7 +142,7 @@ def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iter
         except Exception as error:
             raise EmcasError(f"{path}: is not an FMU that can be read ({' '.join(str(error).split())})") from error
     if not _IDENTIFIER.fullmatch(identifier := str(getattr(description.coSimulation, "modelIdentifier", "_"))):
-        raise EmcasError(f"{path}: its modelIdentifier {identifier!r} is no name of C, by which its library is found; "
+        raise EmcasError(f"{path}: its modelIdentifier {identifier!r} is not a C identifier, which names its library; "
                          "have the FMU made again")
     if description.coSimulation is None or description.fmiVersion not in ("2.0", "3.0"):
         raise EmcasError(f"{path}: is not a co-simulation FMU of FMI 2.0 or 3.0 (FMI {description.fmiVersion})")

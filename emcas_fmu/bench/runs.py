@@ -21,11 +21,11 @@ class StoppedError(EmcasError):
 
 @dataclass(frozen=True)
 class Run:
-    """The response to an excitation: `columns` by name, with ``time`` [s].
+    """The response to an excitation: `columns` by name in SI, with ``time`` [s].
 
-    Many finished runs may be one Run, whose columns are arrays [runs, rows] except ``time``.
-    ``stopped`` is the last time [s] that the subject reached, None where it ran to the end;
-    ``messages`` is its log; ``wall_time`` is in s.
+    ``stopped`` is the last time [s] that the subject reached, None if it ran to the end; ``messages`` is its log;
+    ``wall_time`` is in s. A Run may also hold many finished runs: its columns, except ``time``, are then arrays
+    [runs, rows].
     """
 
     excitation: Excitation = field(repr=False)
@@ -39,7 +39,7 @@ class Run:
         """Why the run ended early; empty where it did not."""
         if self.stopped is None:
             return ""
-        return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no reason given'}"
+        return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no message'}"
 
     def of(self, run: int) -> Run:
         """Return one run of many."""
@@ -57,8 +57,9 @@ class Runs:
     """The responses of `number` runs to excitations with the same rows.
 
     `columns` by name are arrays [runs, rows], except ``time`` [rows]; a fine column has `substeps` points per row. Rows
-    that a run did not reach are NaN. By the index of a run, `refused` has the error that a single run would raise, and
-    `stopped` its number of rows and its log. A single run of these, whose columns are views, equals the run alone.
+    that a run did not reach are NaN. `refused` has the errors of the runs that were refused, and `stopped` the number
+    of rows and the log of those that ended early, both by the index of the run. `runs[index]` has the same columns as
+    a simulation of that run alone; they are views.
     """
 
     excitation: Excitation = field(repr=False)

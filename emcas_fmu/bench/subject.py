@@ -271,7 +271,7 @@ class ParameterSubject(Subject):
         stepped, messages = None, tuple[str, ...]()
         try:
             stepped = SteppedUnit(values, excitation.step / substeps, self.model, rows[0])
-            angle = stepped.place("fin_angle")
+            angle = stepped.index("fin_angle")
             for row in rows[:-1]:
                 stepped.run(**{**row, LOAD: row[LOAD] - excitation.spring * stepped.now[angle]})
                 for _ in range(substeps - 1):

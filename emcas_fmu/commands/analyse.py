@@ -25,8 +25,8 @@ def analyse(
     model: common.ModelOption = NONLINEAR,
     at: Annotated[float, typer.Option(help="Fin angle of the operating point, in degrees.", metavar="ANGLE")] = 0.0,
     torque: Annotated[float, typer.Option(help="Constant hinge moment there, in N.m.", metavar="MOMENT")] = 0.0,
-    locus: Annotated[str | None, typer.Option(help="Parameter of the root locus; the first gain of the controller "
-                                                   "unless given.", metavar="NAME")] = None,
+    locus: Annotated[str | None, typer.Option(help="Parameter of the root locus. Default: the first gain of the "
+                                                   "controller.", metavar="NAME")] = None,
     rod: Annotated[Path | None, typer.Option(help="Shaft and screw for the natural frequencies (TOML); overrides any "
                                                   "subset of models/rod.toml.", metavar="FILE")] = None,
     as_json: common.JsonOption = None,

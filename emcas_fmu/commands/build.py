@@ -43,7 +43,7 @@ def build(
                                             "tools that refuse dots and brackets, or make buses of them.",
                                        metavar="structured|flat")] = "structured",
     references: Annotated[bool, typer.Option(
-        help="Include responses that any host can repeat; for parameters not built before they take a second or more "
+        help="Include responses that any host can repeat; for new parameters they need a second or more "
              "to integrate.")] = True,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="FMU to write; default: EMCAS.fmu, or "
                                                 "EMCAS4.fmu with --fins 4.", metavar="FILE")] = None,

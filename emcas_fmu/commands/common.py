@@ -132,30 +132,30 @@ def model_option(what: str, more: str = "") -> Any:
 
 ModelOption = Annotated[str, model_option("Which actuator")]
 SubjectArgument = Annotated[Path | None, typer.Argument(
-    help="FMU (.fmu), parameter file (.toml) or the name of a shipped set (emcas parameters --sets); the shipped "
-         "parameters unless given.", metavar="[FMU|TOML|SET]", show_default=False, callback=_file)]
+    help="FMU (.fmu), parameter file (.toml) or the name of a shipped set (emcas parameters --sets). Default: "
+         "the shipped parameters.", metavar="[FMU|TOML|SET]", show_default=False, callback=_file)]
 SubjectModelOption = Annotated[str | None, model_option(
-    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU has it in its name, except for an "
-                                               "actuator in a file of yours.")]
+    "Which actuator a parameter file is of", " Default: nonlinear. An FMU's name says it, except of one from your "
+                                              "file.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); "
-                               "overrides any subset of the defaults (may be given several times: a later one goes "
-                               "over those before it).", metavar="FILE|SET", callback=_files)]
-FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
+                               "overrides any subset of the defaults. Repeatable: a later file overrides those "
+                               "before it.", metavar="FILE|SET", callback=_files)]
+FinOption = Annotated[int | None, typer.Option(help="Number of the fin in an FMU of several. Default: the first.",
                                                metavar="N")]
 LayoutOption = Annotated[str, typer.Option(help="Placement of several fins: plus has one along body y, cross is half a "
                                                 "pitch further.",
                                            metavar="plus|cross")]
 FinFilesOption = Annotated[list[str] | None, typer.Option(
-    help="Parameter file of one of several fins, over the others' (may be given several times).", metavar="N=FILE")]
+    help="Parameter file of one of several fins, which overrides those of all fins. Repeatable.", metavar="N=FILE")]
 JsonOption = Annotated[Path | None, json_option("Write all figures to this file.")]
 JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE",
                                                  callback=ends_in(".xml"))]
-DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; today's (UTC) unless given, or "
-                                                     "that of SOURCE_DATE_EPOCH.", metavar="DATE")]
+DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31. Default: SOURCE_DATE_EPOCH, "
+                                                     "otherwise today (UTC).", metavar="DATE")]
 ReportOption = Annotated[Path | None, page_option()]
 RequirementsOption = Annotated[Path | None, typer.Option(
-    help="Requirements (TOML) in place of the shipped ones, those of Table 2 and of a flight control's review; "
+    help="Requirements (TOML). Default: those of Table 2 and of a flight control's review; "
          "docs/use/requirements.md.", metavar="FILE.toml", callback=ends_in(".toml"))]
 
 
@@ -252,7 +252,7 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
             if any(target == source or (source.is_dir() and source in target.parents) for source in read):
                 raise EmcasError(f"{path}: is read by this command and would be overwritten; write to another file")
             if target in written:
-                raise EmcasError(f"{path}: is given for two outputs; write each to a file of its own")
+                raise EmcasError(f"{path}: is the path of two outputs; write each to a different file")
             written.add(target)
             if not target.parent.is_dir():
                 if target.parent in made:

@@ -18,9 +18,9 @@ EPILOG = ("Examples:\n\n  emcas compare"
 
 def compare(
     sets: Annotated[list[str] | None, typer.Argument(
-        help="Names of shipped sets (emcas parameters --sets), parameter files (TOML), default for the default set "
-             "itself, or actuators, of which it is their default sets; default and the three readings of the current "
-             "loop unless given.", metavar="[SET|FILE|ACTUATOR]...",
+        help="Names of shipped sets (emcas parameters --sets), parameter files (TOML), the word default, or "
+             "actuators, whose default sets are compared. Default: the default set and the three readings of the "
+             "current loop.", metavar="[SET|FILE|ACTUATOR]...",
         show_default=False)] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
@@ -30,8 +30,8 @@ def compare(
 ) -> None:
     """Measure parameter sets, or actuators, by the same requirements, a column each.
 
-    Exit code 0 whether the requirements are met or not (emcas validate judges); 2: it cannot be carried out.
-    Files of --parameters lie below every set.
+    Exit code 0 even if requirements are missed (emcas validate judges); 2: an error. Every set overrides the files of
+    --parameters.
     """
     from ..bench.writers import write_json
     from ..studies.compare.sets import DRIVES, as_dict, load_sets, summary, write_report

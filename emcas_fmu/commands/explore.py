@@ -26,15 +26,15 @@ def explore(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, typer.Option(
-        "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own, that the "
-                      "page starts from (may be given several times).", metavar="NAME=VALUE")] = None,
+        "--set", help="Another value of a parameter, or a constant input, from which the page starts; with a unit "
+                      "or in the variable's unit. Repeatable.", metavar="NAME=VALUE")] = None,
     requirements: common.RequirementsOption = None,
     output: Annotated[Path, common.page_option("--output", "-o", what="The page.")] = Path("explore.html"),
     date: common.DateOption = None,
 ) -> None:
     """Write one page in which command, load, supply, temperature and gains are moved, and the unit answers at once.
 
-    The unit in it is its own generated C, compiled for the browser by zig (the extra native): nothing is installed
+    The actuator in it is its generated C, compiled for the browser by zig (the extra native): nothing is installed
     where the page is opened, and nothing leaves it.
     """
     from ..bench.excitation import COMMAND

@@ -21,7 +21,7 @@ EPILOG = ("Examples, in a folder of records such as examples/identification_benc
           "\n\n  emcas identify friction friction_*.csv -p identified.toml -o identified.toml --report r.html"
           "\n\n  emcas identify backlash backlash.csv --json backlash.json"
           "\n\n  emcas parameters -p identified.toml")
-# Of the experiments without options of their own, what they identify and an example.
+# For the experiments without further options: what they identify, and an example.
 _EXPERIMENTS = {
     "drive": ("""Current gain, offset, transport delay and current-loop gains from the drive's reference and current.
 
@@ -42,7 +42,7 @@ OutputOption = Annotated[Path | None, common.toml_option(
     "Write a parameter file: the identified values and what --parameters already changed.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich", epilog=EPILOG,
-                  help="Identify parameters from bench measurements. Columns carry their unit in the header, as in  "
+                  help="Identify parameters from bench measurements. Columns have their unit in the header, as in "
                        "motor_current [A]: docs/tools/identification.md.")
 
 
@@ -85,7 +85,7 @@ def friction(
     files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
     report: common.ReportOption = None, as_json: common.JsonOption = None,
     keep_cold_ratios: Annotated[bool, typer.Option(
-        "--keep-cold-ratios", help="Take the ratios of cold to warm friction from the parameters: for sweeps at one "
+        "--keep-cold-ratios", help="Keep the ratios of cold to warm friction of the parameters: for sweeps at one "
                                    "temperature.")] = False,
 ) -> None:
     """Viscous and Coulomb friction per direction, and cold ratios, from sweeps at constant speed.
@@ -96,7 +96,7 @@ def friction(
 
 
 def _add(kind: str, text: str, arguments: str) -> None:
-    """Add the command of an experiment without options of its own."""
+    """Add the command of an experiment without further options."""
     @app.command(kind, help=text, epilog=_epilog(kind, arguments))
     def command(files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
                 report: common.ReportOption = None, as_json: common.JsonOption = None) -> None:

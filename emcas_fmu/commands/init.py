@@ -1,4 +1,4 @@
-"""`emcas init`: files to begin an actuator of your own from."""
+"""`emcas init`: the first files for your actuator."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ EPILOG = ("Examples:\n\n  emcas init my_actuator\n\n  emcas init my_actuator --m
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(help="Folder to write to; made if it is not there.",
+    folder: Annotated[Path, typer.Argument(help="Folder to write to; created if missing.",
                                            metavar="FOLDER")] = Path(),
     model: common.ModelOption = NONLINEAR,
-    force: Annotated[bool, typer.Option("--force", help="Write over files that are there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
     """Write a parameter file to fill in from datasheets, with studies for tuning, campaign and report.
 
-    Each value that a datasheet, drawing or controller has stands there as a comment, with its unit, what it is called
-    there, what is shipped and what that rests on.
+    The file lists, as comments, each value that a datasheet, drawing or controller has: its name there, its unit, the
+    shipped value and the source of that.
     """
     from ..studies.starter import commands, starter_files
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from itertools import takewhile
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,8 +31,8 @@ def parameters(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
-    sets: Annotated[bool, typer.Option("--sets", help="List the shipped sets that --parameters takes by "
-                                                      "name.")] = False,
+    sets: Annotated[bool, typer.Option("--sets", help="List the shipped sets, whose names --parameters "
+                                                      "accepts.")] = False,
     sensitivity: Annotated[float | None, typer.Option(
         help="Order the shipped estimates by how far 10 % of each move the fin within 0.5 s of a step to half of "
              "command.limit against this hinge moment in N.m (0: none).", metavar="TORQUE")] = None,
@@ -108,11 +109,15 @@ def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
         common.say(f"Not varied, being 0, a switch, a count or a temperature: {escape(', '.join(rest))}")
 
 
+def _first_paragraph(text: str) -> str:
+    lines = takewhile(lambda line: line.startswith("# "), text.splitlines())
+    return " ".join(line.removeprefix("# ") for line in lines)
+
+
 def _show_sets(as_json: bool) -> None:
-    """Print each set's name with the first line of its file, a comment that says what it is."""
+    """Print each set's name with the first paragraph of its file, a comment that describes it."""
     with common.failures():
-        described = {name: path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
-                     for name, path in named_sets().items()}
+        described = {name: _first_paragraph(path.read_text(encoding="utf-8")) for name, path in named_sets().items()}
     if as_json:
         print(json.dumps([{"name": name, "description": text} for name, text in described.items()], indent=1))
         return

@@ -19,9 +19,9 @@ EPILOG = ("Examples:\n\n  emcas reference --check\n\n  emcas reference --case st
 
 
 def reference(
-    directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; with --check "
-                                                                 "those shipped unless given.", metavar="DIR")] = None,
-    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).",
+    directory: Annotated[Path | None, typer.Option(help="Folder of the reference files. Default with "
+                                                                 "--check: the shipped ones.", metavar="DIR")] = None,
+    case: Annotated[list[str] | None, typer.Option(help="Only this case. Repeatable.",
                                                    metavar="NAME")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,

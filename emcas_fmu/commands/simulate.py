@@ -62,13 +62,13 @@ def simulate(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, typer.Option(
-        "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own (may be "
-                      "given several times). Of several fins it is every one's, fin[2].NAME that of one; "
+        "--set", help="Another value of a parameter, or a constant input, with a unit or in the variable's unit. "
+                      "Repeatable. Of several fins it applies to all, fin[2].NAME to one; "
                       "bus.source_resistance, or line.accumulator_volume of a hydraulic supply, makes the supply sag; "
                       "roll_command, pitch_command and yaw_command are mixed into all commands.",
         metavar="NAME=VALUE")] = None,
-    fins: Annotated[int, typer.Option(help="Actuators on one supply, all given the same case, step or columns; columns "
-                                           "such as fin[2].fin_command are of one. Computed in Python, which is "
+    fins: Annotated[int, typer.Option(help="Actuators on one supply, all with the same case, step or columns; columns "
+                                           "such as fin[2].fin_command are for one. Computed in Python, which is "
                                            "slower.", metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
@@ -109,15 +109,15 @@ def simulate(
             if value is not None and not 0.0 < value < float("inf"):
                 raise EmcasError(f"{name} {value}: must be above 0")
         if case and (stop or interval):
-            raise EmcasError("--stop and --interval go with --step and --input: a case has its own")
+            raise EmcasError("--stop and --interval go with --step and --input: a case has them already")
         if torque is not None and step is None:
-            raise EmcasError("--torque goes with --step: a case or a file has its own loads")
+            raise EmcasError("--torque goes with --step: a case or a file has loads already")
         chosen = (reference_case(case) if case else
                   csv_file(input_file, interval or STEP, stop, model, fins) if input_file
                   else _stepped(step or "0", torque or "0", interval or STEP, stop or 0.5))
         changes, line, constants = read_settings(settings or [], unit)
         if twice := [name for name in constants if name in chosen.columns]:
-            raise EmcasError(f"--set {twice[0]}: is given by {chosen.title} already")
+            raise EmcasError(f"--set {twice[0]}: is set by {chosen.title} already")
         base = load_parameters(parameters, model=model)
         base = base.with_values(base.having(chosen.start_values))
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)

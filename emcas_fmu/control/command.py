@@ -22,7 +22,7 @@ def _whole(ops: Ops, p: Any, time: Value) -> Value:
     return ops.floor(time / p.controller.sample_time + 0.5)
 
 
-def late(ops: Ops, p: Any) -> Value:
+def latency(ops: Ops, p: Any) -> Value:
     """Return the latency of commands in samples."""
     return _whole(ops, p, p.command.latency)
 
@@ -34,7 +34,7 @@ def interval(ops: Ops, p: Any) -> Value:
 
 def start(ops: Ops, p: Any, fin_angle: Value) -> dict[str, Value]:
     """Return STATES by name at the start, at a fin angle [rad]."""
-    return dict(zip(STATES, (late(ops, p), fin_angle), strict=True))
+    return dict(zip(STATES, (latency(ops, p), fin_angle), strict=True))
 
 
 def delivered(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> tuple[Value, Value, Value]:
@@ -52,6 +52,6 @@ def delivered(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> t
         return now, ops.where(due, ops.maximum(every, 1.0), wait) - 1.0, now
 
     # Also true for operations whose floor does nothing (linear analysis).
-    direct = ops.both(ops.both(late(ops, p) < 1.0, every < 2.0), ops.equal(resolution, 0.0))
+    direct = ops.both(ops.both(latency(ops, p) < 1.0, every < 2.0), ops.equal(resolution, 0.0))
     now, next_wait, kept = ops.branch(direct, lambda: (arrived, wait, before), over_the_bus)
     return now, next_wait, kept

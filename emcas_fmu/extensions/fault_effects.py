@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantFault, PlantInputs
-from ..errors import EmcasError, place
+from ..errors import EmcasError, location
 from ..namespace import Names, Record, value_of, with_values
 from ..ops.base import Ops, Value
 from ..physics import mechanics
@@ -80,7 +80,7 @@ def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
         before.update((name, _value(p, name, fault)) for name in changes)
         for name, value in changes.items():
             if not _alike(value, before[name]):
-                raise EmcasError(f"{place(fault.changes)} gives {name} = {value!r}; as much as there is before is "
+                raise EmcasError(f"{location(fault.changes)} gives {name} = {value!r}; as much as there is before is "
                                  "needed: a number, or a tuple of as many")
         return _flat(changes.values())
 
@@ -105,10 +105,10 @@ def _value(p: Any, name: str, fault: PlantFault) -> Value:
     try:
         value = value_of(p, name)
     except AttributeError as error:
-        raise EmcasError(f"{place(fault.changes)} changes {name} for fault {fault.name}: {error}") from error
+        raise EmcasError(f"{location(fault.changes)} changes {name} for fault {fault.name}: {error}") from error
     if isinstance(value, Names):
-        raise EmcasError(f"{place(fault.changes)} changes {name} for fault {fault.name}, a group of parameters; there "
-                         f"is {', '.join(f'{name}.{each}' for each in vars(value))}")
+        raise EmcasError(f"{location(fault.changes)} changes {name} for fault {fault.name}, a group of parameters; "
+                         f"there is {', '.join(f'{name}.{each}' for each in vars(value))}")
     return value
 
 

@@ -43,7 +43,7 @@ PARAMETERS = in_group(
     parameter("winding_start_rise", "K", -100.0, 250.0, "winding temperature at the start above ambient"),
     parameter("case_start_rise", "K", -100.0, 250.0, "case temperature at the start above ambient"),
     parameter("reference_temperature", "degC", -100.0, 200.0, "temperature that resistance and constants of motor.* "
-              "are given for"),
+              "apply"),
     parameter("resistance_coefficient", "1/K", 0.0, 0.01, "rise of the winding resistance with its temperature"),
     parameter("torque_coefficient", "1/K", -0.01, 0.0, "change of torque and back-EMF constant with the case "
               "temperature (magnets)"),

@@ -143,7 +143,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
 
     pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time
-    # One count to and fro is no motion.
+    # One count to and fro is not motion.
     window = ops.where(p.encoder.enabled, ops.maximum(window, 1.0), window)
     still = ops.both(pressed, ops.fabs(at - mark) <= window)
     back = ops.both(returns, ops.both(ops.equal(target, 0.0),

@@ -43,13 +43,13 @@ _PERSISTENCE = tunable("persistence", "s", 0.0, 100.0,
 _RESPONSE = tunable("response", "1/s", 1e-3, 1e5, "rate at which the model of the response takes an error away")
 # Bits of the built-in test's word, the first the least.
 MONITORS = (
-    Monitor("tracking", "the measured angle is not where the command should have taken it", (
+    Monitor("tracking", "the measured angle does not follow the command", (
         tunable("tracking_limit", "rad", 0.0, radians(180.0),
                  "modelled less measured angle, beyond which tracking trips"),
         tunable("rate", "rad/s", 1e-3, 1e3, "fin rate that the model of the response takes for possible"))),
     Monitor("stall", "a large reference moves nothing", (
         tunable("stall_share", "1", 0.0, 1.0, "of drive.reference_limit that the DAC puts out at a stall"),
-        tunable("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin is taken to stand")),
+        tunable("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin counts as at rest")),
         (capabilities.REFERENCE_LIMIT,)),
     Monitor("drive", "the current does not follow its reference", (
         tunable("current_limit", "A", 0.0, 1e4,

@@ -25,7 +25,7 @@ from ..variables import boolean_output, in_group, parameter, real_output, switch
 from .declaration import Extension
 from .status import DISABLED, OPERATIONAL, STATUS
 
-STATES = (State("link_voltage", "V", "voltage of the DC link; below 0 before it has taken the source's"),
+STATES = (State("link_voltage", "V", "voltage of the DC link; below 0 before it has reached the source's"),
           State("supply_tripped", "1", "1 where the under-voltage trip holds the bridge open"))
 _UNCHARGED = -1.0  # V
 # Largest phase [rad] in a tick of the oscillation of winding and link while the motor is at its voltage limit.

@@ -33,11 +33,11 @@ class _StaticError(Exception):
     """The figure contains something that the script cannot draw."""
 
 
-def curves(drawn: Figure) -> str:
+def curves(plot: Figure) -> str:
     """Return the panels of a figure as JSON, or an empty string if the figure can only be a static picture."""
-    shown = [axes for axes in drawn.axes if axes.get_visible()]
+    shown = [axes for axes in plot.axes if axes.get_visible()]
     try:
-        panels = [_panel(axes, drawn) for axes in shown]
+        panels = [_panel(axes, plot) for axes in shown]
     except _StaticError:
         return ""
     if len({tuple(panel["place"]) for panel in panels}) < len(panels):  # two axes over each other
@@ -45,17 +45,17 @@ def curves(drawn: Figure) -> str:
     for axes, panel in zip(shown, panels, strict=True):
         for name, view in (("x", axes.get_shared_x_axes()), ("y", axes.get_shared_y_axes())):
             panel[name]["group"] = min(shown.index(each) for each in view.get_siblings(axes) if each in shown)
-    document = {"panels": panels, "names": _legend(drawn)}
+    document = {"panels": panels, "names": _legend(plot)}
     return json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
 
 
-def _panel(axes: Axes, drawn: Figure) -> dict[str, Any]:
+def _panel(axes: Axes, plot: Figure) -> dict[str, Any]:
     cell = axes.get_subplotspec()
     if cell is None or len(cell.rowspan) > 1 or axes.get_aspect() != "auto" or axes.images or axes.tables:
         raise _StaticError
     grid, row, columns = cell.get_gridspec(), cell.rowspan.start, cell.colspan
     widths, heights = (np.ravel(ratios) for ratios in (grid.get_width_ratios(), grid.get_height_ratios()))
-    height = float(drawn.get_figheight() * heights[row] / heights.sum())
+    height = float(plot.get_figheight() * heights[row] / heights.sum())
     panel: dict[str, Any] = {
         "place": [row, columns.start], "share": rounded(widths[columns.start:columns.stop].sum() / widths.sum(), 3),
         "height": round(height, 2), "title": axes.get_title("left") or axes.get_title(), "x": _axis(axes.xaxis),
@@ -221,7 +221,7 @@ def _name(artist: Artist) -> str:
     return "" if label.startswith("_") else label
 
 
-def _legend(drawn: Figure) -> list[str]:
+def _legend(plot: Figure) -> list[str]:
     """Return the labels in the order of the legends."""
-    legends = [*drawn.legends, *filter(None, (axes.get_legend() for axes in drawn.axes))]
+    legends = [*plot.legends, *filter(None, (axes.get_legend() for axes in plot.axes))]
     return list(dict.fromkeys(text.get_text() for legend in legends for text in legend.get_texts()))

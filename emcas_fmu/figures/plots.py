@@ -88,18 +88,18 @@ def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True,
         (axes.axhline if across else axes.axvline)(at, **{**LIMIT, **look})
 
 
-def svg(drawn: Figure, label: str = "", description: str = "") -> str:
+def svg(plot: Figure, label: str = "", description: str = "") -> str:
     """Return an <svg> element for an HTML page; `label` and `description` are for screen readers.
 
     The figure's layout is fixed from then on.
     """
     text = StringIO()
-    if layout := drawn.get_layout_engine():  # matplotlib would render the figure twice to lay it out
-        FigureCanvasSVG(drawn)  # text sizes are those of SVG
-        layout.execute(drawn)
-        drawn.set_layout_engine(None)
+    if layout := plot.get_layout_engine():  # matplotlib would render the figure twice to lay it out
+        FigureCanvasSVG(plot)  # text sizes are those of SVG
+        layout.execute(plot)
+        plot.set_layout_engine(None)
     with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "none"}):
-        drawn.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        plot.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     body = text.getvalue()
     body = body[body.index("<svg"):]
     body = re.sub(r"\s*<metadata>.*?</metadata>|<!--.*?-->", "", body, flags=re.DOTALL)
@@ -131,9 +131,9 @@ class Picture(NamedTuple):
     curves: str = ""
 
 
-def picture(drawn: Figure, title: str, caption: str) -> Picture:
+def picture(plot: Figure, title: str, caption: str) -> Picture:
     """Return a figure for a page."""
-    return Picture(title, svg(drawn, title, caption), caption, curves(drawn))
+    return Picture(title, svg(plot, title, caption), caption, curves(plot))
 
 
 def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
@@ -179,16 +179,16 @@ def legend(owner: Axes | Figure, **more: Any) -> None:
 def legend_above(owner: Axes | Figure, columns: int = 6, **more: Any) -> None:
     """Add a legend above a panel, or above all panels of a figure, where it cannot hide anything."""
     # A legend wider than its panel belongs to the figure: it would widen the panel's column.
-    place: dict[str, Any] = {"loc": "outside upper left"} if isinstance(owner, Figure) else {
+    position: dict[str, Any] = {"loc": "outside upper left"} if isinstance(owner, Figure) else {
         "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
-    legend(owner, ncols=columns, handlelength=1.8, columnspacing=1.4, **place, **more)
+    legend(owner, ncols=columns, handlelength=1.8, columnspacing=1.4, **position, **more)
 
 
-def write(drawn: Figure, path: Path) -> None:
+def write(plot: Figure, path: Path) -> None:
     """Write a figure of `style()` as ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for other endings."""
     check_ending(path)
     with whole(path) as file:
-        drawn.savefig(file, format=path.suffix[1:], dpi=150, facecolor="white")
+        plot.savefig(file, format=path.suffix[1:], dpi=150, facecolor="white")
 
 
 def check_ending(path: Path | None) -> None:

@@ -79,8 +79,8 @@ def about(interface: FmuInterface, sets: Sequence[ParameterSet], tool: str) -> d
 
 def parameters_in_words(interface: FmuInterface, sets: Sequence[ParameterSet]) -> str:
     """Return a phrase about the fins' parameters: azimuths, how many values differ from the default, by which files."""
-    places = [f"{degrees(each.values[AZIMUTH]):g}" for each in sets]
-    at = "" if interface.fins == 1 else f"fins at {', '.join(places)} deg; "
+    angles = [f"{degrees(each.values[AZIMUTH]):g}" for each in sets]
+    at = "" if interface.fins == 1 else f"fins at {', '.join(angles)} deg; "
     changed = len(_changed(interface, sets))
     if not changed:
         return f"{at}default parameters"

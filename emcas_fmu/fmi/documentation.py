@@ -26,7 +26,7 @@ from .format import Format
 from .interface import FmuInterface, start_values
 
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
-later loaded; they bring no Python of their own. From a Python host (fmpy) nothing is to do. From another host
+later loaded; they bring no Python. From a Python host (fmpy) nothing is to do. From another host
 on Linux, preload the Python library, for example
 
     LD_PRELOAD=libpython3.11.so host ...
@@ -49,16 +49,16 @@ def _rows(interface: FmuInterface, causality: str, sets: Sequence[ParameterSet],
     entries = {interface.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
     starts, names = start_values(interface, [p.values for p in sets]), [v.name for v in interface.variables]
     rows, screw = [], capabilities.SCREW_AND_LEVER in interface.actuator.provides
-    for v, dimensions, places in fmi.listed(interface):
+    for v, dimensions, indices in fmi.listed(interface):
         if v.causality != causality:
             continue
         row: dict[str, Any] = {"v": v, "dimensions": dimensions, "source": "", "note": ""}
         if v.causality == "parameter":
             limits = "" if v.kind == "Boolean" else f"{v.minimum:.4g} … {v.maximum:.4g}"
-            values = [_text(starts[place]) for place in places]
+            values = [_text(starts[i]) for i in indices]
             row |= {"range": limits, "value": values[0] if len(set(values)) == 1 else ", ".join(values)}
-            if names[places[0]] in entries:
-                entry = entries[names[places[0]]]
+            if names[indices[0]] in entries:
+                entry = entries[names[indices[0]]]
                 # Shipped notes on parameters of the fin port, which every actuator has, may be about a screw.
                 applies = screw or entry.file != "emcas.toml" or "screw" not in entry.note
                 row |= {"source": entry.source, "note": entry.note if applies else ""}

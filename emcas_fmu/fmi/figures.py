@@ -25,7 +25,7 @@ def _step_to(level: float) -> Callable[[float], float]:
 
 def _steps(parameters: ParameterSet) -> Figure:
     shipped = are_defaults(parameters)
-    drawn, ((axes,),) = figure(1, height=4.0, width=8.0)
+    plot, ((axes,),) = figure(1, height=4.0, width=8.0)
     axes.set(xlabel="time [ms]", ylabel="fin angle [deg]")
     for amplitude, side, color in [(a, s, f"C{i}") for i, a in enumerate(_AMPLITUDES) for s in (1, -1)]:
         result = simulate(parameters.values, _STOP, kernel="python", model=parameters.model,
@@ -40,7 +40,7 @@ def _steps(parameters: ParameterSet) -> Figure:
             axes.plot(reference["time"][dots] * 1e3, np.degrees(reference["fin_angle"][dots]), ".", color=INK,
                       markersize=2.5, label="independent reference" if (amplitude, side) == (20.0, 1) else None)
     axes.legend(loc="upper left")
-    return drawn
+    return plot
 
 
 def _slew(parameters: ParameterSet) -> Figure:
@@ -51,13 +51,13 @@ def _slew(parameters: ParameterSet) -> Figure:
     shown = [(name, label, scale) for name, label, scale in (
         ("fin_angle", "fin angle [deg]", 180.0 / np.pi), ("fin_rate", "fin rate [deg/s]", 180.0 / np.pi),
         ("motor_current", "current [A]", 1.0), ("motor_voltage", "voltage [V]", 1.0)) if name in result]
-    drawn, panels = figure(len(shown) // 2, 2, width=8.0, sharex=True)
+    plot, panels = figure(len(shown) // 2, 2, width=8.0, sharex=True)
     for axes, (name, label, scale) in zip(panels.flat, shown, strict=True):
         axes.plot(result["time"] * 1e3, result[name] * scale)
         axes.set_ylabel(label)
     for axes in panels[-1]:
         axes.set_xlabel("time [ms]")
-    return drawn
+    return plot
 
 
 @lru_cache(maxsize=8)  # one set is often built in several ways

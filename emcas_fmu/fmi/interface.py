@@ -190,7 +190,7 @@ class FmuInterface:
         return {v.name: i for i, v in enumerate(self.variables)}
 
     @property
-    def places(self) -> tuple[tuple[int, ...], ...]:
+    def fin_inputs(self) -> tuple[tuple[int, ...], ...]:
         """For each fin, the value references of its actuator's inputs."""
         return tuple(tuple(self.reference[self.name(v.name, fin)] for v in self.actuator.inputs)
                      for fin in range(self.fins))
@@ -218,7 +218,7 @@ def fin_files(arguments: Sequence[str]) -> dict[int, Path]:
         if not separator or not file or not number.isdigit():
             raise EmcasError(f"--fin {text}: expected a fin's number from 1 on and a file, as in --fin 2=second.toml")
         if int(number) in files:
-            raise EmcasError(f"--fin {text}: fin {number} is given twice")
+            raise EmcasError(f"--fin {text}: fin {number} appears twice")
         files[int(number)] = Path(file)
     return files
 
@@ -232,12 +232,12 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
     layout, or fins that differ in shared values; ParameterError for a file's problems.
     """
     FmuInterface(fins)
-    places = azimuths(fins, layout)
+    angles = azimuths(fins, layout)
     for fin in files:
         if not 1 <= fin <= fins:
             raise EmcasError(f"--fin {fin}={files[fin]}: the FMU has fins 1 to {fins}")
     sets = tuple(load_parameters(files.get(fin), base.with_values({AZIMUTH: f"{azimuth} deg"}))
-                 for fin, azimuth in enumerate(places, 1))
+                 for fin, azimuth in enumerate(angles, 1))
     require_shared(sets, ", ".join(map(str, files.values())))
     return sets
 

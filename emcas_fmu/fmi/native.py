@@ -56,7 +56,7 @@ def _sizes(interface: FmuInterface) -> str:
                "MOTION_BEGIN": at["acceleration.x"],
                "MIXING_BEGIN": at.get(MIXING[0].name, 0)}
     enum = ",\n".join(f"    {name} = {number}" for name, number in numbers.items())
-    rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in interface.places)
+    rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in interface.fin_inputs)
     return (f"enum {{\n{enum}\n}};\n\n/* The index of each fin's inputs, in the order of model.h. */\n"
             f"static const unsigned char INPUT_INDEX[FINS][{len(interface.actuator.inputs)}] = {{\n{rows}\n}};\n")
 
@@ -68,11 +68,11 @@ def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
     """
     prefix = enumerator(interface.model)
     lines = [f"#define {prefix}_MODEL {c_text(interface.model)}", f"#define {prefix}_{fmi.token} {c_text(guid)}"]
-    taken: set[str] = set()
+    used: set[str] = set()
     for v in fmi.host_variables(interface):
         name = enumerator(v.name)
-        name = f"{name}_{v.reference}" if name in taken else name  # a.b_c and a_b.c are two variables
-        taken.add(name)
+        name = f"{name}_{v.reference}" if name in used else name  # a.b_c and a_b.c are two variables
+        used.add(name)
         lines.append(f"#define {prefix}_VR_{name} {v.reference}u /* {interface.spelt(v.name)}: {v.about} */")
     title = f"{interface.model}: model identifier, {fmi.token} and value references for a host"
     return header(f"{interface.model}_names", title, "\n".join(lines) + "\n")

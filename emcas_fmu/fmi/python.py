@@ -31,7 +31,7 @@ NOTES = (
     "This FMU computes in Python: its host's process must have Python 3.10 or later loaded, as "
     "<code>externalDependencies.txt</code> says.",
     "Inputs are held over a step: this FMU does not interpolate them and takes no input derivatives.",
-    "A call out of place, a write to a variable that cannot be set, or an input that is not finite is logged; the next "
+    "A call out of order, a write to a variable that cannot be set, or an input that is not finite is logged; the next "
     "step returns <code>fmi2Discard</code> and leaves the state unchanged. So does a step that cannot be computed.",
     "A value reference that is unknown or of another type is logged and affects no step. Reading it returns NaN, 0 or "
     "false; writing it has no effect, of which standard error has a message, too.",
@@ -51,7 +51,7 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
            "rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning) for rule in actuator.all_rules),
            "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
     return one if interface.fins == 1 else {
-        **one, "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "places": interface.places,
+        **one, "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "fin_inputs": interface.fin_inputs,
         "mixing": tuple(interface.reference[v.name] for v in MIXING), "of_fin": interface.of_fin("%d"),
         "line_start": codegen.line_start(actuator)}
 

@@ -3,7 +3,7 @@
 https://github.com/modelica/fmi-ls-ref; the format of experiments, which has a separate standard now, is that of
 version 1.0.0-alpha.1. Where the actuator has an independent integration (:mod:`emcas_fmu.reference`), the results are
 of that integration, provided that the actuator's extensions change nothing in the case. Otherwise they are computed by
-this package's own stepping, and labelled as that.
+this package's stepping, and labelled as that.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
     if len(sets) > 1:
         fins = [replace(files.suited(by_name[_FINS[fin % len(_FINS)]], p.model, p.values), stop_time=_FINS_STOP)
                 for fin, p in enumerate(sets)]
-        return [("fins", "Each fin on its own: " + "; ".join(case.title for case in fins), fins)]
+        return [("fins", "Each fin alone: " + "; ".join(case.title for case in fins), fins)]
     plain = _plain(sets[0])
     stored = [case for case in (files.suited(by_name[name], plain.model, plain.values) for name in _SHIPPED)
               if is_shipped(plain, case)]
@@ -131,7 +131,7 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
             off = _apart(stepped, independent)
         except Exception as error:  # noqa: BLE001  a user's integration may raise or return anything
             warnings.append(f"the independent integration of {case.name} failed ({error!r}): inside the FMU is the "
-                            "package's own response instead")
+                            "package's response instead")
         else:
             if off > TOLERANCE:
                 warnings.append(f"{case.name}: fin_angle is up to {degrees(off):.2g} deg off the independent "
@@ -185,7 +185,7 @@ def _files(interface: FmuInterface, experiments: Sequence[Experiment]) -> dict[s
 
     for independent, role in ROLES.items():
         if group := [each for each in experiments if each.independent is independent]:
-            what = "Results by independent integration" if independent else "Results by the FMU's own stepping"
+            what = "Results by independent integration" if independent else "Results by the FMU's stepping"
             add(f"{role}.exp", EXPERIMENTS, f"experiment/{role}", what,
                 to_bytes(_experiments_of(interface, what, group)))
     for each in experiments:

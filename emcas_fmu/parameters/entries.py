@@ -78,7 +78,7 @@ class Entry:
     """One value in its variable's unit, and its origin.
 
     `text` is the value as written. `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in the default set,
-    otherwise ``user`` or the user's own word. `file` is the name of the file, empty for a value set in a program.
+    otherwise ``user`` or the user's word. `file` is the name of the file, empty for a value set in a program.
     `default` is true for values of the default set.
     """
 

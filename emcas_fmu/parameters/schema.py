@@ -25,7 +25,7 @@ _LONGEST_SHOWN = 60  # characters of a value in a message
 
 T = TypeVar("T")
 M = TypeVar("M", bound="Table")
-Place = tuple[int | str, ...]
+Location = tuple[int | str, ...]
 # Messages for those of pydantic's errors that a TOML file can cause.
 _REASONS = {"string_type": "must be a string", "bool_type": "expected true or false", "list_type": "must be a list",
             "int_type": "expected a whole number", "dict_type": "expected a table", "model_type": "expected a table",
@@ -49,11 +49,11 @@ class Table(BaseModel):
                            *(((), message, None) for message in further(problems))]) from error
 
 
-def failure(problems: Iterable[tuple[Place, str, Any]]) -> ValidationError:
+def failure(problems: Iterable[tuple[Location, str, Any]]) -> ValidationError:
     """Return an error with several problems, each with its path below the table, the reason and the entry."""
     return ValidationError.from_exception_data("table", [
-        InitErrorDetails(type=PydanticCustomError("reason", reason), loc=place, input=written)
-        for place, reason, written in problems])
+        InitErrorDetails(type=PydanticCustomError("reason", reason), loc=location, input=written)
+        for location, reason, written in problems])
 
 
 def further(problems: Sequence[Any]) -> list[str]:
@@ -61,17 +61,17 @@ def further(problems: Sequence[Any]) -> list[str]:
     return [f"and {len(problems) - MOST_PROBLEMS} problems more"] if len(problems) > MOST_PROBLEMS else []
 
 
-def _worded(problem: Any, keys: list[str]) -> tuple[Place, str, Any]:
-    kind, place, written, context = problem["type"], problem["loc"], problem["input"], problem.get("ctx", {})
+def _worded(problem: Any, keys: list[str]) -> tuple[Location, str, Any]:
+    kind, location, written, context = problem["type"], problem["loc"], problem["input"], problem.get("ctx", {})
     if kind in ("extra_forbidden", "missing"):
-        reason = (f"{place[-1]} is missing" if kind == "missing" else
-                  f"unknown key {place[-1]!r}{hint(place[-1], keys)}")
-        return place[:-1], f"{reason}; there is {', '.join(keys)}", None
+        reason = (f"{location[-1]} is missing" if kind == "missing" else
+                  f"unknown key {location[-1]!r}{hint(location[-1], keys)}")
+        return location[:-1], f"{reason}; there is {', '.join(keys)}", None
     if kind == "literal_error":
-        return place, unknown(written, re.findall("'(.*?)'", context["expected"])), written
+        return location, unknown(written, re.findall("'(.*?)'", context["expected"])), written
     if kind == "value_error":
-        return place, str(context["error"]), written
-    return place, _REASONS[kind].format(**context) if kind in _REASONS else problem["msg"], written
+        return location, str(context["error"]), written
+    return location, _REASONS[kind].format(**context) if kind in _REASONS else problem["msg"], written
 
 
 def unknown(word: Any, known: Iterable[str]) -> str:
@@ -116,7 +116,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
     elif not isinstance(entries, (tuple, Iterator)):  # neither can come from a TOML file
         raise ValueError("expected a table")
     values: dict[str, T] = {}
-    problems: list[tuple[Place, str, Any]] = []
+    problems: list[tuple[Location, str, Any]] = []
     for name, written in entries:
         if len(problems) >= MOST_PROBLEMS:
             problems.append(((), "further entries are not looked at", None))
@@ -126,7 +126,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
                 raise ValueError("is given twice")
             values[name] = read(name, written)
         except ValidationError as error:
-            problems += [((name, *place), reason, entry) for place, reason, entry in
+            problems += [((name, *location), reason, entry) for location, reason, entry in
                          (_worded(problem, []) for problem in error.errors())]
         except (ValueError, EmcasError) as error:
             problems.append(((name,), str(error), written))
@@ -262,8 +262,8 @@ def shortened(written: object) -> str:
 
 
 def _line(path: Path, problem: Any) -> str:
-    place, written = ".".join(map(str, problem["loc"])), problem["input"]
+    location, written = ".".join(map(str, problem["loc"])), problem["input"]
     if isinstance(written, bool):
         written = str(written).lower()
     value = f" = {shortened(written)}" if isinstance(written, (int, float, str)) else ""
-    return f"{path}: {place}{value}: {problem['msg']}" if place else f"{path}: {problem['msg']}"
+    return f"{path}: {location}{value}: {problem['msg']}" if location else f"{path}: {problem['msg']}"

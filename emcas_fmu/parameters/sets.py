@@ -265,7 +265,7 @@ def _document(path: Path) -> dict[str, Any]:
     # Numbers remain text, since they are converted to the variable's unit in decimal arithmetic.
     contents = schema.document(path, ParameterError, str)[1]
     if other := schema.misplaced(contents):
-        raise ParameterError(f"{path}: is no parameter file: it {other}")
+        raise ParameterError(f"{path}: is not a parameter file: it {other}")
     return contents
 
 

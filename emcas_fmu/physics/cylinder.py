@@ -20,8 +20,11 @@ from . import kinematics, loads, mechanics
 
 
 class Linkage(NamedTuple):
-    """The cylinder at one fin angle: R [m], R' [m], both volumes [m3], inertia about the hinge [kg.m2], dry friction
-    [N.m], and the moment [N.m] on the fin without pressures and friction."""
+    """The cylinder at one fin angle.
+
+    ``ratio`` R [m] and its ``slope`` R' [m], both chambers' volumes [m3], ``inertia`` about the hinge [kg.m2], ``dry``
+    friction [N.m], and the ``load``, the moment [N.m] on the fin without pressures and friction.
+    """
 
     ratio: Value
     slope: Value
@@ -33,7 +36,7 @@ class Linkage(NamedTuple):
 
 
 def _piston(p: Any) -> Any:
-    """Return parameters of the lever with the piston in place of a screw: its lead is 1 m/rad."""
+    """Return parameters of the lever with a piston instead of a screw: its lead is 1 m/rad."""
     return with_values(p, {"screw.lead": 1.0})
 
 
@@ -59,7 +62,7 @@ def dry(p: Any, ratio: Value) -> Value:
 
 
 def dry_drop(ops: Ops, p: Any, fin_angle: Value) -> Value:
-    """Return the pressure difference [Pa] that moves fin and piston against dry friction alone."""
+    """Return the pressure difference [Pa] at which fin and piston, without load, overcome dry friction."""
     ratio = kinematics.reduction_ratio(ops, _piston(p), ops.tan(fin_angle + p.kinematics.initial_angle))
     return dry(p, ratio) / (ratio * p.cylinder.area)
 
@@ -84,5 +87,5 @@ def pressure_rates(p: Any, c: Linkage, fin_rate: Value, pressure_1: Value, press
 
 
 def makeup(ops: Ops, p: Any, pressure: Value, refill: Value, open_: Value) -> Value:
-    """Return the flow [m3/s] through the check valve of a chamber that is below a `refill` pressure [Pa], if open."""
+    """Return the flow [m3/s] into a chamber at `pressure` [Pa] through its check valve, if open, from `refill` [Pa]."""
     return ops.where(open_, p.check_valve.conductance * (refill - pressure), 0.0)

@@ -12,7 +12,7 @@ the screw, moment T R about the hinge):
     f = K (s -+ g/2) + D ds/dt        T = f >= 0 on the flank s >= g/2, f <= 0 on s <= -g/2, else 0
 
 with g = gap/l, l lead per radian, and R the ratio at the fin's angle. A flank presses and never pulls. Without a gap
-the nut is preloaded and T = K s + D ds/dt. Without compliance and gap the line is rigid. The lever's ratio is taken for
+the nut is preloaded and T = K s + D ds/dt. Without compliance and gap the line is rigid. The lever's ratio is used for
 one while it gives: at an angle phi_l of the lever T is off by tan(phi_l) of the deflection about the hinge.
 
     J_t dw/dt = K_t i + T_rotor - b_m w - C_m sgn w + l P_n - T

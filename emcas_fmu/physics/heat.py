@@ -11,7 +11,7 @@ The drive counts the squares of its current beyond the continuous one I_c, as se
 
 From s = 0 the peak I_p (drive.current_limit) is there for t_p; from s = F on the limit folds back to I_c, which it
 has at s = 1. It is a continuous function of a state, so that it neither jumps nor chatters: under a reference beyond it
-i^2 - I_c^2 falls exponentially, with the time constant t_p (1 - F)/F. The budget is the drive's own: a fault that
+i^2 - I_c^2 falls exponentially, with the time constant t_p (1 - F)/F. The budget is that of the drive: a fault that
 lowers drive.current_limit leaves I_p and s alone, and the lower of the two limits acts.
 """
 

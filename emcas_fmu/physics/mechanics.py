@@ -65,7 +65,7 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> M
     """Return the equation's coefficients at a motor angle [rad] under the loads.LOADS that `u` has."""
     tangent = kinematics.lever_tangent(ops, p, motor_angle)
     ratio = kinematics.reduction_ratio(ops, p, tangent)
-    gain = 1.0 / ratio  # one division for all: they take long
+    gain = 1.0 / ratio  # one division for all: divisions are slow
     reflected = fin_inertia(p) * (gain * gain)
     moment, rotor = external_moment(ops, p, tangent, u), rotor_torque(p, u)
     return Mechanics(

@@ -1,6 +1,6 @@
 """Independent, event-located integrations of whole actuators, and the reference files made with them.
 
-They are there to judge the package's own fixed-tick stepping, so they use none of its equations: these are written
+They are there to judge the package's fixed-tick stepping, so they use none of its equations: these are written
 again in fin coordinates, integrated by SciPy with error control, and every change of mode (stick, slip, voltage limit,
 mechanical stop) is located as a root instead of being stepped over.
 

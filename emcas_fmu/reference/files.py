@@ -283,7 +283,7 @@ def _sha256(data: bytes) -> str:
 def _method(model: str) -> dict[str, Any]:
     reference = get(model).reference
     if reference != get(NONLINEAR).reference:
-        return {"method": f"the actuator's own, {Path(str(reference)).name}"}
+        return {"method": f"that of the actuator, {Path(str(reference)).name}"}
     rtol, scales, max_step = Plant.accuracy
     return {"method": "scipy.integrate.solve_ivp, DOP853 with terminal events", "relative_tolerance": rtol,
             "absolute_tolerances": [rtol * scale for scale in scales], "maximum_step": max_step}

@@ -127,7 +127,7 @@ def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:
     ratio = values["kinematics.moment_arm"] / lead
     fin = values["inertia.fin"] + values["inertia.shaft"] + values["inertia.fork"]
     inertia = values["inertia.motor"] + values["inertia.screw"] + values["mass.nut"] * lead**2 + fin / ratio**2
-    # One viscous coefficient stands for both directions.
+    # One viscous coefficient holds for both directions.
     motor_viscous = 0.5 * (values["friction.viscous.positive"] + values["friction.viscous.negative"])
     motor_viscous *= over_temperature(values, "viscous")
     viscous = motor_viscous + values["friction.fin_viscous"] / ratio**2

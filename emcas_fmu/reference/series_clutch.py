@@ -104,7 +104,7 @@ class SeriesClutch:
         """Return inertia [kg.m2] and moment [N.m] that the nut has to move: M = inertia * acceleration + moment."""
         s, delta, rate = self.screw, y[FIN], y[RATE]
         ratio, nut = s.ratio(delta), self.p["mass.nut"] * s.lead**2
-        outside = s.loads(delta, around) + ratio * self.screw_inertia * around.faster[0]  # the screw's own share
+        outside = s.loads(delta, around) + ratio * self.screw_inertia * around.faster[0]  # the screw's share
         moment = (nut * ratio * ratio * s.bend(delta) * rate * rate + way * s.fin_coulomb + s.fin_viscous * rate
                   - outside)
         return s.fin_inertia + nut * ratio * ratio, moment

@@ -25,7 +25,7 @@ _NEAR = 1e-3  # of a step, the largest error of a time of nine digits
 class Stored:
     """A reference case from a folder or an FMU; `model` is its actuator.
 
-    A case that is not `independent` is a record of the package's own stepping.
+    A case that is not `independent` is a record of the package's stepping.
     """
 
     name: str
@@ -92,7 +92,7 @@ def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) 
 def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Stored:
     tables = []
     if not isinstance(entry, Mapping):
-        raise EmcasError(f"{folder / files.PROVENANCE}: {name} is no table; {remedy}")
+        raise EmcasError(f"{folder / files.PROVENANCE}: {name} is not a table; {remedy}")
     for kind in ("in", "ref"):
         path, key = files.path_of(folder, name, f"{kind}.csv"), f"sha256_{kind}"
         if not path.is_file():

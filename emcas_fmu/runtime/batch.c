@@ -151,7 +151,7 @@ static size_t simulate(actuator *a, size_t run, size_t points, double step, size
         }
         if (k == 0) outputs(a, &inputs, now);
         for (size_t j = 0; j < columns; ++j)
-            if (kept_at(&out[j], k)) *value_at(&out[j], run, k) = now[out[j].place];
+            if (kept_at(&out[j], k)) *value_at(&out[j], run, k) = now[out[j].index];
     }
     return points;
 }

@@ -18,7 +18,7 @@ from .codegen import MOTION
 from .compiled import REASONS, Array, address, all_finite, by_schedule, doubles, longest_line, prepare, refusal
 from .library import WORTH_VECTORS, loaded, vectors
 
-STEPS = 100_000  # that a batch is expected to take: 100 s of 1 ms
+STEPS = 100_000  # expected of a batch: 100 s in steps of 1 ms
 _CACHE_LINE = 64  # bytes, also of the longest vectors
 _CHUNK = 4096  # actuators that are prepared at a time
 _PIECES = 50  # of a step, between which progress is reported
@@ -31,8 +31,8 @@ _Move = Callable[..., int]
 class _Groups(ct.Structure):
     """batch in vectors.c."""
 
-    _fields_ = (("count", ct.c_size_t), ("order", ct.c_void_p), ("common", ct.c_void_p), ("places_count", ct.c_size_t),
-                ("places", ct.c_void_p), ("varying", ct.c_void_p), ("groups", ct.c_void_p),
+    _fields_ = (("count", ct.c_size_t), ("order", ct.c_void_p), ("common", ct.c_void_p), ("indices_count", ct.c_size_t),
+                ("indices", ct.c_void_p), ("varying", ct.c_void_p), ("groups", ct.c_void_p),
                 ("group_size", ct.c_size_t), ("same_schedule", ct.c_int), ("in_order", ct.c_int))
 
 
@@ -111,18 +111,18 @@ class Batch:
         same = bool((all_schedules == all_schedules[0]).all())
         order = np.arange(self.count, dtype=np.uintp) if same else by_schedule(all_schedules)
         order = np.concatenate([order, np.full(groups * lanes - self.count, order[-1])])
-        places = np.flatnonzero(varies & reads).astype(np.uintp)
-        varying = _aligned(groups * lanes * len(places) * 8).view(np.float64).reshape(groups, len(places), lanes)
-        for chunk in _chunks(groups, _CHUNK // lanes) if len(places) else ():
-            values = prepare(library, sets[order[chunk.start * lanes:chunk.stop * lanes]]).values[:, places]
-            varying[chunk] = values.reshape(-1, lanes, len(places)).transpose(0, 2, 1)
+        indices = np.flatnonzero(varies & reads).astype(np.uintp)
+        varying = _aligned(groups * lanes * len(indices) * 8).view(np.float64).reshape(groups, len(indices), lanes)
+        for chunk in _chunks(groups, _CHUNK // lanes) if len(indices) else ():
+            values = prepare(library, sets[order[chunk.start * lanes:chunk.stop * lanes]]).values[:, indices]
+            varying[chunk] = values.reshape(-1, lanes, len(indices)).transpose(0, 2, 1)
             progress("preparing actuators", min(len(sets) + chunk.stop * lanes, 2 * len(sets)), 2 * len(sets))
         progress("preparing actuators", 2 * len(sets), 2 * len(sets))
         size = library.batch_group_size(longest_line(all_schedules))
         size = -(-size // _CACHE_LINE) * _CACHE_LINE
         memory = _aligned(size * groups)
-        self._kept = order, common, places, varying, memory  # the library has their addresses
-        batch = _Groups(self.count, address(order), address(common), len(places), address(places), address(varying),
+        self._kept = order, common, indices, varying, memory  # the library has their addresses
+        batch = _Groups(self.count, address(order), address(common), len(indices), address(indices), address(varying),
                         address(memory), size, same, same)
         library.batch_start(ct.byref(batch), 0, groups)
 

@@ -36,7 +36,7 @@ class _InputColumn(ct.Structure):
 class _OutputColumn(ct.Structure):
     """output_column of tables.h."""
 
-    _fields_ = (*_InputColumn._fields_, ("place", ct.c_size_t), ("every", ct.c_size_t))
+    _fields_ = (*_InputColumn._fields_, ("index", ct.c_size_t), ("every", ct.c_size_t))
 
 
 @dataclass(frozen=True)

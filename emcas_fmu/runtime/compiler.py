@@ -189,7 +189,7 @@ def system(name: str) -> Compiler:
         raise CompilerError(f"{name}: there is no such program")
     done = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise CompilerError(f"{name}: does not answer to --version, so it is no C compiler known here")
+        raise CompilerError(f"{name}: does not answer to --version, so it is not a known C compiler")
     return Compiler((path, *options), done.stdout.splitlines()[0] if done.stdout else name, False)
 
 

@@ -58,7 +58,7 @@ def schedule(ops: Ops, p: Any, actuator: Actuator) -> Schedule:
     h_before = ops.where(cut, fraction * period / ops.where(cut, before, 1.0), h_after)
     slack = ops.minimum(TOLERANCE * period, 0.25 * ops.minimum(h_before, h_after))
     return Schedule(period, before, after, fraction * period, h_before, h_after, delay_samples,
-                    bus.late(ops, p), slack)
+                    bus.latency(ops, p), slack)
 
 
 def locate(ops: Ops, p: Any, actuator: Actuator, time: Value) -> tuple[Value, ...]:

@@ -17,11 +17,11 @@ typedef struct {
     ptrdiff_t run, row;
 } input_column;
 
-/* An output of many runs, likewise; `place` is its index among the outputs, and it is kept at every `every`th point. */
+/* An output of many runs, likewise; `index` is its position among the outputs; it is kept at every `every`th point. */
 typedef struct {
     double *first;
     ptrdiff_t run, row;
-    size_t place, every;
+    size_t index, every;
 } output_column;
 
 /* Further results of a run, behind those of core_result; RUN_APART: it did not stay with its group. */

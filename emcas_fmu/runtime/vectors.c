@@ -7,14 +7,14 @@ enum { PLAN = sizeof(core_schedule) / sizeof(double) };
 
 /* Many actuators, in groups of LANES. `order` lists the actuators of the groups; the last one is repeated to fill a group.
  * The values of an actuator are its parameters and the constants computed from them. `common` are those of one actuator;
- * `places` are the indices of those that differ between actuators, and `varying` has a vector for each of these, group
+ * `indices` are the indices of those that differ between actuators, and `varying` has a vector for each of these, group
  * after group. */
 typedef struct {
     size_t count;
     const size_t *order;
     const double *common;
-    size_t places_count;
-    const size_t *places;
+    size_t indices_count;
+    const size_t *indices;
     const lanes *varying;
     char *groups;
     size_t group_size;
@@ -241,8 +241,8 @@ static void fill(group_parameters *of, const double *common)
 
 static void vary(group_parameters *of, const batch *b, size_t k)
 {
-    const lanes *from = b->varying + k * b->places_count;
-    for (size_t i = 0; i < b->places_count; ++i) of->values[b->places[i]] = from[i];
+    const lanes *from = b->varying + k * b->indices_count;
+    for (size_t i = 0; i < b->indices_count; ++i) of->values[b->indices[i]] = from[i];
 }
 
 /* Put groups first to last - 1 at rest at their start. */
@@ -353,7 +353,7 @@ static void simulate(const group_parameters *of, unsigned which, const size_t *r
             if (!kept_at(&out[j], k)) continue;
             double *to = value_at(&out[j], 0, k);
             for (int l = 0; l < LANES; ++l)
-                if (which >> l & 1u) to[(ptrdiff_t)run[l] * out[j].run] = *group_at(&now[out[j].place], l);
+                if (which >> l & 1u) to[(ptrdiff_t)run[l] * out[j].run] = *group_at(&now[out[j].index], l);
         }
     }
     for (int l = 0; l < LANES; ++l) {

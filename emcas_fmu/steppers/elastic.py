@@ -1,6 +1,6 @@
 """One step of rotor and fin with an elastic drive line between them (:mod:`emcas_fmu.physics.drive_line`).
 
-Both motions take one implicit midpoint step under the midpoint torque of the line, which conserves the energy of an
+Both motions make one implicit midpoint step under the midpoint torque of the line, which conserves the energy of an
 undamped line, however stiff. Dry friction on both sides is solved with them: a body at rest that friction holds stays
 exactly there. The current follows its exponential for the back-EMF of the mean speed.
 
@@ -270,7 +270,7 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
-    # At a stop the fin may only leave it; any other margin that was lost before is no event.
+    # At a stop the fin may only leave it; any other margin that was lost before is not an event.
     outward = {"upper stop": whole.fin_angle > s.fin_angle, "lower stop": whole.fin_angle < s.fin_angle}
     lost = {name: ops.both(after[name] <= 0.0, outward.get(name, y > 0.0)) for name, y in before.items()}
 

@@ -22,7 +22,7 @@ PARAMETERS, TUNING, CAMPAIGN, REQUIREMENTS = "actuator.toml", "tuning.toml", "ca
 README = "README.md"
 SOURCES = {"thesis": "read in the thesis", "derived": "derived", "tuned": "by emcas tune", "estimate": "an estimate"}
 _WIDTH = 116
-_HOW = ("Take away the # before a value that you have, and write it in the unit of your sheet: \"4 mm/turn\", "
+_HOW = ("Remove the # before a value that you have, and write it in the unit of your sheet: \"4 mm/turn\", "
         "\"35 ozf*in/A\", \"420 g*cm^2\". What stays commented keeps the shipped value; with nothing uncommented this "
         "is the shipped actuator. docs/use/your_actuator.md says how datasheets and these values go together; "
         "`emcas parameters -p FILE` checks the file and lists what is still a shipped estimate.")
@@ -56,7 +56,7 @@ def parameter_text(base: ParameterSet) -> str:
 
 
 def _described(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield comments on a value: its description, its place in a datasheet, the shipped value and its source."""
+    """Yield comments on a value: its description, where a datasheet has it, the shipped value and its source."""
     first, variable = entries[0], entries[0].variable
     number = f" (and so on: {len(entries)} values)" if len(entries) > 1 else ""
     yield from _comment(f"{variable.description}{number}", "# ")
@@ -122,6 +122,6 @@ def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
     return "\n".join([
         f"# An actuator of the model {base.actuator.name}", "",
         *(f"- `{name}`: {what}" for name, what in about.items() if name in files), "",
-        "Limits in the studies are those of the shipped actuator: write your own. In this folder:", "", "```sh",
+        "Limits in the studies are those of the shipped actuator: replace them by yours. In this folder:", "", "```sh",
         *(f"{command:<{width}}  # {purpose}" for command, purpose in listed), "```", "",
         "How a datasheet's terms become these values: docs/use/your_actuator.md of the project.", ""])

@@ -65,7 +65,7 @@ def _problem(archive: zipfile.ZipFile, size: int) -> str:
         return f"its XML documents are {_mb(documents)}, and {_mb(MOST_XML)} may be"
     tests: tuple[tuple[Callable[[zipfile.ZipInfo], object], str], ...] = (
         # In its `filename` ZipInfo has cut the name at a zero byte and replaced separators of Windows.
-        (lambda e: _UNSOUND.match(e.orig_filename), "has a name that is no path inside the archive"),
+        (lambda e: _UNSOUND.match(e.orig_filename), "has a name that is not a path inside the archive"),
         (lambda e: e.filename.count("/") > MOST_FOLDERS, f"is in more than {MOST_FOLDERS} folders inside each other"),
         (lambda e: e.flag_bits & _ENCRYPTED, "is encrypted"),
         (lambda e: e.compress_type not in _METHODS, "is packed by a method other than deflate"))

@@ -2,8 +2,8 @@
 
 A traced function needs no calls, attribute look-ups or repeated subexpressions. It does the same operations as the
 original in the same order, so that both have the same bits. Values that depend on parameters alone are computed in a
-prologue that runs once; the operations of a branch stay inside the branch. :mod:`python_source` and :mod:`c_source`
-print the program.
+prologue that runs once; the operations of a branch stay inside the branch. :mod:`emcas_fmu.trace.python_source`
+and :mod:`emcas_fmu.trace.c_source` print the program.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class Actuators(Protocol):
 
 
 class Ideal:
-    """Each fin stands at its command as soon as it is given."""
+    """Each fin is at its command at once."""
 
     def __init__(self) -> None:
         self._angles = np.zeros(4)

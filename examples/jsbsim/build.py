@@ -1,4 +1,4 @@
-"""FMUs built for a run where none is given."""
+"""FMUs built for a run without --fmu."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def build_unit(folder: Path, fins: int, model: str = NONLINEAR) -> Path:
         compiler = next(local_compilers(), None)
         cc = shlex.join(compiler.command) if compiler else None
     if local is None or (zig() is None and cc is None):
-        raise CompilerError("no --fmu is given, and there is no C compiler to build one: pip install "
+        raise CompilerError("without --fmu one is built, and there is no C compiler: pip install "
                             "'emcas-fmu[native]', or build a slower one without compiler, "
                             "`python build_fmu.py --fins 4`, and give --fmu EMCAS4.fmu")
     path = folder / f"{model_name(parameters.model, fins)}.fmu"

@@ -40,7 +40,7 @@ class Host(str, Enum):
 
 
 class Flown(str, Enum):
-    """What is flown."""
+    """The manoeuvres."""
 
     GENTLE = "gentle"
     AGGRESSIVE = "aggressive"
@@ -49,43 +49,43 @@ class Flown(str, Enum):
 
 
 class Format(str, Enum):
-    """Of trajectories."""
+    """File formats of trajectories."""
 
     CSV = "csv"
     NPZ = "npz"
 
 
 def fly(
-    fmu: Annotated[Path | None, typer.Option(help="The actuators: a unit of four of any model, or a single one "
-                                             "taken four times.", metavar="FILE.fmu")] = None,
+    fmu: Annotated[Path | None, typer.Option(help="FMU of four actuators of any model, or of a single one, "
+                                             "which is then used four times.", metavar="FILE.fmu")] = None,
     model: Annotated[list[str] | None, typer.Option(
-        "--model", "--models", help="Build actuators of this model with default parameters and fly them, several times "
-        "to compare models, or all of them; nonlinear if neither this nor --fmu is given.",
+        "--model", "--models", help="Build actuators of this model with default parameters and fly them; repeatable. "
+        "all compares every model. Default without --fmu: nonlinear.",
         metavar="NAME|all")] = None,
-    actuator: Annotated[Actuator, typer.Option(help="What moves the fins; second-order is fitted to the FMU, "
-                                                    "undelayed lacks its delay, stiff is the FMU on a stiff "
-                                                    "bus.")] = Actuator.ALL,
-    manoeuvre: Annotated[Flown, typer.Option(help="What is flown; tight is aggressive with higher gains.")] = Flown.ALL,
+    actuator: Annotated[Actuator, typer.Option(help="What moves the fins: second-order is a fit to the FMU, "
+                                                    "undelayed the same without delay, stiff the FMU on a "
+                                                    "stiff bus.")] = Actuator.ALL,
+    manoeuvre: Annotated[Flown, typer.Option(help="Manoeuvre; tight is aggressive with higher gains.")] = Flown.ALL,
     bus_resistance: Annotated[float | None, typer.Option(
-        help="Of the bus's source in Ohm, 0 to 1; 0.02 for a unit of four if not given.", metavar="OHM")] = None,
+        help="Resistance of the bus's source in Ohm, 0 to 1. Default for an FMU of four: 0.02.", metavar="OHM")] = None,
     bus_voltage: Annotated[float | None, typer.Option(
-        help="Of the bus's source in V; what the FMU, or the archive, starts with if not given.", metavar="V")] = None,
-    mixing: Annotated[bool, typer.Option("--mixing", help="Let a unit of four mix roll, pitch and yaw.")] = False,
-    host: Annotated[Host | None, typer.Option(help="Fly the four single FMUs of an SSP in this master, too.")] = None,
-    ssp: Annotated[Path | None, typer.Option(help="The archive for --host; made of the model if not given.",
+        help="Voltage of the bus's source. Default: the start value of the FMU or archive.", metavar="V")] = None,
+    mixing: Annotated[bool, typer.Option("--mixing", help="Let an FMU of four mix roll, pitch and yaw.")] = False,
+    host: Annotated[Host | None, typer.Option(help="Also fly the four single FMUs of an SSP in this master.")] = None,
+    ssp: Annotated[Path | None, typer.Option(help="Archive for --host. Default: one built of the model.",
                                              metavar="FILE.ssp")] = None,
-    variant: Annotated[str, typer.Option(help="Of --ssp.", metavar="NAME")] = "nominal",
+    variant: Annotated[str, typer.Option(help="Variant of --ssp.", metavar="NAME")] = "nominal",
     step: Annotated[float, typer.Option(help="Communication step in ms; 4 ms must be a multiple.", min=0.01)] = 1.0,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for page, figures and trajectories.",
                                          metavar="DIR")] = Path("jsbsim-flight"),
-    kind: Annotated[Format, typer.Option("--format", help="Of trajectories.")] = Format.CSV,
+    kind: Annotated[Format, typer.Option("--format", help="Format of trajectories.")] = Format.CSV,
     guid: Annotated[str | None, typer.Option(help="Refuse an FMU of another GUID.")] = None,
     convergence: Annotated[bool, typer.Option(help="Measure convergence with the communication step (half a "
                                                    "minute).")] = True,
 ) -> None:
     """Fly a finned rocket in JSBSim with its fins moved by actuators of any model, an ideal or a second-order one.
 
-    Writes report.html, figures.json and the trajectories. Exit codes: 0 done, 2 cannot be done.
+    Writes report.html, figures.json and the trajectories. Exit codes: 0 done, 2 an error.
     """
     from tempfile import TemporaryDirectory
 
@@ -120,23 +120,24 @@ def fly(
 
 
 def _print(results: Any) -> None:
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     from emcas_fmu.commands.common import out
     from examples.jsbsim.results import agreements, all_figures
 
-    shown = {"attitude_error_rms_deg": "error RMS / deg", "attitude_difference_to_ideal_deg": "to ideal / deg",
-             "attitude_difference_to_second_order_deg": "to 2nd / deg",
-             "hinge_moment_largest_n_m": "hinge / N.m", "saturated_percent": "limited / %",
-             "energy_drawn_j": "energy / J",
-             "bus_voltage_lowest_v": "bus / V"}
-    table = Table()
-    for heading in ("manoeuvre", "actuator", *shown.values()):
-        table.add_column(heading, no_wrap=heading in ("manoeuvre", "actuator"))
+    shown = {"attitude_error_rms_deg": "error\nRMS\ndeg", "attitude_difference_to_ideal_deg": "to\nideal\ndeg",
+             "attitude_difference_to_second_order_deg": "to 2nd\norder\ndeg",
+             "hinge_moment_largest_n_m": "hinge\ntorque\nN.m", "saturated_percent": "at a\nlimit\n%",
+             "energy_drawn_j": "energy\n\nJ", "bus_voltage_lowest_v": "bus,\nlowest\nV"}
     for manoeuvre, flown in all_figures(results).items():
+        table = Table(box=SIMPLE_HEAD, collapse_padding=True, title=manoeuvre, title_justify="left")
+        table.add_column("actuator", no_wrap=True)
+        for heading in shown.values():
+            table.add_column(heading, justify="right", no_wrap=True)
         for actuator, figures in flown.items():
-            table.add_row(manoeuvre, actuator, *(f"{figures[k]:.4g}" if k in figures else "-" for k in shown))
-    out.print(table)
+            table.add_row(actuator, *(f"{figures[k]:.4g}" if k in figures else "-" for k in shown))
+        out.print(table)
     for manoeuvre, found in agreements(results).items():
         first = next(iter(found))
         for master, a in found.items():

@@ -66,58 +66,57 @@ def require_supply(path: Path, supply: str, level: float) -> float:
 
 
 def require_bus(path: Path, supply: str | None, voltage: float | None = None, resistance: float | None = None) -> None:
-    """Raise EmcasError where a bus voltage or resistance is given to what is not fed by a bus."""
+    """Raise EmcasError for a bus voltage or resistance of an FMU without a bus."""
     if supply != VOLTAGE and (voltage is not None or resistance):
         raise EmcasError(f"{path}: {f'is fed by {supply}' if supply else 'has no supply'}, not by a bus: leave "
                          f"{'--bus-resistance' if voltage is None else '--bus-voltage'} away")
 
 
 def on_line(supply: str, level: float, power: float) -> dict[str, float]:
-    """What `Response` has of a line that keeps its voltage or pressure: that, and what a power [W] draws from it."""
+    """Return level and current or flow of a stiff line from which a `power` [W] is drawn, by the names of LINES."""
     return {name: value for (name, _), value in zip(LINES[supply], (level, power / level), strict=True)}
 
 
 def fins_of(names: Mapping[str, Any]) -> int:
-    """How many fins a unit of several has, by its variables' names; 0 for a single actuator."""
+    """Return the number of fins of an FMU of several, by the names of its variables; 0 for a single actuator."""
     found = (re.fullmatch(r"fin\[(\d+)\]\..*", name) for name in names)
     return max((int(match[1]) for match in found if match), default=0)
 
 
 class Fmu:
-    """A unit whose variables are fin[1].fin_command ... fin[4].fin_command, or four of one with fin_command."""
+    """One FMU with fin[1].fin_command ... fin[4].fin_command, or four instances of one with fin_command."""
 
     def __init__(self, path: Path, guid: str | None = None, parameters: Mapping[str, bool | float] = WIRED, *,
                  bus_resistance: float | None = None, bus_voltage: float | None = None,
                  mixing: bool = False) -> None:
-        """Load and initialize with `parameters` of each fin, in the FMU's units, besides its mounting.azimuth.
+        """Load and initialize, with each fin's mounting.azimuth and further `parameters` in the FMU's units.
 
-        Which of LINES feeds it is looked up: a bus is of `bus_voltage` [V], or of the unit's start value if not given,
-        as any other supply is. A unit of four on a bus has `bus_resistance` [Ohm] (0 if not given) there. With
-        `mixing` a unit of four takes the demand's axes instead of commands. Raises EmcasError naming the connection
-        where a variable is missing or has another unit, where a single actuator is asked for what only the unit of
-        four has, and where one without a bus is given what a bus has.
+        The FMU's inputs say which of LINES feeds it. A bus has `bus_voltage` [V], by default the FMU's start value, as
+        any other supply. An FMU of four on a bus has the source resistance `bus_resistance` [Ohm], by default 0. With
+        `mixing` an FMU of four gets the demand's axes instead of commands. Raises EmcasError with the connection's name
+        if a variable is missing or has another unit, and for an option that the FMU does not have.
         """
         if bus_resistance is not None and not (isfinite(bus_resistance) and 0.0 <= bus_resistance <= 1.0):
             raise EmcasError(f"a bus resistance of {bus_resistance:g} Ohm: must be 0 to 1")
         with ExitStack() as stack:
             unit = stack.enter_context(opened(path))
             if guid is not None and guid.strip("{}") != unit.description.guid.strip("{}"):
-                raise EmcasError(f"{path}: has GUID {unit.description.guid}, not {guid}: it is another interface than "
-                                 "the one asked for; build that one or leave --guid away")
+                raise EmcasError(f"{path}: has GUID {unit.description.guid}, not {guid}: its interface is not "
+                                 "the requested one; build that one or leave --guid away")
             self.file, self.guid = f"{unit.description.modelName}.fmu", str(unit.description.guid)
             self.model = model_of(unit.description.modelName) or str(unit.description.modelName)
-            """Name of the actuator, as `emcas build --model` takes it; of another's FMU its modelName."""
+            """Name of the actuator for `emcas build --model`; modelName of another tool's FMU."""
             known = {v.name: v for v in unit.description.modelVariables}
             count = fins_of(known)
             if count > len(FINS):
                 raise EmcasError(f"{path}: has {count} fins, and the rocket {len(FINS)}: {_REMEDY[True]}")
             self.whole = count > 0
-            """Whether it is one unit of four fins."""
+            """Whether it is one FMU of four fins."""
             if not self.whole and (bus_resistance or mixing):
                 raise EmcasError(f"{path}: is a single actuator, without {'mixing' if mixing else 'a bus to share'}: "
                                  f"{_REMEDY[True]}, or leave {'--mixing' if mixing else '--bus-resistance'} away")
             self.line = line_of(known)
-            """The input that feeds it; None where it has no supply, and its power is mechanical."""
+            """The supply's input; None if it has none: its power is then mechanical."""
             if self.line is None and known.keys() & {_POWER[0], f"fin[1].{_POWER[0]}"}:
                 raise EmcasError(f"{path}: connection source -> supply: has {_POWER[0]} and no {' or '.join(LINES)}")
             require_bus(path, self.line, bus_voltage, bus_resistance)
@@ -126,11 +125,11 @@ class Fmu:
             self._units = [_Unit(stack, _Wiring(path, known, self.whole), unit, group, parameters, self.line,
                                  bus_resistance or 0.0, bus_voltage, mixing) for group in groups]
             self.supply = self._units[0].supply
-            """Of the source [V] or [Pa]; None where there is none."""
+            """Level of the source [V] or [Pa]; None if there is none."""
             self._stack = stack.pop_all()
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
-        """One fmi2DoStep of each unit with the inputs held."""
+        """Return the response to one fmi2DoStep of each FMU, with the inputs held for `step` [s]."""
         if self._mixing and demand.axes is None:
             raise EmcasError("mixing by the FMU needs the axes of the demand")
         flat = flattened(demand)

@@ -73,12 +73,12 @@ def kinds(results: Results, name: str) -> Drawing:
             apart.plot(time, turn_between(_thin(angles(flight).T).T, _thin(angles(ideal).T).T), **look)
             energy.plot(time, _thin(np.cumsum(flight["power_w"])) * results.step, **look)
     bars = [actuator for actuator in reversed(flown) if actuator != IDEAL]
-    for place, actuator in enumerate(bars):
+    for row, actuator in enumerate(bars):
         power, look = flown[actuator]["power_w"], _look(results, actuator)
-        given, back = (float(np.maximum(sign * power, 0.0).sum() * results.step) for sign in (1.0, -1.0))
-        share.barh(place, given, 0.62, color=look["color"])
-        share.barh(place, -back, 0.62, color=look["color"], alpha=0.5, hatch="////")
-        share.annotate(f"{given:.0f} J, returned {back:.0f} J", (given, place), (4, 0), textcoords="offset points",
+        used, back = (float(np.maximum(sign * power, 0.0).sum() * results.step) for sign in (1.0, -1.0))
+        share.barh(row, used, 0.62, color=look["color"])
+        share.barh(row, -back, 0.62, color=look["color"], alpha=0.5, hatch="////")
+        share.annotate(f"{used:.0f} J, returned {back:.0f} J", (used, row), (4, 0), textcoords="offset points",
                        va="center", fontsize=7.5)
     share.set_yticks(range(len(bars)), [_kind(each, flown[each]) for each in bars])
     for label, actuator in zip(share.get_yticklabels(), bars, strict=True):

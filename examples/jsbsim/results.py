@@ -22,12 +22,15 @@ Flight = Mapping[str, Array]
 AXES = ("roll", "pitch", "yaw")
 IDEAL, SECOND_ORDER, UNDELAYED, FMU, STIFF = "ideal", "second-order", "second-order-undelayed", "fmu", "stiff"
 ACTUATORS = (IDEAL, UNDELAYED, SECOND_ORDER, FMU, STIFF)
-"""What can be asked for. `fmu` is every FMU, on a bus with source resistance where it is of four on a bus, and its
-flights are called by its model; `stiff` is the only FMU without that resistance."""
+"""The values of --actuator.
+
+`fmu` means every FMU; its flights have the name of its model, and an FMU of four on a bus has the bus's source
+resistance. `stiff` is the only FMU without that resistance.
+"""
 WITHOUT_ENCODER = "{}, encoder off"
 WITHOUT_SSP = "without SSP"
-END = 0.5  # s, of a flight, in which the attitude is seen to be kept
-KEPT = 5.0  # deg from what is wanted, up to which it is
+END = 0.5  # s, the end of a flight in which the attitude error is judged
+KEPT = 5.0  # deg, the largest attitude error there
 
 
 @dataclass(frozen=True)
@@ -35,24 +38,24 @@ class Unit:
     """An FMU that is flown."""
 
     file: str
-    """What it is called."""
+    """Its name."""
     guid: str
     supply: str | None
-    """The input that feeds it; None where it has none."""
+    """The supply's input; None if it has none."""
     level: float | None
-    """Of the supply [V] or [Pa]."""
+    """Start value of the supply [V] or [Pa]."""
     bus_resistance: float
-    """Of the source [Ohm]; 0: stiff."""
+    """Resistance of the bus's source [Ohm]; 0: stiff."""
 
     @property
     def label(self) -> str:
-        """File and bus."""
+        """Name of the file, and the bus resistance."""
         return self.file + (f", bus of {1e3 * self.bus_resistance:g} mΩ" if self.bus_resistance else "")
 
 
 @dataclass(frozen=True)
 class Results:
-    """Everything a run found; flights by manoeuvre, then actuator."""
+    """The results of a run; flights by manoeuvre, then actuator."""
 
     step: float
     """Communication step [s]."""
@@ -63,11 +66,11 @@ class Results:
     units: Mapping[str, Unit] = field(default_factory=dict)
     """FMUs by model."""
     masters: Mapping[str, Mapping[str, Flight]] = field(default_factory=dict)
-    """Flights by manoeuvre, then master; the first is what the others are compared with."""
+    """Flights by manoeuvre, then master; the others are compared with the first."""
 
     @property
     def labels(self) -> dict[str, str]:
-        """What the actuators are called in pictures and tables."""
+        """Names of the actuators in pictures and tables."""
         file = next((unit.file for unit in self.units.values()), "FMU")
         return {IDEAL: "fin = command", UNDELAYED: "second order, no delay", SECOND_ORDER: "second order",
                 STIFF: f"{file}, stiff bus", WITHOUT_SSP: f"{file} under fmpy, no SSP",
@@ -75,33 +78,36 @@ class Results:
 
 
 def power_kind(flight: Flight) -> str:
-    """What the power of a flight is: electric or hydraulic from the supply, otherwise mechanical."""
+    """Return the kind of power of a flight: electric or hydraulic from the supply, otherwise mechanical."""
     return "electric" if "bus_voltage_v" in flight else "hydraulic" if "line_pressure_pa" in flight else "mechanical"
 
 
 def kept(figures: Mapping[str, float]) -> bool:
-    """Whether the attitude is what is wanted in the end."""
+    """Return whether the attitude error in the end is at most KEPT."""
     return figures["attitude_error_last_half_second_deg"] <= KEPT
 
 
 def fins(flight: Flight, quantity: str) -> Array:
-    """Columns of the four fins, `{}` in `quantity` standing for the number; shape (4, rows)."""
+    """Return the columns of the four fins [4, rows]; `{}` in `quantity` is replaced by the fin's number."""
     return np.array([flight[quantity.format(k)] for k in FINS])
 
 
 def angles(flight: Flight, prefix: str = "") -> Array:
-    """Roll, pitch, yaw [rad], shape (3, rows); `prefix` "wanted_" for the wanted ones."""
+    """Return roll, pitch and yaw [rad], [3, rows]; those commanded with the `prefix` "wanted_"."""
     return np.array([flight[f"{prefix}{axis}_rad"] for axis in AXES])
 
 
 def turn_between(first: Array, second: Array) -> Array:
-    """Angle of the turn from one attitude to another [deg] for roll, pitch, yaw (3, rows); shape (rows,)."""
+    """Return the angle [deg] of the rotation between two attitudes [rad], [3, rows]; shape [rows]."""
     return np.degrees([np.arcsin(min(1.0, float(np.linalg.norm(attitude_error(a, b)))))
                        for a, b in zip(first.T, second.T, strict=True)])
 
 
 def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[str, float]:
-    """Figures of one flight; names end in their unit. `others` are flights to compare with, by actuator."""
+    """Return the figures of a flight of step `step` [s]; names end in their unit.
+
+    `others` are flights to compare with, by actuator.
+    """
     power = flight["power_w"]
     missed = turn_between(angles(flight), angles(flight, "wanted_"))
     found = {
@@ -133,7 +139,7 @@ def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[s
 
 
 def all_figures(results: Results) -> dict[str, dict[str, dict[str, float]]]:
-    """By manoeuvre and actuator; an FMU is compared with the second-order model and the stiff bus, too."""
+    """Return the figures by manoeuvre and actuator; an FMU is also compared with second-order and stiff bus."""
     def others(actuator: str) -> tuple[str, ...]:
         return (IDEAL, SECOND_ORDER, STIFF) if actuator in (*results.units, STIFF) else (IDEAL,)
 
@@ -143,13 +149,13 @@ def all_figures(results: Results) -> dict[str, dict[str, dict[str, float]]]:
 
 
 def agreements(results: Results) -> dict[str, dict[str, Agreement]]:
-    """By manoeuvre and master, how far its flight is from that of the first."""
+    """Return the agreement of each flight with that of the first master, by manoeuvre and master."""
     return {name: {master: agreement(flight, next(iter(flown.values()))) for master, flight in flown.items()}
             for name, flown in results.masters.items()}
 
 
 def write_json(results: Results, path: Path, command: str) -> None:
-    """All figures, the fitted second-order actuator and the convergence."""
+    """Write all figures, the fitted second-order actuator and the convergence."""
     fit = results.second_order
     content: dict[str, Any] = {
         "command": command, "communication_step_s": results.step,
@@ -167,9 +173,9 @@ def write_json(results: Results, path: Path, command: str) -> None:
 
 
 def write_flights(results: Results, folder: Path, kind: str) -> Sequence[Path]:
-    """Every flight as MANOEUVRE_ACTUATOR.csv or .npz, columns with their unit at the end of the name.
+    """Write each flight as MANOEUVRE_ACTUATOR.csv or .npz and return the paths; column names end in their unit.
 
-    Those in a master are MANOEUVRE_ssp-MASTER.
+    The name of a flight in a master is MANOEUVRE_ssp-MASTER.
     """
     written = []
     for manoeuvre, actuated in results.flights.items():

@@ -37,17 +37,17 @@ class Options:
     step: float = 1e-3
     fmu: Path | None = None
     models: tuple[str, ...] = ()
-    """Built and flown beside `fmu`; the nonlinear one where neither is given."""
+    """Models built and flown in addition to `fmu`; without both, the nonlinear one."""
     guid: str | None = None
     bus_resistance: float | None = None
-    """BUS_RESISTANCE for a unit of four on a bus if not given."""
+    """Default for an FMU of four on a bus: BUS_RESISTANCE."""
     bus_voltage: float | None = None
-    """The units', or the archive's, start value if not given."""
+    """Default: the start value of the FMUs or the archive."""
     mixing: bool = False
     masters: tuple[str, ...] = ()
     """Of masters.MASTERS."""
     ssp: Path | None = None
-    """Made of the single actuator if not given."""
+    """Default: an archive built of the single actuator."""
     variant: str = NOMINAL
     """Of `ssp`."""
     convergence: bool = True
@@ -59,7 +59,7 @@ def every_model() -> tuple[str, ...]:
 
 
 def run(options: Options, folder: Path, progress: Progress) -> Results:
-    """Fly; FMUs and an archive that are not given are made in `folder`. Raises EmcasError."""
+    """Fly; missing FMUs and archive are built in `folder`. Raises EmcasError."""
     if options.ssp is not None and not options.masters:
         raise EmcasError(f"--ssp {options.ssp}: is flown in another master only: give --host, too")
     if options.variant != NOMINAL and options.ssp is None:
@@ -113,10 +113,10 @@ class _Flier:
         trial.close()
         self._whole = trial.whole
         name = f"{SECOND_ORDER}-{FMU}" if trial.model == SECOND_ORDER else trial.model  # the other is fitted
-        on_bus = trial.line == VOLTAGE or not several  # what is given for a bus is for those that have one
+        on_bus = trial.line == VOLTAGE or not several  # bus options apply to FMUs with a bus
         voltage = options.bus_voltage if on_bus else None
-        given = options.bus_resistance if on_bus else None
-        resistance = given if given is not None else BUS_RESISTANCE if trial.whole and trial.line == VOLTAGE else 0.0
+        option = options.bus_resistance if on_bus else None
+        resistance = option if option is not None else BUS_RESISTANCE if trial.whole and trial.line == VOLTAGE else 0.0
         with opened(path) as unit:
             exact = {each: value for each, value in _EXACT.items() if each in unit.starts}
 
@@ -153,12 +153,12 @@ class _Flier:
         return list(dict.fromkeys(chosen))
 
     def _write_archive(self, models: tuple[str, ...]) -> Path:
-        given = self._options.fmu
-        if given is not None and self._whole:
-            raise EmcasError(f"{given}: is one unit of four, and an archive wires single actuators: give --ssp FILE "
+        fmu = self._options.fmu
+        if fmu is not None and self._whole:
+            raise EmcasError(f"{fmu}: has four actuators, and an archive wires single ones: give --ssp FILE "
                              "(see `emcas ssp`), or leave --fmu away")
         self._progress("archive", 0.0)
-        return write_archive(self._folder / "EMCAS.ssp", given or build_unit(self._folder, 1, *models))
+        return write_archive(self._folder / "EMCAS.ssp", fmu or build_unit(self._folder, 1, *models))
 
     def _in(self, master: str) -> Callable[[], Actuators]:
         assert self._archive is not None

@@ -301,7 +301,7 @@ A = "[[requirements]]\nname = 'a'\n"
     (A + "figure = 'b.c.d_db'\nmaximum = '1'", "with a unit such as dB"),
     (A + "figure = 'b.c.d_s'\nmaximum = '1 s'\nunit = 's'", "unknown key 'unit'"),
     (A + "figure = 'b.c.d_s'\nlimit = '1 s'\nsense = '<='", "unknown key 'limit'"),
-    (2 * (A + "figure = 'b.c.d_s'\nmaximum = '1 s'\n"), "given twice"),
+    (2 * (A + "figure = 'b.c.d_s'\nmaximum = '1 s'\n"), "appears twice"),
 ])
 def test_unsound_requirements(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"

@@ -170,7 +170,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
     assert by_unit.plan.model == "nonlinear+faults"
     assert by_unit.guid == by_model.guid
     assert_same_rows(by_unit, by_model, [[0.15, 1000.0], [0.12, 0.0]])
-    with pytest.raises(EmcasError, match=r"is of the model nonlinear\+faults, and nonlinear\+heat is asked for"):
+    with pytest.raises(EmcasError, match=r"is of the model nonlinear\+faults, but nonlinear\+heat is requested"):
         load_study(write(plain), faulty, model="nonlinear+heat")
 
 

@@ -138,7 +138,7 @@ duration = "0.2 s"
 
 @pytest.mark.parametrize(("before", "after", "said"), [
     ("motor.torque_constant\"]\ndis", "motor.torque_konstant\"]\ndis", "did you mean motor.torque_constant"),
-    ("[vary.\"friction", "[vary.motor.torque_constant]\nsd = 1\n[vary.\"friction", "is given twice"),
+    ("[vary.\"friction", "[vary.motor.torque_constant]\nsd = 1\n[vary.\"friction", "appears twice"),
     ("aero_torque]", "aero_tork]", "did you mean aero_torque"),
     ("aero_torque]", "fin_command]", "the command is that of an experiment"),
     ('"normal"', '"norml"', "did you mean normal"),

@@ -68,7 +68,7 @@ def test_files_lie_below_every_set(tmp_path: Path) -> None:
 
 
 def test_sets_that_cannot_be_compared() -> None:
-    with pytest.raises(EmcasError, match="drive-pi: is given twice"):
+    with pytest.raises(EmcasError, match="drive-pi: appears twice"):
         load_sets(["drive-pi", "drive-pi"], "nonlinear")
     refused = _emcas("default", "drive-pie")
     assert refused.exit_code == 2

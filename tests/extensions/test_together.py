@@ -113,7 +113,7 @@ def test_order_does_not_matter() -> None:
 
 
 @pytest.mark.parametrize(("name", "said"), [
-    ("nonlinear+heet", "did you mean heat"), ("nonlinear+heat+heat", "given twice"),
+    ("nonlinear+heet", "did you mean heat"), ("nonlinear+heat+heat", "appears twice"),
     ("elastc", "did you mean elastic"),
     ("nonlinear+stribeck+lugre", "lugre"), ("nonlinear+lugre+efficiency", "efficiency"),
     ("linear+stribeck", "stribeck needs Coulomb friction at the motor; linear has none, nonlinear, "),

@@ -409,7 +409,7 @@ def test_unusual_units(tmp_path: Path) -> None:
     for call, said in ((lambda: FmuInterface(0), "an FMU has 1 to 8 fins"),
                        (lambda: FmuInterface(9), "an FMU has 1 to 8 fins"),
                        (lambda: azimuths(4, "star"), "there is plus and cross"),
-                       (lambda: fin_files(["2=a.toml", "2=b.toml"]), "fin 2 is given twice"),
+                       (lambda: fin_files(["2=a.toml", "2=b.toml"]), "fin 2 appears twice"),
                        (lambda: fin_files(["two=a.toml"]), "expected a fin's number"),
                        (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, files={5: tmp_path / "low.toml"}),
                         "the FMU has fins 1 to 4"),

@@ -29,7 +29,7 @@ _SPRING = "- p.spring.stiffness * x.fin_angle"
     (("    clipped = ops", "    if demand > 0.0: pass\n    clipped = ops"), "    clipped = ops",
      "no truth: use ops.where"),
     (("    clipped = ops", "    import math; math.sin(demand)\n    clipped = ops"), "    clipped = ops",
-     "take functions from ops, as in ops.sin(x)"),
+     "use functions of ops, as in ops.sin(x)"),
     (("ACTUATOR = Actuator(", "ACTUATOR = = Actuator("), "ACTUATOR = Actuator(", "invalid syntax"),
     (('State("current", "A")', 'State("fin_rate", "A")'), "ACTUATOR = Actuator(", "fin_rate is the name of two things"),
     (('State("current", "A")', 'State("the current", "A")'), None,
@@ -110,7 +110,7 @@ def test_files_that_are_missing(tmp_path: Path) -> None:
         get(str(tmp_path / "none.py"))
     path = changed(tmp_path)
     path.with_suffix(".toml").unlink()
-    with pytest.raises(EmcasError, match=r"mine\.toml: there is no such file; it gives the parameters of mine\.py"):
+    with pytest.raises(EmcasError, match=r"mine\.toml: there is no such file; it has the parameters of mine\.py"):
         get(str(path))
 
 

@@ -146,7 +146,7 @@ def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> N
 
 def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert f"is of the model {MODEL}, and nonlinear+faults is asked for" in emcas(
+    assert f"is of the model {MODEL}, but nonlinear+faults is requested" in emcas(
         "--fmu", unit, "--model", "nonlinear+faults", code=2)
     assert "there is no extension 'fault'" in emcas("--model", "elastic+fault", code=2)
     (tmp_path / "hot.toml").write_text('[fin1.heat]\ncase_start_rise = "40 K"\n', encoding="utf-8")

@@ -194,7 +194,7 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     file.write_text('"time", "fin_command"\n0,0\n0.01,0\n0.01,0.1\n0.02,0.2\n', encoding="utf-8")
     found = csv_file(file, 2.5e-3, None).columns["fin_command"].tolist()
     assert found == pytest.approx([0, 0, 0, 0, 0.1, 0.125, 0.15, 0.175, 0.2])  # jumps at 10 ms, ramps after it
-    for text, said in (("fin_command\n1\n", "no column time"), ("time,rudder\n0,1\n", "rudder is no input"),
+    for text, said in (("fin_command\n1\n", "no column time"), ("time,rudder\n0,1\n", "rudder is not an input"),
                        ("time\n0\n", "no column of an input"), ("time,enable\n1,1\n0,1\n", "backwards"),
                        ("time,fin_command\n0,nan\n1,0\n", "non-finite"),
                        ("time,fin_command\n0,x\n", "table of numbers"),
@@ -214,7 +214,7 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     (("--case", "nonsense"), "there is step, step_plus1"), (("--step", "1", "--stop", "-1"), "--stop"),
     (("--step", "1", "--set", "encoder.multiplier=3"), "error: --set encoder.multiplier = 3 must be 1, 2 or 4"),
     (("--step", "1", "--set", "drive.kp=-1"), "error: --set drive.kp = -1.0 V/A: is -1 V/A; it must"),
-    (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "has its own"),
+    (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "has them already"),
     (("--step", "1", "--kernel", "fortran"), "auto, compiled, python"),
     (("--step", "1", "--torque", "1e300"), "--torque 1e300: must be within -100000 .. 100000 N.m"),
     (("--step", "nan"), "--step nan: is not a finite number"), (("--step", "1e9"), "within -180 .. 180 deg"),

@@ -50,7 +50,7 @@ def test_no_named_set_warns(name: str) -> None:
     ({"drive.current_limit": 3.8}, ""),
     ({"friction.fin_coulomb": 200.0}, "takes over half"),  # 200 N.m l/d = 3.18 N.m, and 0.205 N.m, of 6.6 N.m
     ({"friction.fin_coulomb": 190.0}, ""),
-    ({"drive.current_limit": 82.0}, "is never asked for"),  # of 81.9 A
+    ({"drive.current_limit": 82.0}, "is never reached"),  # of 81.9 A
     ({"encoder.pulses": 7}, "deg of the fin"),  # 360 deg/28 l/d = 0.2046 deg of 0.2 deg
     ({"encoder.pulses": 8}, ""),
     ({"encoder.pulses": 450, "encoder.on_fin": True}, ""),
@@ -99,8 +99,8 @@ def test_a_light_rotor_with_the_shipped_gains_is_told_to_be_tuned() -> None:
     ("electrohydrostatic", {"motor.resistance": 0.66}, "at standstill"),
     ("linear", {"inertia.motor": 1e-4}, "the velocity loop"),
     ("ristanovic", {"inertia.motor": 1e-7, "inertia.screw": 0.0}, "check the units of inertia"),
-    ("series-clutch", {"drive.current_limit": 82.0}, "is never asked for"),
-    ("elastic", {"drive.current_limit": 82.0}, "is never asked for"),
+    ("series-clutch", {"drive.current_limit": 82.0}, "is never reached"),
+    ("elastic", {"drive.current_limit": 82.0}, "is never reached"),
     *((model, {"motor.inductance": "0.11 H"}, "check the units (1 mH is 1e-3 H)")
       for model in NAMES if "motor.inductance" in load_parameters(model=model).values),
     *((model, {"fin.stop_angle": "20 deg"}, "the stop hides an overshoot") for model in (*NAMES, DIRECT_DRIVE)),

@@ -58,7 +58,7 @@ _CLUTCHES = Group((
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start", display="rpm"),
     *clutches.CLUTCH.parameters,
     *(clutches.share(f"clutch.share_{k + 1}", f" that turns the screw {way} the motor") for k, way in _WAYS),
-    parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),
+    parameter("clutch.bias_current", "A", 0.0, 1e3, "least current requested of both coils while enabled, I_b"),
     clutches.connected("coil.connected_1", " of the clutch that turns the screw with the motor")), (
     *(Output(real_output(f"coil_current_{k + 1}", "A",
                          f"coil current of the clutch that turns the screw {way} the motor", 1.0),
@@ -70,7 +70,7 @@ _CLUTCHES = Group((
                          1000.0, minimum=0.0), _element("slip_powers", k)) for k, way in _WAYS),
     clutches.CLUTCH_TEMPERATURE))
 _AMPLIFIERS = Group(fin_port.described({
-    "drive.current_limit": "largest net current of both coils that is asked for",
+    "drive.current_limit": "largest net current that is requested of both coils",
     "drive.current_gain": "net coil current demanded per volt of reference",
     "drive.current_offset": "net coil current demanded at zero reference",
     "drive.kp": "proportional gain of the coils' amplifiers",
@@ -240,7 +240,7 @@ _POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.drawn),), wired
 COMPOSITION = interface.composed(
     moment, *clutches.SCREW_SIDE,
     groups.hinge(saturated="any limit active: command, speed, DAC or an amplifier's voltage"), _POWER,
-    groups.delay("delay from DAC to the current asked of the coils"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES)
+    groups.delay("delay from DAC to the requested coil current"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES)
 ACTUATOR = Actuator(
     **COMPOSITION.declared(terminal="motor, clutches and screw"),
     name="clutch",

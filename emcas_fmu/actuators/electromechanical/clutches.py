@@ -34,19 +34,19 @@ CLUTCH = Group((
               sheet="clutch: rated coil current"),
     parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
     parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e", display="ms"),
-    parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of the driving side besides the rotor's",
+    parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of the driving side without the rotor",
               sheet="clutch: inertia of the driving side, with the gear"),
-    parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven side besides the screw's",
+    parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven side without the screw",
               sheet="clutch: inertia of the driven side"),
     parameter("clutch.temperature_coefficient", "1/K", -0.1, 0.1, "relative rise of the torque with temperature, a"),
     parameter("clutch.reference_temperature", "degC", -100.0, 1e3, "temperature of the rated torque, T_0"),
-    parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of what slipping heats, C_th"),
-    parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6, "from there to the ambient, R_th"),
+    parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of the parts that slip, C_th"),
+    parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6, "thermal resistance from there to the ambient, R_th"),
     parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance",
               sheet="clutch: coil resistance"),
     parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance",
               sheet="clutch: coil inductance"),
-    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c",
+    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor of a coil's energy, V_c",
               sheet="drive: clamping voltage of the coil's suppressor")))
 _BLOCKED = 1e6  # N.m, of dry friction
 
@@ -58,7 +58,7 @@ def share(name: str, which: str) -> Variable:
 
 def connected(name: str, which: str) -> Variable:
     """Declare the share of the requested current that a coil gets."""
-    return parameter(name, "1", 0.0, 1.0, f"share of the current asked for that the coil{which} gets (0: open)")
+    return parameter(name, "1", 0.0, 1.0, f"share of the requested current that the coil{which} gets (0: open)")
 
 
 def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tuple[PlantFault, ...]:

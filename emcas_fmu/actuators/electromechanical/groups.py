@@ -160,7 +160,7 @@ INDUCTANCE = Group((parameter("motor.inductance", "H", 1e-7, 10.0, "winding indu
                               sheet="motor: terminal inductance, line to line"),))
 POLE_PAIRS = Group((
     integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs: the inductive voltage across the winding, pole pairs "
-                      "times speed, inductance and current, takes its part of the supply (0: none is taken)",
+                      "times speed, inductance and current, uses its part of the supply (0: none)",
                       sheet="motor: pole pairs, half the number of poles"),), absent={"motor.pole_pairs": 0})
 
 

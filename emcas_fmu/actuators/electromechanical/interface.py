@@ -1,6 +1,7 @@
-"""What electromechanical actuators share: states, supply, order of variables, and the moment their outputs follow from.
+"""States, supply, order of variables and moment of all electromechanical actuators.
 
-Each is composed of groups (:mod:`.groups`, :mod:`..composition`).
+Each actuator is composed of groups (:mod:`emcas_fmu.actuators.electromechanical.groups`,
+:mod:`emcas_fmu.actuators.composition`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ MOTION = (State("motor_angle", "rad"), State("motor_speed", "rad/s"))
 DRIVE = (State("motor_current", "A"), State("drive_integral", "V", "integral of the current controller, xi"))
 CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
               State("velocity_integral", "V", "integral of the velocity controller"),
-              State("target", "rad", "motor angle asked for, lagged by the update time of the command"),
+              State("target", "rad", "requested motor angle, lagged by the update time of the command"),
               State("momentum", "N.m.s", "of the load observer"),
               State("counts", "1", "counts of the encoder of position at the last sample"),
               State("motor_counts", "1", "counts of the motor's encoder at the last sample"))

@@ -19,7 +19,7 @@ from ..declaration import Supply
 from . import elastic, groups, interface, plausibility
 from .habibi import at_motor
 
-# rad/(N.m). Under an ideal current loop a rigid shaft would have no equation of its own: this compliance gives 6e-6 deg
+# rad/(N.m). Under an ideal current loop a rigid shaft would have no equation: this compliance gives 6e-6 deg
 # at the fin under the motor's full torque.
 _STIFFEST = 1e-6
 COMPOSITION = interface.composed(

@@ -1,6 +1,6 @@
 """Warnings about parameters that contradict one another: a wrong unit, another motor's winding, a slow drive.
 
-The limits are rules of thumb, far from the values of the shipped actuators. Rules with the supply are no rules of the
+The limits are rules of thumb, far from the values of the shipped actuators. Rules with the supply are not rules of the
 equations, which have it as an input: they are checked when a set of parameters is loaded.
 """
 
@@ -112,7 +112,7 @@ FRICTION_RULE = Rule(
                "drive.current_limit = %.6g N.m: little is left for a load", warning=True)
 CURRENT_RULE = Rule(
     _reachable,
-    "drive.current_limit = %.6g A is never asked for: drive.current_gain times drive.reference_limit is %.6g A",
+    "drive.current_limit = %.6g A is never reached: drive.current_gain times drive.reference_limit is %.6g A",
     warning=True)
 COUNT_RULE = Rule(
     _counts, f"a count of the encoder is %.6g deg of the fin, over {COARSEST_COUNT:g} of command.limit = %.6g deg: "

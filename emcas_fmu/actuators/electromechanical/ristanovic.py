@@ -1,8 +1,8 @@
 """The actuator after Ristanovic, Cojbasic and Lazic (2012): a brush DC motor under PWM, without a current loop.
 
 "Intelligent control of DC motor driven electromechanical fin actuator", Control Engineering Practice 20 (6),
-610-617. The amplifier puts a voltage on the winding in proportion to the controllers' reference, the speed demanded
-saturates, a torsion bar stands for the hinge moment, and the ratio is constant:
+610-617. The amplifier puts a voltage on the winding in proportion to the controllers' reference, the speed reference
+saturates, a torsion bar represents the hinge moment, and the ratio is constant:
 
     L di/dt = clip(K_pwm u, +-V) - R i - K_e w        T = T_aero - k_bar fin_angle
 
@@ -42,17 +42,23 @@ def _loaded(ops: Ops, p: Any, angle: Value, u: PlantInputs) -> PlantInputs:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, with the bar's torque."""
+    """Return d/dt of the states under the loads and the bar's torque."""
     return nonlinear.derivatives(ops, p, x, _loaded(ops, p, x.motor_angle, u))
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return :func:`.nonlinear.step` with the bar's torque of mid-step."""
+    """Return the states after `h` [s] or at the first event, and the time [s] until then.
+
+    The bar's torque is that of mid-step.
+    """
     return nonlinear.step(ops, p, x, _loaded(ops, p, x.motor_angle + 0.5 * h * x.motor_speed, u), h)
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
-    """Return the parameters as built, and what the outputs follow from; hinge_torque includes the bar's."""
+    """Return the parameters as built, and the values from which the outputs follow.
+
+    The hinge torque includes that of the bar.
+    """
     return nonlinear.moment(ops, p, x, _loaded(ops, p, x.motor_angle, u))
 
 

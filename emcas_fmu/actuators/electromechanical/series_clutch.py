@@ -5,8 +5,8 @@
 
 The motor with its current loop turns the screw through a friction clutch (:mod:`emcas_fmu.physics.clutch`). The coil
 has its rated current while the drive is enabled, otherwise none. The clutch limits the torque: it slips under a shock
-from stop, jam or load, and the rotor keeps its speed. Another device keeps the load from driving the motor: a
-load-proportional no-back as on the screws of flaps and stabilisers. The nut's axial force presses friction discs
+from stop, jam or load, and the rotor keeps its speed. A no-back keeps the load from driving the motor. It is
+proportional to the load, as on the screws of flaps and stabilisers. The nut's axial force presses friction discs
 between screw and housing, and a ratchet lets them turn freely while the load opposes the motion. They bear the torque
 of a load that acts with the motion, at once and without power; for the motor this is a screw with a backward efficiency
 of 0 (:mod:`emcas_fmu.physics.screw`). Thus "loads which act with the motor return no energy", as the thesis requires.
@@ -119,7 +119,7 @@ def _electrical(x: Record) -> electrical.Plant:
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
-    """Return the mode without the directions of sliding, for the mechanics at a screw angle [rad]."""
+    """Return everything of the mode but the directions of sliding, with the mechanics at a screw angle [rad]."""
     c = mechanics.coefficients(ops, _screw_side(p), angle, u)
     high, low = (way * mechanics.breakaway(ops, p, c, way) for way in (1.0, -1.0))
     high, low = screw.held(ops, p, c, high, low)
@@ -173,8 +173,10 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, (2.17), (2.46), (2.47), with a locked clutch, without no-back and dry friction;
-    viscous friction is the mean of both directions."""
+    """Return d/dt of the states, (2.17), (2.46), (2.47), for a locked clutch.
+
+    Without no-back and dry friction; viscous friction is the mean of both directions.
+    """
     rates = dict(nonlinear.derivatives(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), u))
     angle = rates.pop("motor_angle")
     return {**rates, "screw_angle": angle, "screw_speed": rates["motor_speed"]}
@@ -212,7 +214,7 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
-    """Return the parameters as built, and what the outputs follow from."""
+    """Return the parameters as built, and the values from which the outputs follow."""
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
     x = x.replace(motor_current=current)

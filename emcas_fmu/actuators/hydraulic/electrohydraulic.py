@@ -7,7 +7,7 @@ A check valve refills a chamber below the tank's pressure. Where it cannot do so
 stays 0, until more oil flows in than the piston sweeps; the void's volume is then neglected.
 
 Events (:mod:`emcas_fmu.steppers.events`): the fin starts, comes to rest or meets a stop, the spool meets its stroke or
-its largest speed, a check valve opens or closes, a void forms. The end of a void is no event, as nothing jumps there.
+its largest speed, a check valve opens or closes, a void forms. The end of a void is not an event: nothing jumps there.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ PARAMETERS = (
     parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, as an underlap, of the stroke: the larger, the more "
               "leaks at null"),
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
-    parameter("valve.null_shift", "1", -2.0, 2.0, "where the spool stands without a command, of its stroke; 2: at its "
+    parameter("valve.null_shift", "1", -2.0, 2.0, "position of the spool without a command, of its stroke; 2: at its "
               "end whatever the command"),
     *(deviation.variable for deviation in DEVIATIONS),
 )
 FAULTS = (
-    PlantFault("hard_over", "the spool stays at one end of its stroke, whatever it is asked for",
+    PlantFault("hard_over", "the spool stays at one end of its stroke, whatever the command",
                lambda ops, p, amounts: {"valve.null_shift": 2.0}),
     PlantFault("silting", "dirt in the valve shifts its null and fills its clearance", lambda ops, p, amounts: {
         "valve.null_shift": p.valve.null_shift + amounts.shift, "valve.lap": amounts.lap}, (
@@ -194,7 +194,7 @@ ACTUATOR = Actuator(
     states=(*interface.FIN, *interface.CHAMBERS, *VALVE),
     controller_states=interface.CONTROLLER,
     outputs=(*(replace(v, minimum=0.0) if v in interface.PRESSURES else v for v in interface.OUTPUTS),
-             real_output("valve_reference", "1", "position asked of the spool, of its stroke", 1.0,
+             real_output("valve_reference", "1", "commanded position of the spool, of its stroke", 1.0,
                          minimum=-1.0, maximum=1.0),
              real_output("valve_position", "1", "position of the spool, of its stroke", 1.0, minimum=-1.0,
                          maximum=1.0),

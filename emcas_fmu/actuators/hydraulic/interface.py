@@ -27,10 +27,10 @@ PRESSURES = (
 OUTPUTS = (
     *fin_port.described({
         "measured_fin_angle": "fin angle the controllers read from its transducer at the last sample"}),
-    real_output("piston_position", "m", "piston displacement from its place at fin_angle 0", 0.01),
+    real_output("piston_position", "m", "piston displacement from its position at fin_angle 0", 0.01),
     *PRESSURES,
 )
-# The controllers know nothing of oil, cylinder and line: these have no deviations, their own values vary.
+# The controllers know nothing of oil, cylinder and line: these have no deviations: their values vary.
 DEVIATIONS = (as_built.MOMENT_ARM, as_built.INITIAL_ANGLE, as_built.FIN,
               as_built.COULOMB.scaling("friction.fin_coulomb", "cylinder.coulomb_friction"),
               as_built.VISCOUS.scaling("friction.fin_viscous", "cylinder.viscous_friction"))

@@ -6,10 +6,10 @@ matrix exponentials, split where the delayed reference reaches the drive; the de
 and transport delay are therefore exact, without a rational approximation (Astroem & Wittenmark, "Computer-Controlled
 Systems", 3rd ed., section 2.6).
 
-The linear model has no limits, no dry friction and no compensation of it, no gaps, and no quantisation of encoder and
-command, which is read at every sample. It has the command's latency and, where the encoder is on, the speed from the
-difference of two samples. Of the extensions, heat sets the motor's temperatures at the start; faults and homing are
-left out, and those of friction and the screw have nothing smooth at rest.
+The linear model has no limits, gaps or quantisation, and no dry friction or compensation of it. The command is read at
+every sample. The model has the command's latency and, with the encoder enabled, the speed from the difference of two
+samples. Of the extensions, heat sets the motor's temperatures at the start; faults and homing are left out; those of
+friction and the screw have no effect, since they are not smooth at rest.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from ...physics import kinematics
 from ...runtime.schedule import schedule
 from .plant import linear_plant, solve
 from .smooth import Equations, gains_of, traced
-from .systems import Array, System, cleared, decays, measured, moving, shown, waiting, wire
+from .systems import Array, System, cleared, decays, delay_line, measured, moving, shown, wire
 
 LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE, "position": capabilities.CASCADE,
          "reference": capabilities.POSITION_LOOP}
 """Loops by name, with the capability that each needs."""
 _ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0}
-_LAID_ASIDE = ("homing", "faults")
+_LEFT_OUT = ("homing", "faults")
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
 # The controllers' command is the one on the bus; its latency is a separate block, in no loop.
 _AT_ONCE = {"command.latency": 0.0, "command.resolution": 0.0, "command.update_time": 0.0}
@@ -48,8 +48,11 @@ _REST = 1e-6  # largest rate at rest, as a share of the reference's effect on th
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """An equilibrium: fin angle [rad], hinge moment [N.m], reference [V for a drive]; motor angle [rad], reduction
-    ratio R [1], current [A] and voltage [V], nan for an actuator without them."""
+    """An equilibrium of the actuator.
+
+    Fin angle [rad], hinge moment [N.m], reference [V for a drive], motor angle [rad], reduction ratio R [1], current
+    [A] and voltage [V]; the last four are nan for an actuator without them.
+    """
 
     fin_angle: float
     aero_torque: float
@@ -61,12 +64,12 @@ class OperatingPoint:
 
 
 def sound(parameters: ParameterSet) -> ParameterSet:
-    """Return a set as that of the homed actuator without faults.
+    """Return the parameters for the homed actuator without faults.
 
     Raises EmcasError for an actuator that cannot be analysed linearly.
     """
     actuator, extensions = parts(parameters.model)
-    model = "+".join((actuator, *(each for each in extensions if each not in _LAID_ASIDE)))
+    model = "+".join((actuator, *(each for each in extensions if each not in _LEFT_OUT)))
     require(parameters.model, "emcas analyse", capabilities.POSITION_LOOP, actuator=get(model))
     names = {v.name for v in get(model).file_entries}
     return ParameterSet(tuple(e for e in parameters.entries if e.variable.name in names), model)
@@ -75,23 +78,23 @@ def sound(parameters: ParameterSet) -> ParameterSet:
 class LinearActuator:
     """The linearised actuator of flat parameter `values` in SI, at rest at `fin_angle` [rad] under `aero_torque` [N.m].
 
-    ``continuous`` is its plant, ``plant`` the plant at the samples with the delay, ``controller`` the sampled
-    controllers; ``rest`` are the plant's states at rest, ``loops`` those of LOOPS that it has. Sampled states keep
-    their start values while the rest is computed. Raises EmcasError where the actuator cannot rest there.
+    ``continuous`` is the plant, ``plant`` the plant at the samples with the delay, ``controller`` the sampled
+    controllers. ``rest`` are the plant's states at rest, ``loops`` the names of its LOOPS. Sampled states keep their
+    start values while the states at rest are computed. Raises EmcasError if the actuator cannot rest there.
     """
 
     def __init__(self, values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
                  model: str = NONLINEAR) -> None:
         self.actuator = actuator = get(model)
         if actuator.derivatives is None:
-            raise EmcasError(f"--model {model}: linear analysis takes an actuator's derivatives; {actuator.name} "
-                             "declares a step alone, give it both")
+            raise EmcasError(f"--model {model}: linear analysis needs derivatives; {actuator.name} declares "
+                             "a step only, declare both")
         limit = values["command.limit"]
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):
             raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; give an angle within "
                              f"±{degrees(limit):g} deg (command.limit)")
         p = actuator.namespace(values)
-        self._late = int(bus.late(FLOATS, p))
+        self._latency = int(bus.latency(FLOATS, p))
         left_out = {"compensation.gain": 0.0, **_AT_ONCE}
         self.values, self.p = {**values, **left_out}, with_values(p, left_out)
         self.period = float(p.controller.sample_time)
@@ -105,24 +108,27 @@ class LinearActuator:
         self.controller = self._linear_controllers()
 
     def _linearise_plant(self) -> None:
-        """Compute the rest and linearise the plant there; once for all gains where they do not affect the plant."""
+        """Compute the states at rest and linearise the plant there.
+
+        Gains that do not affect the plant share the result.
+        """
         equations, (fin_angle, aero_torque) = self._equations, self._at
         start, count = self._traced.start(self._gains).tolist(), len(equations.states)
         self._kept = start[count:]
         held = self._kept[len(self._kept) - len(equations.sampled):]
-        too_much = EmcasError(f"{self._where} no reference within the drive's limits holds it; give a smaller torque")
+        overload = EmcasError(f"{self._where} no reference within the drive's limits holds it; give a smaller torque")
         try:
             plant = linear_plant(self._traced, tuple(start[:count]), tuple(held),
                                  self._gains if self._traced.plant_varies else (1.0,) * len(self._gains),
                                  fin_angle, aero_torque)
         except ArithmeticError as error:
-            raise too_much from error
+            raise overload from error
         self.rest, self.continuous, self._voltage = plant.states, plant.continuous, plant.voltage
         self.point = self._resting(plant.reference, *plant.outputs[1:])
         x = Record(**dict(zip(equations.states, map(float, self.rest), strict=True)))
         limited = self.actuator.rates(FLOATS, self.p, x, equations.acting(plant.reference, aero_torque, held)).values()
         if not max(plant.residual, *map(abs, limited)) <= _REST * plant.scale:
-            raise too_much
+            raise overload
         plan = schedule(FLOATS, self.p, self.actuator)
         self.plant = plant.sampled(self.period, int(plan.delay_samples), float(plan.arrival))
 
@@ -131,7 +137,7 @@ class LinearActuator:
         return f"operating point {degrees(self._at[0]):g} deg under {self._at[1]:g} N.m:"
 
     def _resting(self, *solved: float) -> OperatingPoint:
-        """Return the operating point. Raises EmcasError where a limit keeps the actuator from it."""
+        """Return the operating point. Raises EmcasError if a limit prevents it."""
         provides, (fin_angle, aero_torque) = self.actuator.provides, self._at
         reference, motor, current, voltage = (cleared(float(x), 1e-12) for x in solved)
         for capability, name, needed, unit in (
@@ -139,7 +145,7 @@ class LinearActuator:
                 (capabilities.VOLTAGE_LIMIT, "drive.supply_voltage", voltage, "V"),
                 (capabilities.REFERENCE_LIMIT, "drive.reference_limit", reference, "V")):
             if capability in provides and abs(needed) >= (limit := self.values[name]):
-                raise EmcasError(f"{self._where} holding it takes {abs(needed):.4g} {unit}, {name} is {limit:g} "
+                raise EmcasError(f"{self._where} holding it needs {abs(needed):.4g} {unit}, {name} is {limit:g} "
                                  f"{unit}; give a smaller torque")
         ratio = nan
         if capabilities.SCREW_DRIVE in provides:
@@ -157,7 +163,7 @@ class LinearActuator:
             return self._traced.controllers([*kept, *rest, command], self._gains)
 
         start = np.array(self._kept)
-        # The command at which the controllers hold the fin's angle: their plant parameters may deviate.
+        # The command at which the controllers hold the fin angle. It differs from it if their plant parameters deviate.
         command = float(at(start, self._at[0])[0][count + 1])
 
         def balance(state: Array) -> tuple[Array, Array]:
@@ -176,8 +182,8 @@ class LinearActuator:
     @cached_property
     def _whole(self) -> System:
         blocks, links, (inputs, outputs) = [self.controller, self.plant], self._links, _PORTS
-        if self._late:
-            blocks, links = [waiting(self._late, self.period), *blocks], [("arrived", "command"), *links]
+        if self._latency:
+            blocks, links = [delay_line(self._latency, self.period), *blocks], [("arrived", "command"), *links]
             inputs = ("sent", "aero_torque")
         return wire(blocks, links, inputs, outputs)
 
@@ -211,12 +217,14 @@ class LinearActuator:
     def loop(self, name: str) -> System:
         """Return the loop transfer function L (closed by 1 + L) of one of `loops`.
 
-        ``current`` is broken at the drive's voltage, in continuous time, the outer loops open; ``velocity`` at the
-        measured speed, the position loop open; ``position`` at the measured angle, the velocity loop closed;
+        ``current`` is opened at the drive's voltage, in continuous time, with the outer loops open; ``velocity`` at the
+        measured speed, with the position loop open; ``position`` at the measured angle, with the velocity loop closed;
         ``reference`` at the drive's reference u, where gain and delay of the hardware act on all feedback. The
-        command's latency is in no loop. With one degree of freedom, which changes no loop, cascaded loops depend on
-        the difference of command and measured angle only: a command equal to the measured angle opens the position
-        loop, and then the reference depends on the velocity loop only.
+        command's latency is in no loop.
+
+        The cascade is evaluated with setpoint weight 1 and without feedforward, which changes no loop. It then depends
+        on the difference of command and measured angle only: a command equal to the measured angle opens the position
+        loop.
         """
         if name == "current":
             return self._current_loop()
@@ -237,7 +245,7 @@ class LinearActuator:
 
     @property
     def reference_name(self) -> str:
-        """The name of the reference: a drive's, in V, or that of another actuator, such as a valve's opening."""
+        """The name of the reference in sentences; of an actuator without a drive it may be a valve's opening."""
         drive = any(v.name == "drive_reference" for v in self.actuator.outputs)
         return "the drive's reference" if drive else "the reference"
 
@@ -249,9 +257,9 @@ class LinearActuator:
     def rational(self, order: int = 3) -> System:
         """Return a continuous rational approximation of `closed`, for tools that need one.
 
-        The transport delay and half a sample of hold are a Padé approximation of `order`; the controllers are the
-        differential equations whose Euler steps they are, with speed measured without lag. In this package only the
-        crosses in the root locus use it.
+        A Padé approximation of `order` replaces the transport delay and half a sample of hold. The controllers become
+        the differential equations that they solve by Euler steps, with the speed measured without lag. In this package
+        only the crosses in the root locus use it.
         """
         lagless = self
         if capabilities.ENCODER in self.actuator.provides:
@@ -261,6 +269,6 @@ class LinearActuator:
                     inputs=c.input_labels, outputs=c.output_labels)
         transport = self.actuator.transport_delay
         delay = 0.5 * period + (transport(FLOATS, self.p) if transport else 0.0)
-        late = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["sent"], outputs=["received"])
+        hardware = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["sent"], outputs=["received"])
         links = [("reference", "sent"), ("received", "reference"), *self._links[1:]]
-        return shown(wire([law, late, self.continuous], links, *_PORTS))[0][:1, :]
+        return shown(wire([law, hardware, self.continuous], links, *_PORTS))[0][:1, :]

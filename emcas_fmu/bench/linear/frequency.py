@@ -1,4 +1,4 @@
-"""Frequency responses, poles and stability margins of linear systems, on exact responses."""
+"""Frequency responses, poles and stability margins of linear systems."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .systems import Array, System
 
 LOWEST = 1e-3  # Hz
 _PER_DECADE = 500
-_PARTS, _CUTS = np.linspace(0.0, 1.0, 33), 11  # of the distance of two frequencies, to rounding
+_PARTS, _CUTS = np.linspace(0.0, 1.0, 33), 11  # 11 divisions by 32 locate a crossing to rounding
 
 
 def frequencies(highest: float, lowest: float = LOWEST) -> Array:
@@ -62,10 +62,10 @@ def continuous_poles(system: System) -> Array:
 class Margins:
     """Stability margins of a loop that is stable when closed.
 
-    ``gain`` [1] is the factor by which the loop's gain may grow, ``reduction`` [1] the factor to which it may fall (0:
-    any), at ``phase_crossover`` [Hz]; ``phase`` [rad] is at ``gain_crossover`` [Hz]; ``delay`` [s] is the largest
-    additional delay, which another crossover than the phase may limit; ``modulus`` [1] is the smallest distance of the
-    loop to -1. A margin without a limit is inf, its frequency nan.
+    ``gain`` [1] is the factor by which the loop's gain may grow, at ``phase_crossover`` [Hz]; ``reduction`` [1] is the
+    factor to which it may fall (0: any). ``phase`` [rad] is the phase margin, at ``gain_crossover`` [Hz]. ``delay`` [s]
+    is the largest additional delay; another crossover than that of the phase may limit it. ``modulus`` [1] is the
+    smallest distance of the loop to -1. A margin without a limit is inf, its frequency nan.
     """
 
     gain: float
@@ -85,7 +85,7 @@ class Margins:
 def margins(loop: System, grid: Array | None = None) -> Margins:
     """Return the margins of a loop transfer function L, by its exact frequency response.
 
-    The crossovers are found between the frequencies [Hz] of `grid`, by default a fine one, by cubic splines of L.
+    Cubic splines of L locate the crossovers between the frequencies [Hz] of `grid`; the default grid is fine.
     """
     grid = frequencies(highest(loop)) if grid is None else grid
     response = evaluate(loop, grid)
@@ -108,7 +108,7 @@ def margins(loop: System, grid: Array | None = None) -> Margins:
 
 
 def _crossings(level: Callable[[Array], Array], omega: Array, on_grid: Array, where: Array | None = None) -> Array:
-    """Return the frequencies at which a level crosses 0 between points of a grid, to rounding; only `where` is true."""
+    """Return the frequencies at which a level crosses 0, to rounding, in the grid's intervals where `where` is true."""
     changes = np.diff(np.sign(on_grid)) != 0.0
     (at,) = np.nonzero(changes if where is None else changes & where[:-1])
     low, high, sign = omega[at], omega[at + 1], np.sign(on_grid[at])

@@ -1,4 +1,4 @@
-"""A plant at rest, and linear about it."""
+"""A plant at rest, linearised there."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ _ITERATIONS = 30
 
 @dataclass(frozen=True, eq=False)
 class LinearPlant:
-    """A plant's ``states`` at rest, the ``reference`` that holds it there, its ``outputs`` (OUTPUTS), the largest
-    ``residual`` of its rates, and the ``scale`` of a reference's effect on them. ``continuous`` is the plant linearised
-    there, ``voltage`` the dependence of the motor voltage on its states."""
+    """A plant at rest, linearised there.
+
+    ``states`` are its states at rest, ``reference`` holds it there, ``outputs`` are OUTPUTS. ``residual`` is the
+    largest remaining rate of a state, ``scale`` the effect of the reference on the rates. ``continuous`` is the
+    linearised plant, ``voltage`` the derivative of the motor voltage with respect to its states.
+    """
 
     states: Array
     reference: float
@@ -30,17 +33,20 @@ class LinearPlant:
     continuous: System
     voltage: Array
 
-    @lru_cache(maxsize=64)  # noqa: B019 - plants are few, and kept by linear_plant
+    @lru_cache(maxsize=64)  # noqa: B019 - plants are few, and linear_plant keeps them
     def sampled(self, period: float, whole: int, rest: float) -> System:
-        """Return the plant at the samples, with the delay; see `systems.sampled`."""
+        """Return the plant at the samples, with the delay, as :func:`.systems.sampled` does."""
         return sampled_plant(self.continuous, period, whole, rest)
 
 
 @lru_cache(maxsize=64)
 def linear_plant(traced: Traced, start: tuple[float, ...], held: tuple[float, ...], gains: tuple[float, ...],
                  fin_angle: float, aero_torque: float) -> LinearPlant:
-    """Return a plant at rest at a fin angle [rad] under a hinge moment [N.m]; the iteration begins at `start`, and the
-    sampled states are `held`."""
+    """Return a plant at rest at a fin angle [rad] under a hinge moment [N.m].
+
+    The iteration begins at the states `start`; the sampled states are `held`. Raises ArithmeticError if values are not
+    finite.
+    """
     count, begin = len(start), np.array(start)
     names = traced.states
 
@@ -75,9 +81,10 @@ def linear_plant(traced: Traced, start: tuple[float, ...], held: tuple[float, ..
 
 
 def solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Array:
-    """Return the solution of equations with their Jacobian by Newton's method, of dependent ones by least squares.
+    """Return the solution of equations by Newton's method, with least squares where they are dependent.
 
-    An equation that no unknown affects is left as it is: it may have a residual of rounding.
+    `equations(guess)` returns their values and Jacobian. An equation that no unknown affects keeps its residual. Raises
+    ArithmeticError if values are not finite.
     """
     for _ in range(_ITERATIONS):
         values, slopes = equations(guess)

@@ -1,6 +1,6 @@
 """An actuator's equations without quantisation and limits, as functions with exact Jacobians.
 
-They are traced once for all values of the gains, which searches and root loci change a thousand times.
+They are traced once for all values of the gains: searches and root loci change these a thousand times.
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ FINE = _Fine()
 
 
 class Equations:
-    """Plant and sampled controllers as functions of states and inputs; `p` are the parameters with flat `values`,
-    numbers or symbols, and the command is for `fin_angle` [rad]."""
+    """Plant and sampled controllers as functions of states and inputs.
+
+    `p` are the parameters with the flat `values`, numbers or symbols; the command is `fin_angle` [rad].
+    """
 
     def __init__(self, actuator: Actuator, values: Mapping[str, Any], p: Any, fin_angle: float) -> None:
         self._actuator, self._values, self._p, self._at = actuator, values, p, fin_angle
@@ -71,7 +73,10 @@ class Equations:
             **dict(zip(self.sampled, sampled, strict=True)))
 
     def plant(self, *arguments: Value) -> list[Value]:
-        """Return the states' rates and OUTPUTS under states, reference, hinge moment [N.m] and sampled states."""
+        """Return the states' rates and OUTPUTS.
+
+        `arguments` are the states, the reference, the hinge moment [N.m] and the sampled states.
+        """
         x = Record(**dict(zip(self.states, arguments, strict=False)))
         reference, aero_torque, *sampled = arguments[len(self.states):]
         u = self.acting(reference, aero_torque, sampled)
@@ -79,8 +84,10 @@ class Equations:
         return [*self._actuator.rates(FINE, self._p, x, u).values(), *(outputs.get(name, nan) for name in OUTPUTS)]
 
     def controllers(self, *arguments: Value) -> list[Value]:
-        """Return the controllers' states after a sample, the reference, the measured angle [rad] and the sampled states
-        from the controllers' states before, the plant's states and the command [rad]."""
+        """Return controller states after a sample, the reference, the measured angle [rad] and the sampled states.
+
+        `arguments` are the controllers' states before the sample, the plant's states and the command [rad].
+        """
         *values, command = arguments
         state = Record(**dict(zip((*self.kept, *self.states), values, strict=True)))
         inputs = Record(command=command, position=self._actuator.position(FINE, self._p, state), supply=self._supply,
@@ -91,7 +98,10 @@ class Equations:
 
 
 class Traced:
-    """The equations' values and Jacobians for any values of `gains`; `plant_varies` where the plant depends on them."""
+    """The equations' values and Jacobians for any values of `gains`.
+
+    ``plant_varies`` says whether the plant depends on the gains.
+    """
 
     def __init__(self, actuator: Actuator, fixed: Mapping[str, Any], gains: Sequence[str], fin_angle: float) -> None:
         opened = ca.SX.sym(_GAIN, len(gains))
@@ -107,14 +117,16 @@ class Traced:
         self.plant_varies = self.plant.varies or bool(ca.depends_on(of_plant, opened))
 
     def start(self, gains: Sequence[float]) -> Array:
-        """Return `Equations.start`."""
+        """Return the result of :meth:`Equations.start`."""
         begun: Array = self._start(list(gains)).full().ravel()
         return begun
 
 
 def gains_of(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the controllers' gains: numbers that a host may change during a run. A gain of 0 is left out with its part
-    of the equations."""
+    """Return the controllers' gains, numbers that a host may change during a run, by name.
+
+    A gain of 0 is left out, together with its part of the equations.
+    """
     names = [v.name for v in actuator.parameters
              if v.kind == "Real" and v.variability == "tunable" and v.name.startswith("controller.")]
     return {name: float(values[name]) for name in names if values[name]}

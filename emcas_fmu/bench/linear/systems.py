@@ -13,11 +13,12 @@ from scipy.linalg import expm, matrix_balance, null_space
 Array = NDArray[Any]
 System = Any
 """A control.StateSpace with named inputs and outputs."""
-# Poles are accurate to 1e-14 per sample; a mode that decays more slowly than this takes 1e10 samples, months.
+# Poles are accurate to 1e-14 per sample; a mode that decays more slowly than this needs 1e10 samples, months.
 ROUNDING = 1e-10
-# Share of the balanced system: a hidden mode has 1e-15 by rounding, the weakest mode of shipped actuators 7e-6.
+# Smallest singular value, over the norm of the balanced A: 1e-15 of a hidden mode by rounding, 7e-6 of the weakest
+# mode of the shipped actuators.
 _HIDDEN = 1e-12
-_FAST = 0.5  # a mode that decays within some samples affects no figure and is hard to tell from a hidden one
+_FAST = 0.5  # faster modes affect no figure and are hard to distinguish from hidden ones
 
 
 def measured(state: str) -> str:
@@ -25,15 +26,18 @@ def measured(state: str) -> str:
     return f"x_{state}"
 
 
-def waiting(samples: int, period: float) -> System:
-    """Return a delay of whole samples from ``sent`` to ``arrived``."""
+def delay_line(samples: int, period: float) -> System:
+    """Return a delay of whole samples, at least 1, from ``sent`` to ``arrived``, for a sample time `period` [s]."""
     return ct.ss(np.eye(samples, k=-1), np.eye(samples, 1), np.eye(1, samples, k=samples - 1), 0.0, period,
                  inputs=["sent"], outputs=["arrived"])
 
 
 def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Sequence[str],
          outputs: Sequence[str]) -> System:
-    """Return the system from `inputs` to `outputs` of blocks with one time base; links are output and input names."""
+    """Return the system from `inputs` to `outputs` of connected blocks, which have the same sample time.
+
+    `links` are pairs of names: an output and the input that it feeds.
+    """
     whole = ct.append(*blocks)
     ins = [label for one in blocks for label in one.input_labels]
     outs = [label for one in blocks for label in one.output_labels]
@@ -48,26 +52,27 @@ def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Seq
 
 def moving(a: Array, b: Array, c: Array, d: Array, period: float, inputs: Sequence[str],
            outputs: Sequence[str]) -> System:
-    """Return a sampled system without its constant states, such as an integral without gain."""
+    """Return a sampled system without the states that stay constant, such as an integral with gain 0."""
     moves = np.any(a != np.eye(len(a)), axis=1) | np.any(b != 0.0, axis=1)
     return ct.ss(a[np.ix_(moves, moves)], b[moves], c[:, moves], d, period, inputs=inputs, outputs=outputs)
 
 
 def sampled(plant: System, period: float, whole: int, rest: float) -> System:
-    """Return the plant at the sample times, its first input delayed by `whole` periods and `rest` [s], the others held.
+    """Return the plant at the sample times, `period` [s] apart, with held inputs.
 
-    The states are the plant's, then the delayed values, the newest first.
+    The first input is delayed by `whole` periods and `rest` [s]. The states are those of the plant, then the delayed
+    values, the newest first.
     """
-    n, ins, waiting = len(plant.A), plant.ninputs, whole + (rest > 0.0)
+    n, ins, late = len(plant.A), plant.ninputs, whole + (rest > 0.0)
     joined = np.block([[plant.A, plant.B], [np.zeros((ins, n + ins))]])
     before, after = expm(joined * rest), expm(joined * (period - rest))
     free = after[:n, :n] @ before[:n, :n]
     held = after[:n, :n] @ before[:n, n:] + after[:n, n:]
     line = np.zeros((n, whole + 2))  # effect of the first input's values, by their age in samples
     line[:, whole], line[:, whole + 1] = after[:n, n], after[:n, :n] @ before[:n, n]
-    a = np.block([[free, line[:, 1:1 + waiting]], [np.zeros((waiting, n)), np.eye(waiting, k=-1)]])
-    b = np.block([[line[:, :1], held[:, 1:]], [np.eye(waiting, 1), np.zeros((waiting, ins - 1))]])
-    c = np.hstack([plant.C, np.zeros((len(plant.C), waiting))])
+    a = np.block([[free, line[:, 1:1 + late]], [np.zeros((late, n)), np.eye(late, k=-1)]])
+    b = np.block([[line[:, :1], held[:, 1:]], [np.eye(late, 1), np.zeros((late, ins - 1))]])
+    c = np.hstack([plant.C, np.zeros((len(plant.C), late))])
     return ct.ss(a, b, c, plant.D, period, inputs=plant.input_labels, outputs=plant.output_labels)
 
 
@@ -87,7 +92,7 @@ def decays(system: System) -> bool:
 
 
 def shown(system: System) -> tuple[System, Array]:
-    """Return a system, with as many inputs as outputs, without its hidden modes, and the poles of these.
+    """Return a square system without its hidden modes, and the poles of these modes.
 
     A hidden mode is not controllable or not observable, by the Popov-Belevitch-Hautus test on the balanced system
     (Kailath, "Linear Systems", section 2.4). Fast modes of a sampled system are kept; a system without other hidden

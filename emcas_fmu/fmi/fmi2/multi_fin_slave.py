@@ -20,17 +20,17 @@ class MultiFinSlave(Slave):
     """
 
     names: ClassVar[tuple[str, ...]]
-    places: ClassVar[tuple[tuple[int, ...], ...]]
+    fin_inputs: ClassVar[tuple[tuple[int, ...], ...]]
     mixing: ClassVar[tuple[int, ...]]
     of_fin: ClassVar[str]
     line_start: ClassVar[float]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        cls._unknown = [cls._unknown] * len(cls.places)
+        cls._unknown = [cls._unknown] * len(cls.fin_inputs)
 
     def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-        count, fins = len(self.names), len(self.places)
+        count, fins = len(self.names), len(self.fin_inputs)
         of_fins = list(values.values())[-fins * count:]
         return {f"{self.of_fin % (fin + 1)}: ":
                 dict(zip(self.names, of_fins[fin * count:(fin + 1) * count], strict=True)) for fin in range(fins)}
@@ -39,16 +39,16 @@ class MultiFinSlave(Slave):
         return [type(self).make(one) for one in self._fins(values).values()]
 
     def _made(self, values: Mapping[str, Any]) -> Any:
-        line = list(values.values())[:len(values) - len(self.places) * len(self.names)]
+        line = list(values.values())[:len(values) - len(self.fin_inputs) * len(self.names)]
         return MultiFin(self._functions(values), line, self.line_start, self.power, self._core_sizes)
 
     def _acting(self, core: Any) -> tuple[Any, ...]:
         values = self._values
-        rows = [[values[i] for i in places] for places in self.places]
+        rows = [[values[i] for i in indices] for indices in self.fin_inputs]
         return core.acting(rows, self._motion_loads, [values[i] for i in self.mixing])  # type: ignore[no-any-return]
 
     def _shape_of_inputs(self) -> tuple[Any, ...]:
-        return inputs_of((0.0,) * len(self.places[0]), self._unknown[0], self._core_sizes.motion,
+        return inputs_of((0.0,) * len(self.fin_inputs[0]), self._unknown[0], self._core_sizes.motion,
                          self.power is not None)
 
     @staticmethod

@@ -40,7 +40,7 @@ def _host_variables(interface: FmuInterface) -> Iterator[HostVariable]:
 
 
 def _listed(interface: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]]]:
-    return ((v, "", (place,)) for place, v in enumerate(interface.variables))
+    return ((v, "", (i,)) for i, v in enumerate(interface.variables))
 
 
 def _in_files(interface: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -62,7 +62,7 @@ FORMAT = Format(
         "in C a header with the GUID and the value references.",
         "Inputs are held over a step, or ramp through it with the first derivatives that "
         "<code>fmi2SetRealInputDerivatives</code> gives; derivatives hold for one step.",
-        "A call out of place or with an unknown reference is answered with <code>fmi2Error</code> at once, nothing "
+        "A call out of order or with an unknown reference is answered with <code>fmi2Error</code> at once, nothing "
         "changed; an input that is not finite with <code>fmi2Error</code> from the step. The instance may be used on.",
         "A step that cannot be followed is answered with <code>fmi2Discard</code>, the state unchanged.",
         "Parameters out of range give <code>fmi2Error</code> at the end of initialization; correct them and repeat the "

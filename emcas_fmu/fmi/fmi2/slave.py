@@ -136,7 +136,7 @@ class Slave(ReportingSlave):
             return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
 
     def _step(self, current_time: float, step_size: float) -> bool:
-        """Check a step in full, and take it."""
+        """Check a step in full, and compute it."""
         if self._phase != "running":
             raise RefusedError(f"fmi2DoStep called while {self._phase}")
         if self._refusal:

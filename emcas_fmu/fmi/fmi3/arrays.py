@@ -95,7 +95,7 @@ def arrays(interface: FmuInterface) -> tuple[Array, ...]:
                 v, fins=interface.fins, stride=len(each),
                 variable=replace(v.variable, name=interface.array_name(v.variable.name))))
         first += interface.fins * len(each)
-    if taken := {TIME.name, CLOCK} & {v.variable.name for v in made}:
-        raise EmcasError(f"{interface.actuator.name}: a variable is named {', '.join(taken)}; FMI 3.0 has a "
+    if reserved := {TIME.name, CLOCK} & {v.variable.name for v in made}:
+        raise EmcasError(f"{interface.actuator.name}: a variable is named {', '.join(reserved)}; FMI 3.0 has a "
                          "variable of that name already: give yours another")
     return tuple(made)

@@ -17,13 +17,13 @@ from .arrays import CLOCK, TIME, Array, arrays
 
 def _variable(interface: FmuInterface, reference: int, array: Array, starts: Sequence[Any]) -> Element:
     v = array.variable
-    given = v.causality in ("input", "parameter")
+    has_start = v.causality in ("input", "parameter")
     return element(array.kind, {
         "name": interface.spelt(v.name), "valueReference": str(reference),
         "description": interface.respelt(v.description), "causality": v.causality, "variability": v.variability,
         "initial": "calculated" if v.causality == "output" else None,
         **description.typed_attributes(v),
-        "start": " ".join(text(starts[place]) for place in array.indices) if given else None,
+        "start": " ".join(text(starts[i]) for i in array.indices) if has_start else None,
     }, (element("Dimension", {"start": str(n)}) for n in array.dimensions))
 
 
@@ -49,12 +49,12 @@ def _structure(interface: FmuInterface) -> Element:
     """Return the dependencies of each output; an array has those of all its elements."""
     listed = arrays(interface)
     names = [v.name for v in interface.variables]
-    reference = {names[place]: i for i, array in enumerate(listed) for place in array.indices}
+    reference = {names[index]: i for i, array in enumerate(listed) for index in array.indices}
 
     def unknowns(tag: str, dependencies: Mapping[str, tuple[str, ...]]) -> Iterator[Element]:
         for i, array in enumerate(listed):
             if array.variable.causality == "output":
-                needed = {reference[name] for place in array.indices for name in dependencies[names[place]]}
+                needed = {reference[name] for index in array.indices for name in dependencies[names[index]]}
                 yield element(tag, {"valueReference": str(i), "dependencies": " ".join(map(str, sorted(needed)))})
 
     return element("ModelStructure", {}, [

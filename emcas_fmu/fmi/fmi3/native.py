@@ -84,7 +84,7 @@ FORMAT = Format(
         "changes a discrete output, or lets a fin stick or come loose, asks for event handling; where early return is "
         "allowed, too, the step ends there, to within a thousandth of the sample time. What begins and ends within a "
         "tick is not seen.",
-        "A call out of place or with an unknown reference is answered with <code>fmi3Error</code> at once, nothing "
+        "A call out of order or with an unknown reference is answered with <code>fmi3Error</code> at once, nothing "
         "changed; an input that is not finite with <code>fmi3Error</code> from the step. The instance may be used on.",
         "A step that cannot be followed is answered with <code>fmi3Discard</code>, the state unchanged.",
         "Parameters out of range give <code>fmi3Error</code> at the end of initialization; correct them and repeat the "

@@ -246,7 +246,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
 
 def draw(e: Envelope) -> Figure:
     """Draw both envelopes against the motor speed, with their limits."""
-    drawn, (axes,) = column(f"motor torque [N.m]{ESTIMATE * (TORQUE in e.estimates)}", x="motor speed [rpm]", width=7.5,
+    plot, (axes,) = column(f"motor torque [N.m]{ESTIMATE * (TORQUE in e.estimates)}", x="motor speed [rpm]", width=7.5,
                             height=4.4)
     rpm = e.speed * 30.0 / pi
     for curve, color, name in ((e.short_term, VERMILLION, f"for {e.duration:g} s"),
@@ -259,18 +259,18 @@ def draw(e: Envelope) -> Figure:
     axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, as cold as at the start")
     top = max(cold.limits["peak"][0], min(cold.limits["heat"][0], 2.0 * cold.limits["peak"][0]))
     axes.set(xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
-    drawn.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
-    return drawn
+    plot.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
+    return plot
 
 
 def write_picture(e: Envelope, path: Path, parameters: ParameterSet) -> None:
     """Write the plot of :func:`draw` as ``.svg``, ``.png`` or ``.pdf``, or in a page as ``.html``."""
     with style():
-        drawn = draw(e)
+        plot = draw(e)
         if path.suffix != ".html":
-            write(drawn, path)
+            write(plot, path)
             return
-        shown = picture(drawn, "Torque-speed envelope", " ".join([
+        shown = picture(plot, "Torque-speed envelope", " ".join([
             f"Torque for {e.duration:g} s and for any time (shaded), and the limits.",
             *resting_on({name: names for name, names in e.estimates.items() if name == TORQUE})]))
     write_page(path, "pages/picture.html.j2", [parameters], picture=shown)

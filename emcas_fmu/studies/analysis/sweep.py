@@ -174,7 +174,7 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
     turned = sensors.motor_counts(ARRAYS, p, angle[0])
     loops = controllers.at_rest(
         ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), start)
-    late = int(bus.late(FLOATS, p))
+    late = int(bus.latency(FLOATS, p))
     sent = np.concatenate([np.zeros((late, *command.shape[1:])), command])
     begun = bus.start(ARRAYS, p, start)
     wait, before = (begun[name] for name in bus.STATES)

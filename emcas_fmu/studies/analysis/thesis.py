@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...bench.linear.systems import System, moving, waiting, wire
+from ...bench.linear.systems import System, delay_line, moving, wire
 from ...reference.linear import LinearModel
 
 
@@ -17,7 +17,7 @@ def closed(values: Mapping[str, Any]) -> System:
     loop = _system(model, model.update, model.drive, model.output, "command", "fin_angle")
     if not model.latency:
         return loop
-    bus = waiting(model.latency, model.sample_time)
+    bus = delay_line(model.latency, model.sample_time)
     return wire([bus, loop], [("arrived", "command")], ["sent"], ["fin_angle"])
 
 

@@ -1,4 +1,4 @@
-"""Parameter sets and actuators, judged by the same requirements side by side; terminal, JSON and page of the result."""
+"""Parameter sets and actuators judged by the same requirements, side by side: terminal, JSON and page."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from ...support.progress import Progress, silent
 
 SCHEMA = "emcas-compare/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
-_WIDEST = 3.5  # points, of the first set's curves
+_WIDEST = 3.5  # points, line width of the first set
 _WINDOW = -0.02, 0.35  # s from the command
 DEFAULT = "default"
-"""The name of the default set itself."""
+"""Name of the default set."""
 DRIVES = (DEFAULT, "drive-si", "drive-scaled", "drive-pi")
 """The sets compared by default."""
 _OUTPUTS = ("fin_angle", "fin_rate")
@@ -44,7 +44,7 @@ PLOTTED: Mapping[str, Test] = {"Step to 20 deg": Test("step", radians(20.0), 0.4
 
 @dataclass(frozen=True)
 class Column:
-    """One set or actuator: its name, its parameters, the judged requirements and, by title, the plotted responses."""
+    """One set or actuator: name, parameters, judged requirements, and plotted responses by title."""
 
     name: str
     parameters: ParameterSet
@@ -94,12 +94,12 @@ class Result:
 
 
 def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> dict[str, ParameterSet]:
-    """Return each set by its name or file, on top of the files `below`; for an actuator's name its default set.
+    """Return parameter sets by their names or files; an actuator's name means its default set.
 
-    Raises EmcasError.
+    Each set overrides the files `below`. Raises EmcasError.
     """
     if twice := [name for name in names if names.count(name) > 1]:
-        raise EmcasError(f"{twice[0]}: is given twice; give each set once")
+        raise EmcasError(f"{twice[0]}: appears twice; name each set once")
     base = load_parameters(below, model=model)
 
     def loaded(name: str) -> ParameterSet:
@@ -117,9 +117,9 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
 
 
 def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requirements: Path | None = None) -> Result:
-    """Judge each set by a file of requirements, by default the shipped ones.
+    """Judge each set by the requirements of a file; without one, by the shipped requirements.
 
-    `progress` is called with the set and the test, the number of tests done and their total. Raises EmcasError.
+    `progress` is called with a label of set and test, the number of finished tests, and their total. Raises EmcasError.
     """
     columns = list[Column]()
     for done, (name, parameters) in enumerate(sets.items()):
@@ -174,10 +174,10 @@ def write_report(result: Result, path: Path) -> None:
 
 
 def _drawings(result: Result) -> Iterator[Drawing]:
-    """Yield the picture of the responses of all sets to the large moves."""
+    """Yield the plot of all sets' responses to large moves."""
     large, grid = figure(2, 2, width=10.0, height=2.6, sharex=True, x="time [ms]",
                          y=("fin angle [deg]", "fin rate [deg/s]"))
-    widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # so that curves that coincide are all visible
+    widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # coinciding curves are all visible
     for (angle, rate), title in zip(grid.T, PLOTTED, strict=True):
         for k, column in enumerate(result.columns):
             run = column.runs[title]

@@ -84,7 +84,7 @@ def _indirect(record: Record, p: Any) -> Array:
     indirect = motion.fin_angle(p, record["motor_angle"])
     refuse_magnitude(record, "motor_angle", 1.25 * motion.motor_travel(p), "1.25 times the travel to fin.stop_angle")
     refuse_magnitude(record, "fin_angle", 1.25 * p.fin.stop_angle, "1.25 times fin.stop_angle")
-    record.require(np.ptp(indirect) >= _RANGE, "there is no motion to speak of: by the motor angle the fin turns by "
+    record.require(np.ptp(indirect) >= _RANGE, "there is hardly any motion: by the motor angle the fin turns by "
                    f"{degrees(np.ptp(indirect)):.3g} deg; sweep at least {degrees(_RANGE):g} deg there and back")
     slope = float(np.polyfit(indirect, record["fin_angle"], 1)[0])
     record.require(0.9 < slope < 1.1, f"fin_angle moves {slope:.3g} times as much as follows from the motor angle: "

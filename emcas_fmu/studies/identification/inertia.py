@@ -1,7 +1,7 @@
 """Total inertia at the motor from spin-ups, and what it leaves for the rotor, (2.8)-(2.17).
 
 Steps of current accelerate the motor from rest, at several levels and in both directions. In windows of the motion,
-K_t i equals inertia times acceleration plus friction. Friction is estimated together with the inertia, not taken from
+K_t i equals inertia times acceleration plus friction. Friction is estimated together with the inertia, not read from
 the parameter set: per direction a viscous coefficient and a sixth-order Coulomb polynomial. The different levels
 separate inertia from friction.
 """

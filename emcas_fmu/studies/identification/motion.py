@@ -54,7 +54,7 @@ def check(record: Record, values: Mapping[str, Any]) -> None:
     refuse_magnitude(record, "motor_angle", _OVER_TRAVEL * travel,
                      f"{_OVER_TRAVEL:g} times the travel to fin.stop_angle; or its zero is not at fin angle zero")
     moved = float(np.ptp(record["motor_angle"]))
-    record.require(moved >= 0.02 * travel, f"there is no motion to speak of: the motor turns by {moved:.3g} rad of the "
+    record.require(moved >= 0.02 * travel, f"there is hardly any motion: the motor turns by {moved:.3g} rad of the "
                    f"{2 * travel:.3g} rad between the stops; check the unit of motor_angle, and that the drive was "
                    "enabled")
     if "motor_speed" in record.columns:

@@ -39,7 +39,7 @@ def _array(name: str) -> str:
 
 
 def _remarks(result: Identification, base_files: Iterable[Path]) -> list[str]:
-    """Return comments on estimates that are no parameters, and those of the base files."""
+    """Return comments on estimates that are not parameters, and those of the base files."""
     new = [f"{_REMARK}{e.name} = {_rounded(e):g} {e.unit} (1 sigma {e.sigma:.2g}; {result.files})"
            for e in result.estimates if not e.parameter]
     replaced = tuple(line.partition(" = ")[0] + " = " for line in new)

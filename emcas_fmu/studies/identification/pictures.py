@@ -36,7 +36,7 @@ def _thinned(*columns: Array) -> tuple[Array, ...]:
 def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label: str, height: float = 3.4,
            sharey: bool = True) -> Figure:
     """Draw panels side by side, each with a title and the points and models of its series."""
-    drawn, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
+    plot, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
     for axes, (title, series) in zip(grid[0], parts, strict=True):
         for color, s in zip(COLORS * 4, series):
             x, y = _thinned(s.x, s.y)
@@ -50,7 +50,7 @@ def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label:
                                   linewidth=0)
         axes.set_title(title)
         legend(axes, loc="best")
-    return drawn
+    return plot
 
 
 def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_label: str,
@@ -59,7 +59,7 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
 
     `series` has the label and abscissa of each stretch; residuals are multiplied by `factor`.
     """
-    drawn, ((first, second, third),) = figure(1, 3, width=9.5, height=2.9, width_ratios=(2.2, 1, 1), x=x_label,
+    plot, ((first, second, third),) = figure(1, 3, width=9.5, height=2.9, width_ratios=(2.2, 1, 1), x=x_label,
                                               y=[y_label])
     colors = dict(zip(dict.fromkeys(label for label, _ in series), COLORS * 9))
     for (label, x), y in zip(series, fit.residuals, strict=True):
@@ -84,6 +84,6 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
     third.axhspan(-bound, bound, color=GRAY, alpha=0.3, linewidth=0)
     third.set_xlabel("lag [samples]")
     third.set_ylabel("autocorrelation")
-    return Drawing("Residuals", drawn, "What the fitted model does not explain. Left: there should be no trend. "
+    return Drawing("Residuals", plot, "What the fitted model does not explain. Left: there should be no trend. "
                    "Middle: their distribution should be near the normal one. Right: the uncertainties account for "
                    "their autocorrelation (grey: 2 sigma of white noise).")

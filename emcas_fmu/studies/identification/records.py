@@ -169,7 +169,7 @@ def _interval(path: Path, time: Array) -> float:
         raise RecordError(f"{path}: time does not increase at data row {row} ({time[row - 2]:.9g} s, then "
                           f"{time[row - 1]:.9g} s); sort the rows and remove repeated ones")
     step = float(time[-1] - time[0]) / len(steps)
-    # Time stamps are rounded to the digits in the file: half a digit of the last place is no jitter.
+    # Time stamps are rounded to the digits in the file: half of the last digit is not jitter.
     if np.abs(time - time[0] - step * np.arange(len(time))).max() > max(0.5, _JITTER) * step \
             or np.abs(steps - step).max() > max(_JITTER * step, 2e-9 * np.abs(time).max()):
         row = int(np.argmax(np.abs(steps - step))) + 2
