@@ -123,7 +123,7 @@ def test_fins_on_a_line() -> None:
 
 
 @pytest.mark.parametrize(("command", "warning"), [
-    ("20 deg", ()), ("25 deg", ("is clipped$",)), (10.0, ("573 deg.*is it given in degrees",))])
+    ("20 deg", ()), ("25 deg", ("is clipped$",)), (10.0, ("573 deg.*is it in degrees",))])
 def test_warnings(command: float | str, warning: tuple[str, ...]) -> None:
     """The call warns, at the caller's line, of what the response lists."""
     with warnings.catch_warnings(record=True) as caught:
