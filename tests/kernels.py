@@ -59,7 +59,8 @@ def program(model: str) -> str:
         tracer.function("rates", names, rates)
     declared = (actuator.states, actuator.controller_states, actuator.sampled_states, actuator.inputs,
                 actuator.limited_outputs, actuator.parameters, actuator.nominal, actuator.faults, actuator.structure,
-                [rule.message for rule in actuator.supply_rules], sorted(actuator.provides))
+                [rule.message for rule in actuator.supply_rules], sorted(actuator.provides), actuator.descriptions,
+                actuator.terminals, actuator.equal_parameters, actuator.tick_remedy)
     return "\n".join((codegen.source(True, model), rules_header(model), model_header(actuator),
                       python_source(tracer, ""), re.sub(r" at 0x\w+", "", repr(declared))))
 
