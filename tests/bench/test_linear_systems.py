@@ -20,7 +20,7 @@ Z = np.exp(2j * pi * HERTZ * T)
 
 @pytest.mark.parametrize("samples", [1, 2, 5])
 def test_a_delay_of_whole_samples(samples: int) -> None:
-    delay = systems.waiting(samples, T)
+    delay = systems.delay_line(samples, T)
     np.testing.assert_allclose(frequency.evaluate(delay, HERTZ), Z**-samples, rtol=1e-12)
     assert delay.dt == T
     assert (delay.input_labels, delay.output_labels) == (["sent"], ["arrived"])
@@ -28,7 +28,7 @@ def test_a_delay_of_whole_samples(samples: int) -> None:
 
 def test_blocks_are_wired_output_to_input() -> None:
     """Unit feedback around an integrator of gain 3 behind a delay, seen from the reference and from the disturbance."""
-    delay = systems.waiting(1, T)
+    delay = systems.delay_line(1, T)
     plant = ct.ss([[1.0]], [[3.0, 1.0, -3.0]], [[1.0]], [[0.0, 0.0, 0.0]], T, inputs=["in", "disturbance", "back"],
                   outputs=["out"])
     closed = systems.wire([delay, plant], [("arrived", "in"), ("out", "back")], ["sent", "disturbance"], ["out"])
