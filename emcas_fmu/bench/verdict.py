@@ -5,7 +5,7 @@ All pages and commands get their verdicts from `judge`; `evaluate` measures many
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby, zip_longest
 from math import degrees, isfinite, isnan
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from junitparser import TestCase
+from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Column
 from rich.table import Table as RichTable
@@ -21,7 +22,7 @@ from ..pages.numbers import number
 from ..support.progress import Progress, silent
 from .measure import BANDWIDTHS, KINDS, measure
 from .requirements import Case, Requirement, Specification
-from .subject import Subject
+from .subject import Identification, Subject
 from .writers import junit_case
 
 SENSES = {"maximum": "<=", "minimum": ">="}
@@ -205,9 +206,30 @@ def in_words(judged: Sequence[Judged], one: str = "requirement", many: str = "re
     return met + (f"; {left} more {'was' if left == 1 else 'were'} not judged" if left else "")
 
 
+def named(judged: Sequence[Judged], one: str = "requirement", many: str = "requirements") -> str:
+    """Return the same with the names of those that are not met."""
+    names = ", ".join(j.name for j in missed(judged))
+    return in_words(judged, one, many) + (f": {names}" if names else "")
+
+
 def remarks(judged: Sequence[Judged]) -> list[str]:
     """Return a line for each requirement that is missed, not judged, or has a note."""
     return [f"{j.name}: {j.note}" if j.skipped else f"{j.name}: {j}" for j in judged if j.note or not j.passed]
+
+
+def summary(about: Identification, heading: str, judged: Sequence[Judged], more: Iterable[RenderableType],
+            notes: Iterable[str], passed: bool | None, verdict: str) -> Iterator[RenderableType]:
+    """Yield a result for the terminal: subject, requirements as a table, `more`, notes and the verdict in words.
+
+    `passed` is None where nothing was judged.
+    """
+    yield escape("  ".join(filter(None, (about.name, about.file, about.model, about.guid and f"GUID {about.guid}"))))
+    yield summary_table(heading, judged)
+    yield from more
+    for note in (*remarks(judged), *notes):
+        yield f"[yellow]note:[/] {escape(note)}"
+    color = "yellow" if passed is None else "green" if passed else "bold red"
+    yield f"[{color}]{escape(verdict)}[/]"
 
 
 def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import matplotlib.style
+import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -37,6 +38,7 @@ PICTURES = (".html", ".svg", ".png", ".pdf")
 FONTS = "'DejaVu Sans', Verdana, 'Liberation Sans', Arial, Helvetica, sans-serif"
 COMMAND: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
 LIMIT: Mapping[str, Any] = {"color": GRAY, "linewidth": 0.9, "linestyle": (0, (1, 1.2)), "zorder": 1.5}
+REQUIRED: Mapping[str, Any] = {**LIMIT, "color": PURPLE, "linewidth": 1.1}
 
 _STYLE: Mapping[str, Any] = {
     "font.size": 9.0, "axes.titlesize": 9.5, "axes.labelsize": 9.0, "legend.fontsize": 8.0,
@@ -164,6 +166,30 @@ def frequency_axis(axes: Axes, ticks: Iterable[float]) -> None:
     ticks = list(ticks)
     axes.set(xlabel="frequency [Hz]", xticks=ticks, xticklabels=[f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
+
+
+def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping[str, Any]]],
+                        required: Iterable[float] = ()) -> Figure:
+    """Return gain, phase and coherence of frequency responses over frequency.
+
+    Of each response (`bench.frequency_response`) there are the frequencies [Hz] of -3 dB and -90 deg, which have dots,
+    and line properties. Lines are at the `required` bandwidths [Hz].
+    """
+    drawn, (gain, phase, coherence) = column("", "", "coherence", height=1.9, height_ratios=(1.3, 1.3, 0.8))
+    for response, marks, look in curves:
+        bode(gain, phase, response.frequency, response.gain_db, np.degrees(response.phase), marks, **look)
+        coherence.semilogx(response.frequency, response.coherence, **look)
+    bode_axes(gain, phase)
+    for at in dict.fromkeys(required):
+        for axes in (gain, phase):
+            limits(axes, at, across=False, label=f"required {at:g} Hz", **REQUIRED)
+    legend_above(gain)
+    coherence.set(ylim=(0.0, 1.05))
+    frequency_axis(coherence, (0.5, 1, 2, 5, 10, 20))
+    for axes in (gain, phase, coherence):
+        axes.minorticks_off()
+        axes.margins(x=0.0)
+    return drawn
 
 
 def legend(owner: Axes | Figure, **more: Any) -> None:

@@ -13,7 +13,7 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.reference import files, responses
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.report import stepping
+from emcas_fmu.studies.report import accuracy
 from emcas_fmu.studies.report.outcome import Rig
 
 pytestmark = pytest.mark.acceptance
@@ -37,7 +37,7 @@ def off(parameters: ParameterSet, name: str) -> float:
 @pytest.mark.parametrize("changes", [{}, LIGHT], ids=["shipped", "light"])
 def test_the_difference_is_what_the_stepping_is_off(changes: Mapping[str, Any]) -> None:
     parameters = load_parameters().with_values(changes)
-    found = stepping.measure(Rig(ParameterSubject(parameters))).figures
+    found = accuracy.stepping(Rig(ParameterSubject(parameters))).figures
     assert list(found) == ["step", "load_opposing", "cold", "sag"]
     for name in ("step", "cold"):
         # A quarter of the tick leaves a sixteenth where the order is two, a quarter where it is one; 0.93 to 0.98 was
@@ -46,12 +46,12 @@ def test_the_difference_is_what_the_stepping_is_off(changes: Mapping[str, Any]) 
 
 
 def test_the_sag_is_of_the_articles_supply() -> None:
-    outcome = stepping.measure(Rig(ParameterSubject(load_parameters().with_values(LIGHT))))
-    assert "from 48 to 34.5 V" in outcome.label("sag")
+    outcome = accuracy.stepping(Rig(ParameterSubject(load_parameters().with_values(LIGHT))))
+    assert "from 48 to 34.5 V" in outcome.groups["sag"].label
 
 
 def test_a_coarser_tick_shows() -> None:
-    fine, coarse = (stepping.measure(Rig(ParameterSubject(load_parameters().with_values({
+    fine, coarse = (accuracy.stepping(Rig(ParameterSubject(load_parameters().with_values({
         "solver.max_tick": tick})))).figures["step"]["fin_angle_deg"] for tick in (0.2e-3, 0.7e-3))
     assert coarse > 3.0 * fine
 

@@ -8,7 +8,7 @@ import pytest
 
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.report.static_accuracy import tolerances
+from emcas_fmu.studies.report.accuracy import tolerances
 from emcas_fmu.studies.starter import TUNING, starter_files
 from emcas_fmu.studies.tuning.study import shipped_cases, shipped_study
 

@@ -23,18 +23,18 @@ from ...parameters import load_parameters
 from ...parameters.schema import unknown
 from ...support.progress import Progress, silent
 from ...variables import Variable
-from . import mission, responses, static_accuracy, stepping, stiffness, threshold
-from .outcome import Outcome, Quantity, Rig, Value
+from . import accuracy, mission, responses, stiffness
+from .outcome import Outcome, Quantity, Rig, Value, bound
 
 TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] = {
     "step_response": ("Step response", responses.steps, responses.STEP),
     "frequency_response": ("Frequency response", responses.frequency, responses.FREQUENCY),
     "slew_rate": ("Slew rate", responses.slews, responses.SLEW),
-    "static_accuracy": ("Static accuracy", static_accuracy.measure, static_accuracy.QUANTITIES),
-    "threshold": ("Threshold and resolution", threshold.measure, threshold.QUANTITIES),
+    "static_accuracy": ("Static accuracy", accuracy.static, accuracy.STATIC),
+    "threshold": ("Threshold and resolution", accuracy.threshold, accuracy.THRESHOLD),
     "dynamic_stiffness": ("Dynamic stiffness", stiffness.measure, stiffness.QUANTITIES),
     "mission": ("Mission profile", mission.measure, mission.QUANTITIES),
-    "stepping": ("Accuracy of the stepping", stepping.measure, stepping.QUANTITIES),
+    "stepping": ("Accuracy of the stepping", accuracy.stepping, accuracy.STEPPING),
 }
 
 
@@ -68,9 +68,10 @@ class Result:
         return {name: outcome.stopped for name, outcome in self.outcomes.items() if outcome.stopped}
 
     @property
-    def failed(self) -> list[Judged]:
-        """Requirements that are not met."""
-        return verdict.missed(self.judged)
+    def verdict(self) -> list[str]:
+        """The verdict in words: how many requirements are met, and how many tests were not finished."""
+        tests = f"{len(self.stopped)} of {len(self.outcomes)} tests were not finished: {', '.join(self.stopped)}"
+        return [verdict.named(self.judged), *([tests] if self.stopped else ())]
 
     @property
     def passed(self) -> bool:
@@ -87,38 +88,37 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
     """
     rig, outcomes, total = Rig(subject, load, profile), dict[str, Outcome](), len(TESTS) + 1
     chosen = specification or load_requirements(None, subject.parameters)
-    for r in chosen.requirements:
+    of_report = {r.name: r for r in chosen.requirements if r.test is None}
+    for r in of_report.values():
         _check_figure(r, chosen.file)
     # A fin that does not move has no gain and no coherence: such figures are nan, and no requirement passes on one.
     with np.errstate(divide="ignore", invalid="ignore"):
         progress("requirements", 0, total)
         judged = verdict.judge(subject, chosen)
-        for done, (name, (title, measure, _)) in enumerate(TESTS.items(), start=1):
+        for done, (name, (title, measure, quantities)) in enumerate(TESTS.items(), start=1):
             progress(title, done, total)
             try:
                 outcome = measure(rig)
             except StoppedError as error:
                 outcome = Outcome("Not finished.", stopped=str(error))
-            lacking = {q.key: why for q in outcome.quantities if (why := subject.lacking(q.needs))}
-            outcomes[name] = replace(outcome, name=name, title=title, not_applicable=lacking)
+            lacking = {q.key: why for q in quantities if (why := subject.lacking(q.needs))}
+            outcomes[name] = replace(outcome, name=name, title=title, quantities=quantities, not_applicable=lacking)
     progress("done", total, total)
-    judged = [each if r.test else _of_report(each, r, outcomes, chosen.file)
-              for r, each in zip(chosen.requirements, judged, strict=True)]
-    return Result(subject.identification, load, outcomes, tuple(judged), subject.values, subject.model)
+    return Result(subject.identification, load, outcomes, tuple(
+        _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),
+        subject.values, subject.model)
 
 
 def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
     """Yield every figure as ``test.group.figure``."""
     for test, outcome in outcomes.items():
-        for group, figures in outcome.figures.items():
-            for key, value in figures.items():
-                yield f"{test}.{group}.{key}", value
+        for name, group in outcome.groups.items():
+            for key, value in group.figures.items():
+                yield f"{test}.{name}.{key}", value
 
 
 def _check_figure(r: Requirement, file: str) -> None:
     """Raise EmcasError for a requirement on a figure that no test of the report has."""
-    if r.test is not None:
-        return
     test, _, key = r.figure.split(".")
     keys = [q.key for q in TESTS[test][2]] if test in TESTS else []
     if key not in keys:
@@ -127,18 +127,19 @@ def _check_figure(r: Requirement, file: str) -> None:
                          f"{unknown(key, keys) if keys else unknown(test, TESTS)}")
 
 
-def _of_report(judged: Judged, r: Requirement, outcomes: Mapping[str, Outcome], file: str) -> Judged:
+def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optional: bool) -> Judged:
     """Return a requirement on a figure of the tests with its measured value. Raises EmcasError where there is none."""
-    figures, (test, group, key) = dict(flat(outcomes)), r.figure.split(".")
-    outcome, value = outcomes.get(test), figures.get(r.figure)
-    if outcome and (outcome.stopped or key in outcome.not_applicable):
+    figures, (test, group, key) = dict(flat(outcomes)), judged.figure.split(".")
+    outcome, value = outcomes[test], figures.get(judged.figure)
+    if outcome.stopped or key in outcome.not_applicable:
         return replace(judged, note=outcome.stopped or f"not applicable: {outcome.not_applicable[key]}",
-                       skipped=r.optional and not outcome.stopped)
-    if outcome is None or value is None or isinstance(value, bool):
+                       skipped=optional and not outcome.stopped)
+    if value is None or isinstance(value, bool):
         numbers = [name for name, each in figures.items() if not isinstance(each, bool)]
-        raise EmcasError(f"{file}: requirements.{r.name}.figure = {r.figure}: there is no such figure that is a number"
-                         f"{hint(r.figure, numbers)} (`emcas report --json FILE` writes all)")
+        raise EmcasError(f"{file}: requirements.{judged.name}.figure = {judged.figure}: there is no such figure that is"
+                         f" a number{hint(judged.figure, numbers)} (`emcas report --json FILE` writes all)")
+    (how,) = (q.how for q in outcome.quantities if q.key == key)
     finite = isfinite(value)
     return replace(judged, measured=value if finite else None, note="" if finite else "it is not reached",
-                   skipped=False, how=f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}",
-                   beyond=bool(outcome.sign(group, key)))
+                   skipped=False, how=f"{outcome.title}, {outcome.groups[group].label}: {how}",
+                   beyond=bool(bound(key, value)))

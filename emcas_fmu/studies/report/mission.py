@@ -7,35 +7,30 @@ from dataclasses import replace
 import numpy as np
 
 from ...bench.excitation import COMMAND, LOAD, Excitation, times
-from ...bench.metrics import rms, usage
+from ...bench.metrics import FIGURES, rms, usage
 from ...motions import STEP
-from .outcome import Array, Outcome, Quantity, Rig, Value
+from .outcome import Array, Group, Outcome, Quantity, Rig, Value
 
 LAG = 0.02  # s, of the hinge moment behind the command in the synthetic profile
 RATE = 150.0  # deg/s, of the commands of the synthetic profile
 # Phase, its end [s], hinge moment at the end of the range as a share of the rated load there.
 PHASES = (("launch", 2.0, 0.1), ("pitch-over", 5.0, 0.5), ("midcourse", 10.0, 0.6), ("terminal", 15.0, 1.0))
 
-_CURRENT, _POWER = ("motor_current",), ("supply_power",)
+# Figures of the bench under their names in a result.
+_USAGE = {
+    name: Quantity(key, FIGURES[name].title, label, FIGURES[name].needs) for name, key, label in (
+        ("rms_current", "motor_current_rms_a", "RMS current"), ("peak_current", "motor_current_peak_a", "peak current"),
+        ("peak_power", "supply_power_peak_w", "peak power"),
+        ("peak_returned_power", "regenerated_power_peak_w", "peak power fed back"),
+        ("energy_drawn", "energy_drawn_j", "energy drawn"), ("net_energy", "net_energy_j", "net energy"),
+        ("energy_returned", "energy_regenerated_j", "energy regenerated"))}
 QUANTITIES = (
-    Quantity("motor_current_rms_a", "RMS current", "root mean square of the motor current over the profile", _CURRENT),
-    Quantity("motor_current_peak_a", "peak current", "largest magnitude of the motor current", _CURRENT),
-    Quantity("supply_power_peak_w", "peak power", "largest power drawn from the bus as read every 1 ms; transients of "
-             "the current loop, which are shorter, can be higher", _POWER),
-    Quantity("regenerated_power_peak_w", "peak power fed back", "largest power fed back, as read every 1 ms", _POWER),
-    Quantity("energy_drawn_j", "energy drawn", "integral of the power where it is positive (trapezoid, 1 ms)", _POWER),
-    Quantity("energy_regenerated_j", "energy regenerated", "integral of the power fed back, as a magnitude; whether "
-             "the bus can take it is not modelled", _POWER),
-    Quantity("net_energy_j", "net energy", "drawn less regenerated", _POWER),
-    Quantity("supply_power_mean_w", "mean power", "net energy over the profile's duration", _POWER),
-    Quantity("tracking_error_rms_deg", "RMS tracking error", "root mean square of command - angle"),
-    Quantity("limited_percent", "limited", "share of the outputs at which a limit is active", ("saturated",)),
-    Quantity("duration_s", "duration", "of the profile"),
-)
-# Names of the bench's figures, by those of the report.
-_NAMES = {"motor_current_rms_a": "rms_current", "motor_current_peak_a": "peak_current",
-          "supply_power_peak_w": "peak_power", "regenerated_power_peak_w": "peak_returned_power",
-          "energy_drawn_j": "energy_drawn", "energy_regenerated_j": "energy_returned"}
+    *_USAGE.values(),
+    Quantity("supply_power_mean_w", "net energy over the profile's duration", "mean power", ("supply_power",)),
+    Quantity("tracking_error_rms_deg", "root mean square of command - angle", "RMS tracking error"),
+    Quantity("limited_percent", "share of the outputs at which a limit is active", "limited", ("saturated",)),
+    Quantity("duration_s", "of the profile", "duration"))
+_HEADLINE = ("rms_current", "peak_power", "energy_drawn", "energy_returned")
 
 
 def synthetic(limit: float, load: float) -> tuple[Array, Array]:
@@ -66,28 +61,27 @@ def measure(rig: Rig) -> Outcome:
     if rig.mission is None:
         command, torque = synthetic(rig.limit, rig.load)
         profile = Excitation("synthetic profile", {COMMAND: np.radians(command), LOAD: torque})
-        group, method = "synthetic", "Synthetic mission profile: " + _PHASES
-        estimate = ("The mission profile is made up, as a plausible sequence of phases; currents, power and energy are "
-                    "estimates of the order of magnitude. Give the real one with --mission.")
+        name, estimate = "synthetic", (
+            "The mission profile is made up, as a plausible sequence of phases; currents, power and energy are "
+            "estimates of the order of magnitude. Give the real one with --mission.")
+        method = f"Synthetic mission profile: {_PHASES}"
     else:
-        profile, group, estimate = rig.mission, "file", ""
+        profile, name, estimate = rig.mission, "file", ""
         method = f"Profile of {profile.title}, {profile.stop:g} s, inputs held over 1 ms."
     run = rig.run(profile)
     used, limit, duration = usage(run), rig.subject.command_limit, float(run.columns["time"][-1])
     clipped = run.excitation.holding({COMMAND: np.clip(profile.command, -limit, limit)})
-    figures: dict[str, Value] = {key: used[name] for key, name in _NAMES.items() if name in used}
     if "energy_drawn" in used:
-        net = used["energy_drawn"] - used["energy_returned"]
-        figures |= {"net_energy_j": net, "supply_power_mean_w": net / duration if duration else 0.0}
+        used["net_energy"] = used["energy_drawn"] - used["energy_returned"]
+    figures: dict[str, Value] = {q.key: used[each] for each, q in _USAGE.items() if each in used}
+    if "net_energy" in used:
+        figures["supply_power_mean_w"] = used["net_energy"] / duration if duration else 0.0
     figures["tracking_error_rms_deg"] = float(np.degrees(rms(clipped.command - run.columns["fin_angle"])))
     if "saturated_share" in used:
         figures["limited_percent"] = 100.0 * used["saturated_share"]
     figures["duration_s"] = duration
-    return Outcome(
-        method, QUANTITIES, {group: figures},
-        tuple(f"{group}.{key}" for key in ("motor_current_rms_a", "supply_power_peak_w", "energy_drawn_j",
-                                           "energy_regenerated_j")),
-        {group: profile.title}, data={group: replace(run, excitation=clipped)}, estimate=estimate)
+    return Outcome(f"{method} {_READ}", {name: Group(profile.title, figures, tuple(_USAGE[each] for each in _HEADLINE),
+                                                     data=replace(run, excitation=clipped))}, estimate=estimate)
 
 
 _PHASES = (
@@ -95,3 +89,5 @@ _PHASES = (
     "sines about a trim), terminal (5 s, steps to 90 % of the range under a weave at 3 Hz). Commands change by at most "
     "150 deg/s; the hinge moment restores, in proportion to the command 20 ms before, and at the end of the range is "
     "10, 50, 60 and 100 % of the rated load.")
+_READ = ("Outputs are read every 1 ms: transients of the current loop are shorter, and their power can be higher. "
+         "Whether the supply can take what is fed back is not modelled.")

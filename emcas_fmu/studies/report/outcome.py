@@ -1,28 +1,25 @@
-"""The rig, on which every test runs, and the outcome of a test: figures whose names end in their unit for display."""
+"""The rig on which every test runs, and the outcome of a test: groups of figures whose names end in their unit."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import degrees
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
 from ...bench import metrics
 from ...bench.excitation import Excitation
 from ...bench.measure import BANDWIDTHS
-from ...bench.metrics import FIGURES, result_name, unit_of
+from ...bench.metrics import FIGURES, in_words, result_name, unit_of
 from ...bench.runs import Run
 from ...bench.subject import Subject
 from ...motions import RATED
-from ...pages import numbers
-from ...pages.numbers import typeset
+from ...pages.numbers import number, typeset, with_unit
 
 Array = NDArray[Any]
 Value = float | bool
-Figures = Mapping[str, Mapping[str, Value]]
-"""Group, then figure: {"plus_20deg": {"rise_time_s": ...}}; nan where a figure has no value."""
 RECORDED = ("fin_angle", "fin_rate", "motor_current", "supply_power", "saturated", "at_stop")
 
 
@@ -46,13 +43,12 @@ class Rig:
         return run
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A figure's name, its label in a table, how it was measured, and the outputs it needs."""
+class Quantity(NamedTuple):
+    """A figure's name in a result, how it is measured, its label in a table, and the outputs it needs."""
 
     key: str
-    label: str
     how: str
+    label: str
     needs: tuple[str, ...] = ()
 
     @property
@@ -61,92 +57,102 @@ class Quantity:
         return unit_of(self.key)
 
     @property
-    def shown(self) -> tuple[str, float]:
-        """The unit of the figure's column, and the factor to it: times are in ms."""
-        return ("ms", 1e3) if self.unit == "s" else (self.unit, 1.0)
-
-    @property
     def heading(self) -> str:
-        """The label with the unit of the column."""
-        return f"{self.label} [{typeset(self.shown[0])}]" if self.unit != "1" else self.label
+        """The label with the unit of a column, in which times are in ms."""
+        unit = typeset("ms" if self.unit == "s" else self.unit)
+        return f"{self.label} [{unit}]" if unit else self.label
 
 
-def quantity(name: str, label: str) -> Quantity:
-    """Return the quantity of a figure of the bench."""
-    return Quantity(result_name(name)[0], label, FIGURES[name].title, FIGURES[name].needs)
+def quantities(*names: str, **labels: str) -> tuple[Quantity, ...]:
+    """Return figures of the bench, labelled by their `names` or by `labels`."""
+    keys = {name: result_name(name)[0] for name in (*names, *labels)}
+    return tuple(Quantity(key, FIGURES[name].title, labels.get(name, in_words(key)), FIGURES[name].needs)
+                 for name, key in keys.items())
 
 
-def displayed(figures: Mapping[str, float], quantities: tuple[Quantity, ...]) -> dict[str, Value]:
-    """Return those of the bench's figures that are among the `quantities`, by their names in a result."""
-    keys = {q.key for q in quantities}
-    return {key: value for key, value in metrics.displayed(figures).items() if key in keys}
+def displayed(figures: Mapping[str, float], chosen: tuple[Quantity, ...]) -> dict[str, Value]:
+    """Return the chosen ones of the bench's figures, by their names in a result."""
+    values = metrics.displayed(figures)
+    return {q.key: values[q.key] for q in chosen}
+
+
+def bound(key: str, value: Value) -> str:
+    """Return the sign before a bandwidth beyond the range of the search; otherwise none."""
+    return "> " if key.startswith("bandwidth") and value >= BANDWIDTHS[1] else ""
+
+
+@dataclass(frozen=True)
+class Group:
+    """The figures under one motion, load or condition, which `label` names; nan where a figure has no value.
+
+    `headline` are the most important figures. `curve` goes into the JSON file, `data` (a run or arrays) into the
+    picture only.
+    """
+
+    label: str
+    figures: Mapping[str, Value]
+    headline: tuple[Quantity, ...] = ()
+    curve: Mapping[str, Array] = field(default_factory=dict)
+    data: Any = field(default=None, repr=False)
+
+    def shown(self, q: Quantity) -> str:
+        """Return a figure with its unit for people; empty where the group does not have it."""
+        value = self.figures.get(q.key)
+        return "" if value is None else bound(q.key, value) + with_unit(value, q.unit)
+
+    def cell(self, q: Quantity) -> str:
+        """Return a figure in the unit of its column; empty where the group does not have it."""
+        if q.key not in self.figures:
+            return ""
+        value = self.figures[q.key]
+        return bound(q.key, value) + number(1e3 * value if q.unit == "s" else value).replace("-", "−")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The figures of a test and how they were measured.
+    """The groups of figures of a test and how they were measured.
 
-    `headline` names the most important figures, as group.figure. `curves` go into the JSON file, `data` (runs or
-    arrays) into the picture only. `stopped` is the reason why a test was not finished; it has no figures then.
-    `estimate` is the reason why its figures are an estimate; `not_applicable` names by quantity the outputs that the
-    subject lacks. `beyond` has the highest frequency [Hz] of figures, as group.figure, that lie beyond it.
+    `stopped` is the reason why a test was not finished; it has no groups then. `estimate` is the reason why its figures
+    are an estimate; `not_applicable` has by the name of a figure why the subject does not have it.
     """
 
     method: str
-    quantities: tuple[Quantity, ...] = ()
-    figures: Figures = field(default_factory=dict)
-    headline: tuple[str, ...] = ()
-    labels: Mapping[str, str] = field(default_factory=dict)
-    curves: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
-    data: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    groups: Mapping[str, Group] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     estimate: str = ""
     stopped: str = ""
     name: str = ""
     title: str = ""
+    quantities: tuple[Quantity, ...] = ()
     not_applicable: Mapping[str, str] = field(default_factory=dict)
 
-    def label(self, group: str) -> str:
-        """Return a group's name for people."""
-        return self.labels.get(group, group.replace("_", " "))
+    @property
+    def figures(self) -> dict[str, Mapping[str, Value]]:
+        """The figures by group: {"plus_20deg": {"rise_time_s": ...}}."""
+        return {name: group.figures for name, group in self.groups.items()}
 
-    def quantity(self, key: str) -> Quantity:
-        """Return the quantity of a name."""
-        return next(q for q in self.quantities if q.key == key)
+    @property
+    def curves(self) -> dict[str, Mapping[str, Array]]:
+        """The curves by group, of those that have one."""
+        return {name: group.curve for name, group in self.groups.items() if group.curve}
 
-    def sign(self, group: str, key: str) -> str:
-        """Return the sign before a figure: that of a bandwidth beyond the range of the search, otherwise none."""
-        return "> " if key.startswith("bandwidth") and self.figures[group][key] >= BANDWIDTHS[1] else ""
+    def headlines(self) -> list[tuple[str, str]]:
+        """Return the headline figures that were measured, each in words and with its value."""
+        return [(f"{group.label}: {q.label}", group.shown(q)) for group in self.groups.values() for q in group.headline
+                if q.key in group.figures]
 
-    def shown(self, group: str, q: Quantity) -> str:
-        """Return a figure as it is shown in a column."""
-        value = self.figures[group][q.key]
-        text = numbers.number(value if isinstance(value, bool) else value * q.shown[1]).replace("-", "−")
-        return self.sign(group, q.key) + text
+    @property
+    def remarks(self) -> list[str]:
+        """The notes, and the figures that are not applicable, with the reason."""
+        labels = {q.key: q.label for q in self.quantities}
+        left_out = {why: [labels[key] for key, each in self.not_applicable.items() if each == why]
+                    for why in self.not_applicable.values()}
+        return [*self.notes, *(f"Not applicable: {', '.join(each)} ({why})." for why, each in left_out.items())]
 
-    def headlines(self) -> list[tuple[str, Quantity, str, Value]]:
-        """Return label, quantity, sign and value of the headline figures that were measured."""
-        paths = [path.split(".") for path in self.headline]
-        return [(f"{self.label(group)}: {self.quantity(key).label}", self.quantity(key), self.sign(group, key),
-                 self.figures[group][key]) for group, key in paths if key in self.figures.get(group, {})]
-
-    def left_out(self) -> list[tuple[str, list[str]]]:
-        """Return each reason why figures are not applicable, with the labels of those figures."""
-        reasons = dict.fromkeys(self.not_applicable.values())
-        return [(reason, [self.quantity(key).label for key, each in self.not_applicable.items() if each == reason])
-                for reason in reasons]
-
-    def columns(self, groups: Figures) -> list[Quantity]:
-        """Return the quantities that at least one group has."""
-        return [q for q in self.quantities if any(q.key in group for group in groups.values())]
-
-    def tables(self) -> list[tuple[list[Quantity], Figures]]:
-        """Return the figures as tables; groups without a quantity in common are in separate tables."""
-        tables: list[dict[str, Mapping[str, Value]]] = []
-        for name, figures in self.figures.items():
-            home = next((t for t in tables if any(set(figures) & set(group) for group in t.values())), None)
-            if home is None:
-                tables.append({name: figures})
-            else:
-                home[name] = figures
-        return [(self.columns(table), table) for table in tables]
+    def tables(self) -> list[tuple[list[Quantity], list[Group]]]:
+        """Return the groups as tables, each with its columns: groups with the same first figure are in one table."""
+        tables: dict[str, list[Group]] = {}
+        for group in self.groups.values():
+            tables.setdefault(next(iter(group.figures)), []).append(group)
+        return [([q for q in self.quantities if any(q.key in group.figures for group in table)], table)
+                for table in tables.values()]

@@ -1,0 +1,43 @@
+"""Outputs and inputs over time, as lines in panels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import degrees, inf
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from . import plots
+
+SHOWN: Mapping[str, tuple[str, float]] = {
+    "fin_angle": ("fin angle [deg]", degrees(1.0)), "fin_command": ("fin angle [deg]", degrees(1.0)),
+    "error": ("error [mdeg]", degrees(1e3)), "fin_rate": ("fin rate [deg/s]", degrees(1.0)),
+    "aero_torque": ("moment [N.m]", 1.0), "drive_reference": ("DAC [V]", 1.0), "motor_current": ("current [A]", 1.0),
+    "motor_voltage": ("voltage [V]", 1.0), "supply_voltage": ("voltage [V]", 1.0), "supply_power": ("power [W]", 1.0)}
+"""The label of a variable's panel, and the factor from SI."""
+_MOST_POINTS = 6000  # of a line: more than a page has pixels
+
+
+def panels(names: Sequence[str], columns: int = 1, **more: Any) -> tuple[Figure, list[dict[str, Axes]]]:
+    """Return a figure with a row of panels for each variable, and of each column its panels by name.
+
+    `more` are arguments of `plots.figure`.
+    """
+    figure, grid = plots.figure(len(names), columns, y=[SHOWN[name][0] for name in names],
+                                **{"sharex": True, "sharey": "row", **more})
+    return figure, [dict(zip(names, column, strict=True)) for column in grid.T]
+
+
+def trace(axes: Axes, columns: Mapping[str, Any], name: str, window: tuple[float, float] = (-inf, inf), *,
+          zero: float = 0.0, unit: float = 1e3, every: int = 1, **look: Any) -> None:
+    """Plot every nth point of a variable over the time after `zero` [s], within a `window` [s] of ``time``.
+
+    `unit` is the number of units of the time axis in a second. A command is plotted in steps.
+    """
+    at = np.flatnonzero((columns["time"] >= window[0] - 1e-9) & (columns["time"] <= window[1] + 1e-9))
+    at = at[::max(every, len(at) // _MOST_POINTS)]
+    held = {"label": "command", "drawstyle": "steps-post", **plots.COMMAND} if name == "fin_command" else {}
+    axes.plot((columns["time"][at] - zero) * unit, columns[name][at] * SHOWN[name][1], **{**held, **look})

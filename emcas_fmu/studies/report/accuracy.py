@@ -1,0 +1,187 @@
+"""Accuracy: static on a grid of angles, the smallest commands that move the fin, and that of the stepping.
+
+The controllers know the nominal actuator exactly, so that its static errors come from friction and encoder alone; in a
+fleet the actuators as built count. The tolerances are the cases of ``models/tuning.toml`` that change deviations alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import cos, degrees, inf, nan, pi, radians, sqrt
+from typing import Any
+
+import numpy as np
+
+from ...bench.excitation import HOLD, of_case, staircase
+from ...bench.metrics import ACCURACY, bidirectional
+from ...bench.requirements import Case
+from ...bench.subject import Subject
+from ...ops.floats import FLOATS
+from ...parameters import load_parameters
+from ...reference import files
+from ..tuning.study import shipped_cases
+from .outcome import Array, Group, Outcome, Quantity, Rig
+
+INTERVALS = 8  # of the range
+CYCLES = 5
+GRID_STEP = 0.02  # s, of the outputs: only the ends of the holds are read
+LAST = 0.1  # s, the end of a hold over which the angle is averaged
+STATIC = (
+    Quantity("largest_error_deg", "largest |angle - command| of any approach, as a mean over the end of the hold",
+             "largest mean error"),
+    Quantity("hysteresis_deg", "largest difference, at one angle, of the mean angles it is approached with from below "
+             "and from above (reversal value B of ISO 230-2)", "hysteresis"),
+    Quantity("repeatability_deg", "largest unidirectional repeatability R: four standard deviations of the approaches "
+             "to one angle from one side", "repeatability"),
+    Quantity("bidirectional_accuracy_deg", "range of mean error ± two standard deviations over all angles and both "
+             "sides (bidirectional accuracy of ISO 230-2)", "accuracy A"),
+    Quantity("mean_error_deg", "mean of angle - command over all approaches", "mean error"))
+
+STEP = 0.01  # s, of the outputs
+REST = 0.5  # s at rest before a command from rest
+MOVED_TO = 1.0  # deg, the motion before a reversal or an increment
+WITHIN = 0.5  # s in which the fin has to answer
+RATIO = 1.05  # of the larger to the smaller size that encloses the figure
+THRESHOLD = tuple(
+    Quantity(f"{side}_deg", f"smallest step of the command, in the {side} direction, that is answered", side)
+    for side in ("positive", "negative"))
+_ENCODER = ("encoder.pulses", "encoder.multiplier", "encoder.on_fin")
+_SCREW = ("screw.lead", "kinematics.moment_arm", "kinematics.initial_angle")
+
+CASES = ("step", "load_opposing", "cold", "sag")
+SHORTER = 4.0
+_TICK = "solver.max_tick"
+STEPPING = (Quantity("fin_angle_deg", "largest difference of the fin angle at any row, every 1 ms", "fin angle"),)
+
+
+def tolerances() -> list[Case]:
+    """Return the cases of the shipped tuning study that change only how the actuator as built deviates."""
+    return [case for case in shipped_cases(load_parameters())
+            if case.values and all(name.startswith("deviation.") for name in case.values)]
+
+
+def _errors(rig: Rig, targets: Array, values: Mapping[str, Any]) -> Array:
+    """Return the errors [deg] (side, target, cycle) of every hold; nan where no approach is from that side.
+
+    Each cycle goes up from the lowest target, which is therefore approached from above only, and down again.
+    """
+    count, hold, last = len(targets), round(HOLD / GRID_STEP), round(LAST / GRID_STEP)
+    visited = targets[np.tile([*range(1, count), *range(count - 2, -1, -1)], CYCLES)]
+    levels = np.radians([targets[0], *visited])
+    grid = staircase(levels.tolist(), (HOLD,) * len(levels), step=GRID_STEP).with_start_values(values)
+    angle = np.degrees(rig.run(grid).columns["fin_angle"])[1:].reshape(len(levels), hold)
+    up, down = (np.mean(angle[1:, -last:], axis=1) - visited).reshape(CYCLES, 2, count - 1).swapaxes(0, 1)
+    errors = np.full((2, count, CYCLES), nan)
+    errors[0, 1:], errors[1, :-1] = up.T, down[:, ::-1].T
+    return errors
+
+
+def static(rig: Rig) -> Outcome:
+    """Measure the errors on the grid, `CYCLES` times up and down."""
+    targets = np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
+
+    def group(label: str, headline: int, values: Mapping[str, Any]) -> Group:
+        errors = _errors(rig, targets, values)
+        measured = bidirectional(*errors)
+        below, above = measured["means"]
+        return Group(label, {q.key: measured[q.key.removesuffix("_deg")] for q in STATIC}, STATIC[:headline],
+                     {"command_deg": targets, "error_from_below_deg": below, "error_from_above_deg": above,
+                      "reversal_deg": measured["reversal"]}, errors)
+
+    deviations = {case.name: case.values for case in tolerances() if case.values.keys() <= rig.subject.values.keys()}
+    return Outcome(
+        f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
+        f"for {HOLD:g} s; its angle is the mean of the last {LAST:g} s. The ends of the range can be approached "
+        "from one side only and are no part of the hysteresis. With tolerances the actuator as built deviates from the "
+        "parameters in its controllers, by the estimates of models/tuning.toml.",
+        {"grid": group(f"{len(targets)} angles", 3, {}),
+         **{name: group(f"{name.replace('_', ' ')} (estimates)", 1, values) for name, values in deviations.items()}})
+
+
+def count(subject: Subject) -> float:
+    """Return the smallest motion that is detected [rad]: one encoder count at the fin, the largest over the commands.
+
+    For an actuator without encoder and screw it is a hundredth of the accuracy of Table 2 of Yerlikaya (2016).
+    """
+    values = subject.values
+    if not values.keys() >= {*_ENCODER} or not (values["encoder.on_fin"] or values.keys() >= {*_SCREW}):
+        return ACCURACY / 100.0
+    turn = float(2.0 * pi / (values["encoder.pulses"] * values["encoder.multiplier"]))
+    if values["encoder.on_fin"]:
+        return turn
+    # The least reduction ratio d/(l cos^2) is where the lever is perpendicular to the screw, or at an end of the range.
+    lever = max(abs(values["kinematics.initial_angle"]) - subject.command_limit, 0.0)
+    return float(turn * values["screw.lead"] / values["kinematics.moment_arm"] * cos(lever) ** 2)
+
+
+def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: float = RATIO) -> float:
+    """Return the smallest size that moves, within `ratio`, by bisection on a logarithmic scale between two sizes.
+
+    The returned size moves and a size `ratio` times smaller does not, unless even the lowest moves.
+    nan where not even the highest moves.
+    """
+    if not moves(high):
+        return nan
+    if moves(low):
+        return low
+    while high / low > ratio:
+        middle = sqrt(low * high)
+        low, high = (low, middle) if moves(middle) else (middle, high)
+    return high
+
+
+def answered(angle: Array, before: int, direction: float, detected: float) -> bool:
+    """Return whether the angle, after row `before`, leaves its previous range by `detected` in a direction.
+
+    The previous range is that of as many rows before: motion at rest, such as hunting between two counts, is no answer.
+    """
+    after = direction * angle[before:]
+    idle = direction * angle[max(2 * before - len(angle), 0):before + 1]
+    # Half a thousandth less: a computed motion of one count may be short by rounding.
+    return bool(np.max(after, initial=-inf) - np.max(idle) >= detected * (1.0 - 5e-4))
+
+
+def threshold(rig: Rig) -> Outcome:
+    """Measure the threshold from rest, after a reversal, and in the same direction, for both signs."""
+    detected, moved = count(rig.subject), min(MOVED_TO, 0.5 * rig.limit)
+
+    def smallest_step(direction: float, before: float, settle: float) -> float:
+        begin = direction * before * radians(moved)
+
+        def moves(size: float) -> bool:
+            stairs = staircase((begin, begin + direction * size), (settle, WITHIN), step=STEP)
+            return answered(rig.run(stairs).columns["fin_angle"], round(settle / STEP), direction, detected)
+
+        return degrees(smallest(moves, 0.5 * detected, 0.5 * rig.subject.command_limit))
+
+    return Outcome(
+        f"A step of the command counts as answered if the fin moves by {degrees(detected):.4f} deg (a count of the "
+        f"encoder at the fin, where there is one) in its direction within {WITHIN:g} s. From rest: at 0 deg, never "
+        f"moved. After reversal: the fin has moved {moved:g} deg and stood for {HOLD:g} s, then the command steps "
+        f"back. Increment: likewise, the command steps on. By bisection to {100.0 * (RATIO - 1.0):.0f} %, each size in "
+        "its own run. Integral action answers still smaller commands later.",
+        {name: Group(label, {q.key: smallest_step(direction, before, settle)
+                             for q, direction in zip(THRESHOLD, (1.0, -1.0), strict=True)}, THRESHOLD)
+         for name, label, before, settle in (
+             ("from_rest", "threshold from rest", 0.0, REST),
+             ("after_reversal", "threshold after reversal (dead band)", -1.0, HOLD),
+             ("increment", "resolution (smallest increment)", 1.0, HOLD))})
+
+
+def stepping(rig: Rig) -> Outcome:
+    """Compare reference cases run with the tick as set and with a shorter one."""
+    subject, groups = rig.subject, {}
+    actuator, values = subject.actuator, subject.values
+    tick = float(actuator.longest_tick(FLOATS, actuator.namespace(values)))
+    for case in files.cases_of(subject.model, values):
+        excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
+        if case.name in CASES and not subject.obstacle(excitation):
+            one, other = (rig.run(excitation.with_start_values(changed)).columns["fin_angle"]
+                          for changed in ({}, {_TICK: tick / SHORTER}))
+            difference = float(np.degrees(np.max(np.abs(one - other))))
+            groups[case.name] = Group(case.title, {"fin_angle_deg": difference}, STEPPING)
+    return Outcome(
+        f"Reference cases with true angle and speed fed back, run with ticks of at most {1e3 * tick:.3g} ms, as set, "
+        f"and again of at most {1e3 * tick / SHORTER:.3g} ms ({_TICK}). The difference shows how far the stepping is "
+        "off in these motions, with the article's parameters; it says nothing of the equations, nor of other motions. "
+        "Motions that amplify what is small, as a fin that rattles in a gap, differ by more.", groups)
