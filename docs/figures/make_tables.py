@@ -30,9 +30,9 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate, simulate_fins
-from emcas_fmu.studies.baseline.comparison import TEMPLATE, compare, record
-from emcas_fmu.studies.baseline.comparison_output import HEADER, cells, selected, verdict
-from emcas_fmu.studies.baseline.files import read
+from emcas_fmu.studies.baseline import comparison_output as output
+from emcas_fmu.studies.baseline.comparison import compare
+from emcas_fmu.studies.baseline.recording import first, record
 from emcas_fmu.studies.compare import sets
 from emcas_fmu.studies.fitting import fit
 from emcas_fmu.studies.identification.current_loop import response
@@ -149,13 +149,13 @@ def drift() -> str:
     """What `emcas baseline check` shows first after a gain has changed by 1 %."""
     folder, gain = DOCS, "controller.position.kp"
     shipped = load_parameters()
-    approved = record(read(TEMPLATE), ParameterSubject(shipped), folder, "")
+    subject = ParameterSubject(shipped)
+    approved = record(first(subject)[0], subject, folder, "")
     changed = shipped.with_values({gain: round(1.01 * float(shipped.values[gain]), 6)})
     found = compare(approved, ParameterSubject(changed), folder)
-    parameters = [(c.name, c.approved, c.now) for c in found.parameters]
-    return (markdown(HEADER, [cells(row) for row in selected(found)][:SHOWN])
-            + "\n\nand ends with\n\n" + markdown(("parameter", "approved", "now"), parameters)
-            + f"\n\n`{verdict(found)}`")
+    (header, rows), parameters = output.tables(found, False)
+    return (f"{output.markdown(header, rows[:SHOWN])}\n\nand ends with\n\n{output.markdown(*parameters)}\n\n"
+            f"`{output.verdict(found)}`")
 
 
 def _angle(model: str, chosen: Excitation) -> np.ndarray:

@@ -269,7 +269,7 @@ def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, mo
     Raises EmcasError if the file cannot be read so.
     """
     path = Path(path)
-    table = _read(path)
+    table = read_columns(path)
     inputs = list(dict.fromkeys(v.name for v in (*get(model).inputs, *FmuInterface(fins, model).inputs)))
     if "time" not in table:
         raise EmcasError(f"{path}: has no column time; its columns are {', '.join(table)}")
@@ -288,8 +288,8 @@ def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, mo
                       step=step)
 
 
-def _read(path: Path) -> dict[str, Array]:
-    """Return the columns of a CSV file that begins with a line of names, quoted or not."""
+def read_columns(path: Path) -> dict[str, Array]:
+    """Return the columns of a CSV file that begins with a line of names, quoted or not. Raises EmcasError."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, skipinitialspace=True)

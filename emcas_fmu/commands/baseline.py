@@ -40,26 +40,24 @@ def record(
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
 ) -> None:
     """Approve the present response: write its figures and trajectories as text to commit."""
-    from ..studies.baseline.comparison import TEMPLATE, first
-    from ..studies.baseline.comparison import record as run
-    from ..studies.baseline.files import read, write
+    from ..studies.baseline import files, recording
     from ..studies.baseline.model import FILE
 
+    file = output / FILE
     with common.failures():
-        common.check_outputs(output / FILE, folders=(output,), inputs=(subject, *(parameters or ())))
+        common.check_outputs(file, folders=(output,), inputs=(subject, *(parameters or ())))
         with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
-            # Only limits and cases: the approved figures may be incomplete, as after a case was added by hand.
-            kept = (output / FILE).exists() and not fresh
-            plan, left_out = (read(output / FILE, opened.model), []) if kept else first(read(TEMPLATE), opened)
-            common.check_outputs(*(output / f"{name}.csv" for name, case in plan.cases.items() if case.kind != "sweep"),
+            kept = file.exists() and not fresh
+            plan, left_out = (files.read(file, opened.model), []) if kept else recording.first(opened)
+            common.check_outputs(*(output / f"{name}.csv" for name, case in plan.case.items() if not case.sweeps),
                                  folders=(output,))
-            made = run(plan, opened, output, _command(subject, model, fin, parameters),
-                       common.stepper(progress, "record"))
-        written = write(made, output)
+            made = recording.record(plan, opened, output, _command(subject, model, fin, parameters),
+                                    common.stepper(progress, "record"))
+        written = files.write(made, output)
         size = sum(path.stat().st_size for path in written)
     common.warn(f"left out: {what}" for what in left_out)
     common.say(f"written {escape(str(output))}  {len(written)} files, {size / 1024:.0f} KiB; "
-               f"{len(made.cases)} cases, limits and cases {'kept' if kept else 'as shipped'}")
+               f"{len(made.case)} cases, limits and cases {'kept' if kept else 'as shipped'}")
 
 
 def _command(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:

@@ -25,7 +25,7 @@ from ..rules import SHARES, Check, Rule, check_ranges, check_rules
 from ..support.arguments import checked
 from ..support.files import as_given, models_directory, named_sets
 from ..support.writing import write
-from . import schema
+from . import schema, toml
 from .entries import (
     Entry,
     ParameterError,
@@ -343,12 +343,9 @@ def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[st
 
 def _entry_line(key: str, entries: Sequence[Entry]) -> str:
     """Return the line of one value, or of a whole array whose elements have one source and note."""
-    first, texts = entries[0], [json.dumps(e.value) for e in entries]
-    fields = [f"value = [{', '.join(texts)}]" if len(texts) > 1 else f"value = {texts[0]}"]
-    if first.variable.kind != "Boolean":
-        fields.append(f"unit = {json.dumps(first.variable.unit)}")
-    fields += [f"{name} = {json.dumps(text, ensure_ascii=False)}"
-               for name, text in (("source", first.source), ("note", first.note)) if text]
-    return f"{key} = {{ {', '.join(fields)} }}"
+    first, values = entries[0], [e.value for e in entries]
+    unit = {} if first.variable.kind == "Boolean" else {"unit": first.variable.unit}
+    texts = {name: text for name, text in (("source", first.source), ("note", first.note)) if text}
+    return f"{key} = {toml.value({'value': values if len(values) > 1 else values[0], **unit, **texts})}"
 
 

@@ -1,10 +1,36 @@
-"""The standard library's TOML reader, or its backport for Python 3.10, under one name."""
+"""TOML: the standard library's reader, or its backport for Python 3.10, under one name, and lines to write."""
 
+import json
+import re
 import sys
+from collections.abc import Mapping
+from typing import Any
 
 if sys.version_info >= (3, 11):
     import tomllib as tomllib
 else:
     import tomli as tomllib
 
-__all__ = ["tomllib"]
+__all__ = ["entry", "table", "tomllib", "value"]
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def value(written: Any) -> str:
+    """Return a text, number, truth value, list or table on one line."""
+    if isinstance(written, Mapping):
+        return f"{{ {', '.join(entry(*each) for each in written.items())} }}"
+    if isinstance(written, (list, tuple)):
+        return f"[{', '.join(map(value, written))}]"
+    # As in JSON, where only characters that can be read stay unescaped.
+    return json.dumps(written, ensure_ascii=not (isinstance(written, str) and written.isprintable()))
+
+
+def entry(name: str, written: Any) -> str:
+    """Return the line of a key, quoted where it needs to be, and its value."""
+    return f"{name if _BARE.fullmatch(name) else json.dumps(name)} = {value(written)}"
+
+
+def table(name: str, entries: Mapping[str, Any]) -> str:
+    """Return the lines of a table: its name in brackets, then a line for each entry."""
+    return "\n".join([f"[{name}]", *(entry(*each) for each in entries.items())])

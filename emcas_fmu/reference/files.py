@@ -25,7 +25,7 @@ import scipy
 from ..actuators import NONLINEAR, get
 from ..actuators.external import load_module
 from ..errors import EmcasError, unreadable
-from ..parameters import ParameterSet, load_parameters, schema
+from ..parameters import ParameterSet, load_parameters, schema, toml
 from ..support.progress import Progress, silent
 from ..support.writing import write_folder
 from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, with_supply
@@ -305,7 +305,6 @@ def _provenance(case: Case, tables: Mapping[str, str], values: Mapping[str, Valu
 
 
 def _table(name: str, entry: Mapping[str, Any]) -> str:
-    """Return one TOML table; JSON writes strings, numbers and arrays of them as TOML does."""
-    plain = [f"{key} = {json.dumps(value)}" for key, value in entry.items() if key != "start_values"]
-    start = [f"{json.dumps(key)} = {json.dumps(value)}" for key, value in entry["start_values"].items()]
-    return "\n".join([f"[{name}]", *plain, f"\n[{name}.start_values]", *start, ""])
+    """Return the TOML of one response: its table, and that of its start values."""
+    plain = {key: value for key, value in entry.items() if key != "start_values"}
+    return f"{toml.table(name, plain)}\n\n{toml.table(f'{name}.start_values', entry['start_values'])}\n"

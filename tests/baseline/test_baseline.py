@@ -18,7 +18,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.schema import In
 from emcas_fmu.studies.baseline.comparison import Row, compare
 from emcas_fmu.studies.baseline.files import read
-from emcas_fmu.studies.baseline.model import ALL, Jump, Limit, output_units, unit_of
+from emcas_fmu.studies.baseline.model import ALL, Limit, Motion, output_units, unit_of
 
 from .conftest import SHORT, check, edit, emcas, record
 
@@ -58,7 +58,7 @@ def test_an_fmu_gives_the_figures_of_its_parameters(shipped: Path, units: Mappin
     for path in (shipped / "baseline").glob("*.csv"):
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
     ours, theirs = read(shipped / "baseline"), read(tmp_path)
-    assert {n: c.figures for n, c in ours.cases.items()} == {n: c.figures for n, c in theirs.cases.items()}
+    assert {n: c.figures for n, c in ours.case.items()} == {n: c.figures for n, c in theirs.case.items()}
     assert ours.parameters == theirs.parameters
     assert theirs.recorded["guid"].startswith("{")
 
@@ -129,10 +129,10 @@ def test_a_limit_of_the_user(short: Path) -> None:
     check(short, article="changed.toml")
     record(short, article="changed.toml")
     kept = read(short / "baseline")
-    assert kept.cases["only"].limits == {"rise_time": limit(20.0)}
+    assert kept.case["only"].limits == {"rise_time": limit(20.0)}
     assert kept.limits.traces == {"fin_angle": 5.0}
     record(short, "--fresh", article="changed.toml")
-    assert len(read(short / "baseline").cases) > 1
+    assert len(read(short / "baseline").case) > 1
 
 
 def test_a_limit_of_one_case_is_used(short: Path) -> None:
@@ -151,7 +151,8 @@ def test_a_trajectory_drifts_either_way(shipped: Path, sign: float) -> None:
     approved = read(shipped / "baseline")
     points = approved.traces["step"]["fin_angle"].copy()
     points[100] -= sign * 0.2
-    baseline = replace(approved, cases={"step": approved.cases["step"]}, traces={"step": {"fin_angle": points}})
+    baseline = approved.model_copy(update={"case": {"step": approved.case["step"]},
+                                           "traces": {"step": {"fin_angle": points}}})
     rows = compare(baseline, ParameterSubject(load_parameters()), shipped / "baseline").drifted
     (row,) = rows
     assert (row.name, row.at) == ("fin_angle", 0.5)
@@ -168,7 +169,7 @@ def test_cases_of_the_user(short: Path) -> None:
                     'start = { "friction.temperature" = "-6 degC", "encoder.enabled" = false }\n')
     record(short)
     kept = read(short / "baseline")
-    assert kept.cases["replay"].start == {"friction.temperature": -6.0, "encoder.enabled": False}
+    assert kept.case["replay"].start == {"friction.temperature": -6.0, "encoder.enabled": False}
     assert list(kept.traces["replay"]) == ["fin_angle", "motor_current"]
     check(short)
 
@@ -176,7 +177,7 @@ def test_cases_of_the_user(short: Path) -> None:
 def test_a_command_beyond_the_range_is_reduced_once(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text('[command]\nlimit = "12 deg"\n')
     record(tmp_path, article="small.toml")
-    commands = {name: c.command for name, c in read(tmp_path / "baseline").cases.items() if isinstance(c, Jump)}
+    commands = {name: c.command for name, c in read(tmp_path / "baseline").case.items() if isinstance(c, Motion)}
     assert (commands["large_step"], commands["step"]) == (12.0, -5.0)
 
 
@@ -217,7 +218,8 @@ def test_nothing_judged_is_no_pass(short: Path) -> None:
     found = compare(read(short / "baseline"), subject, short / "baseline")
     assert found.passed
     assert not replace(found, rows=tuple(replace(r, limit=None) for r in found.rows)).passed
-    assert not replace(found, stopped={"only": "went no further than 0.1 s"}).passed
+    stopped = replace(found.response, stopped={"only": "went no further than 0.1 s"})
+    assert not replace(found, response=stopped).passed
 
 
 def test_shares_and_units() -> None:

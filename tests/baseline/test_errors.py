@@ -26,7 +26,7 @@ from .conftest import check, edit, emcas, record
     ('relative = "1 %"', 'relative = "1 deg"', "limits.figures.rise_time.relative"),
     ("[case.only.figures]", "[case.only.figure]", "case.only: unknown key 'figure'; did you mean figures?"),
     ("\nrise_time = \"", "\nrise_tine = \"", "case.only.figures.rise_tine"),
-    ("\novershoot =", '\npeak_gain = "1 dB"\novershoot =', "case.only.figures.peak_gain = 1 dB: such a case has no"),
+    ("\novershoot =", '\npeak_gain = "1 dB"\novershoot =', "figures.peak_gain: a step has no such figure; remove"),
     ('"motor.resistance" =', '"motor.resistence" =', "did you mean motor.resistance?"),
     ('duration = "0.3 s"', 'duration = "0.3 s"\nstart = { "friction.temperature" = "-500 degC" }',
      "case.only.start.friction.temperature = -500 degC: must be within -100 .. 200 degC"),
@@ -43,7 +43,7 @@ def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:
 @pytest.mark.parametrize(("old", "new", "said"), [
     ("time [s],fin_angle [deg]", "time [s],fin_angle [rad]", "its columns are"),
     ("\n0.02,", "\n0.03,", "its times are not 0.01 s apart"),
-    ("\n0.02,0\n", "\n0.02,nan\n", "line 4 has nan"), ("\n0.02,0\n", "\n0.02,zero\n", "could not convert"),
+    ("\n0.02,0\n", "\n0.02,nan\n", "line 4 has nan"), ("\n0.02,0\n", "\n0.02,zero\n", "line 4: 'zero' is no number"),
     ("\n0.02,", "\n0.02,,", "line 4 has 3 values"),
     ("\n0.02,0\n", "\n", "its times are not"),
 ])
@@ -63,7 +63,7 @@ def test_an_edited_case_is_to_be_recorded_again(short: Path) -> None:
 
 def test_missing_files(short: Path) -> None:
     (short / "baseline/only.csv").unlink()
-    assert "only.csv: is missing" in check(short, code=2)
+    assert "only.csv: cannot be read: there is no such file" in check(short, code=2)
     printed = emcas("check", short / "actuator.toml", "-b", short / "nowhere", code=2)
     assert "emcas baseline record" in printed
     assert "is a folder" in check(short, "--junit", short, code=2)

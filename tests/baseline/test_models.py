@@ -10,8 +10,8 @@ from emcas_fmu.actuators import get
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.baseline.comparison import TEMPLATE
 from emcas_fmu.studies.baseline.files import read
+from emcas_fmu.studies.baseline.recording import TEMPLATE
 
 from .conftest import SHORT, check, edit, record
 
@@ -34,9 +34,9 @@ def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool,
     (base / "actuator.toml").write_text("homing.required = false\n" if "homing" in model else "")
     printed = record(base, "--model", model)
     kept = read(base / "baseline", model)
-    assert {"cold", "supply_sag"} - set(kept.cases) == cases
+    assert {"cold", "supply_sag"} - set(kept.case) == cases
     assert all(f"left out: case {name}: this actuator has no " in printed for name in cases)
-    assert ("peak_current" in kept.cases["step"].figures) is electrical
+    assert ("peak_current" in kept.case["step"].figures) is electrical
     assert ("rms_current: this actuator has no motor_current" in printed) is not electrical
     assert f'model = "{get(model).name}"' in (base / "baseline/baseline.toml").read_text()
     assert str(base) not in (base / "baseline/baseline.toml").read_text()
@@ -51,7 +51,7 @@ def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool,
 
 
 def test_a_sag_is_a_share_of_the_supply(base: Path) -> None:
-    case = read(TEMPLATE).cases["supply_sag"]
+    case = read(TEMPLATE).case["supply_sag"]
     small = ParameterSubject(load_parameters().with_values({"drive.supply_voltage": 28.0}))
     lower = case.model_copy(update={"start": {"drive.supply_voltage": 19.5}})
     assert set(case.excitation(base, small).columns["supply_voltage"]) == {28.0, 20.1025641}

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from math import copysign, isfinite, nan, radians
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple, cast
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PlainValidator, ValidationInfo, field_validator
+from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
 
 from ... import motions
 from ...actuators import get
@@ -18,17 +19,15 @@ from ...bench import metrics
 from ...bench.excitation import Excitation, csv_file, motion, reference_case
 from ...bench.frequency_response import sweep_response
 from ...bench.measure import Test, sweep_figures
-from ...bench.measure import excitation as measured
+from ...bench.measure import excitation as tested
 from ...bench.metrics import FIGURES, shown
 from ...bench.runs import Run
 from ...bench.subject import Subject
-from ...errors import EmcasError
-from ...parameters.schema import In, Table, each, parameter_of, unknown
+from ...errors import EmcasError, hint
+from ...parameters.schema import In, Table, each, kind_of
 from ...reference.files import supply_start
 from ...variables import Variable
 
-SCHEMA = "emcas-baseline/1"
-"""Name and version of the files' layout; the number changes when an entry changes its meaning or goes."""
 FILE = "baseline.toml"
 DIGITS = 6  # significant, of what is written: a ten-thousandth of the tightest relative limit shipped
 NEVER = "never"
@@ -36,13 +35,13 @@ NEVER = "never"
 LONGEST = 60.0  # s: fmpy's time for a run grows with the square of its length
 
 Array = NDArray[np.floating[Any]]
-_MOTION = ("rise_time", "settling_time", "time_to_accuracy", "overshoot", "steady_error", "held_error", "ripple",
-           "sustained_rate", "peak_rate")
-_SWEPT = ("bandwidth_3db", "bandwidth_90deg", "peak_gain")
-_PEAKS = ("peak_rate", "peak_angle")
 _ELECTRICAL = ("peak_current", "rms_current", "peak_power", "energy_drawn", "energy_returned")
-ALL = (*_MOTION, *_SWEPT, "peak_angle", *_ELECTRICAL)
-"""Figures of the bench that a baseline may have, in their order; which of them a case has depends on its kind."""
+_MOTION = ("rise_time", "settling_time", "time_to_accuracy", "overshoot", "steady_error", "held_error", "ripple",
+           "sustained_rate", "peak_rate", *_ELECTRICAL)
+_SWEPT = ("bandwidth_3db", "bandwidth_90deg", "peak_gain", *_ELECTRICAL)
+_PEAKS = ("peak_rate", "peak_angle", *_ELECTRICAL)
+ALL = tuple(dict.fromkeys((*_MOTION, *_SWEPT, *_PEAKS)))
+"""Figures of the bench that a baseline may have; which of them a case has depends on its kind."""
 
 
 def unit_of(figure: str) -> str:
@@ -50,9 +49,9 @@ def unit_of(figure: str) -> str:
     return shown(FIGURES[figure].unit)[0]
 
 
-def output_units(model: str) -> dict[str, str]:
-    """Return the outputs of an actuator that may be kept as trajectories, with the units in which they are kept."""
-    return {v.name: shown(v.unit)[0] for v in get(model).outputs if v.kind == "Real"}
+def output_units(model: str) -> dict[str, tuple[str, float]]:
+    """Return the outputs that may be kept as trajectories, with the units of these and the factors from SI."""
+    return {v.name: shown(v.unit) for v in get(model).outputs if v.kind == "Real"}
 
 
 def start_entries(model: str) -> dict[str, Variable]:
@@ -63,18 +62,6 @@ def start_entries(model: str) -> dict[str, Variable]:
 def rounded(value: float) -> float:
     """Return a value as a file holds it; nan for one that is never reached."""
     return float(f"{value + 0.0:.{DIGITS}g}") if isfinite(value) else nan
-
-
-class Reading(NamedTuple):
-    """What a file is read for: a model, and whether what was approved is needed, or limits and cases alone."""
-
-    model: str
-    approved: bool = True
-
-
-def reading(info: ValidationInfo) -> Reading:
-    """Return what the file that is validated is read for."""
-    return cast(Reading, info.context)
 
 
 class Limit(Table):
@@ -88,45 +75,57 @@ class Limit(Table):
         return max(self.absolute, self.relative / 100.0 * abs(approved)) if isfinite(approved) else 0.0
 
 
-def _known(name: str, names: Any) -> None:
-    if name not in names:
-        raise ValueError(f"there is no such entry; {unknown(name, names)}")
+def _entries(readers: Callable[[str], Mapping[str, Callable[[Any], Any]]]) -> PlainValidator:
+    """Return the validator of a table; `readers` returns the conversion of each entry for an actuator."""
+    def read(written: Any, info: ValidationInfo) -> dict[str, Any]:
+        known = readers(str(info.context))
+
+        def entry(name: str, value: Any) -> Any:
+            if name not in known:
+                raise ValueError("there is no such entry" + (hint(name, known) or f"; there is {', '.join(known)}"))
+            return known[name](value)
+
+        return each(written, entry)
+
+    return PlainValidator(read)
 
 
-def _figure_limits(written: Any) -> dict[str, Limit]:
-    def read(name: str, entry: Any) -> Limit:
-        _known(name, ALL)
-        return Limit.model_validate(entry, context=In(unit_of(name), 0.0))
-
-    return each(written, read)
-
-
-FigureLimits = Annotated[Mapping[str, Limit], PlainValidator(_figure_limits)]
+def _sample_time(written: Any) -> float:
+    time = float(In("s", 1e-3).limited(written))
+    if abs(time * 1e3 - round(time * 1e3)) > 1e-9:
+        raise ValueError("must be a whole number of ms")
+    return round(time, 9)
 
 
-def _trajectory_limits(written: Any, info: ValidationInfo) -> dict[str, float]:
-    units = output_units(reading(info).model)
+def _figure(unit: str, written: Any) -> float:
+    return nan if written == NEVER else float(In(unit).number(written))
 
-    def read(name: str, entry: Any) -> float:
-        if name == "sample_time":
-            time = float(In("s", 1e-3).limited(entry))
-            if abs(time * 1e3 - round(time * 1e3)) > 1e-9:
-                raise ValueError("must be a whole number of ms")
-            return round(time, 9)
-        _known(name, ["sample_time", *units])
-        return float(In(units[name], 0.0).limited(entry))
 
-    limits = each(written, read)
-    if "sample_time" not in limits:
-        raise ValueError("sample_time is missing")
-    return limits
+FigureLimits = Annotated[Mapping[str, Limit], _entries(
+    lambda _: {name: partial(Limit.model_validate, context=In(unit_of(name), 0.0)) for name in ALL})]
+TrajectoryLimits = Annotated[Mapping[str, float], _entries(
+    lambda model: {"sample_time": _sample_time, **{name: In(unit, 0.0).limited
+                                                   for name, (unit, _) in output_units(model).items()}})]
+Figures = Annotated[Mapping[str, float], _entries(
+    lambda _: {name: partial(_figure, unit_of(name)) for name in ALL})]
+StartValues = Annotated[Mapping[str, Any], _entries(
+    lambda model: {name: In.of(v).limited for name, v in start_entries(model).items()})]
+# Of what was recorded, limits are not checked.
+Parameters = Annotated[Mapping[str, Any], _entries(
+    lambda model: {name: In.of(v).number for name, v in start_entries(model).items()})]
 
 
 class Limits(Table):
     """Largest changes of figures, and of trajectories [display units] with the `sample_time` [s] of these."""
 
     figures: FigureLimits
-    trajectories: Annotated[Mapping[str, float], PlainValidator(_trajectory_limits)]
+    trajectories: TrajectoryLimits
+
+    @model_validator(mode="after")
+    def _sampled(self) -> Limits:
+        if "sample_time" not in self.trajectories:
+            raise ValueError("trajectories.sample_time is missing")
+        return self
 
     @property
     def sample_time(self) -> float:
@@ -139,33 +138,21 @@ class Limits(Table):
         return {name: limit for name, limit in self.trajectories.items() if name != "sample_time"}
 
 
-def _start(written: Any, info: ValidationInfo) -> dict[str, Any]:
-    variables = start_entries(reading(info).model)
-    return each(written, lambda name, entry: In.of(parameter_of(name, variables)).limited(entry))
-
-
 class Case(Table):
     """One excitation, with the figures [display units] approved for it and limits that go before the common ones.
 
     `start` are values of parameters that differ in it.
     """
 
-    measured: ClassVar[tuple[str, ...]] = (*_PEAKS, *_ELECTRICAL)
-
     kind: str
-    start: Annotated[Mapping[str, Any], PlainValidator(_start)] = Field(default_factory=dict)
+    start: StartValues = Field(default_factory=dict)
     limits: FigureLimits = Field(default_factory=dict)
-    figures: Any = None
+    figures: Figures = Field(default_factory=dict)
 
-    @field_validator("figures")
-    @classmethod
-    def _approved(cls, written: Any, info: ValidationInfo) -> dict[str, float]:
-        def read(name: str, entry: Any) -> float:
-            if name not in cls.measured:
-                raise ValueError(f"such a case has no such figure, remove it; {unknown(name, cls.measured)}")
-            return nan if entry == NEVER else float(In(unit_of(name)).number(entry))
-
-        return each(written, read) if reading(info).approved else {}
+    @property
+    def sweeps(self) -> bool:
+        """Whether it is a sweep, of which bandwidths are measured and no trajectory is kept."""
+        return self.kind in motions.KINDS and motions.KINDS[self.kind].sweeps
 
     def made(self, folder: Path, subject: Subject) -> Excitation:
         """Return the inputs for a subject, without what `start` changes."""
@@ -182,11 +169,18 @@ class Case(Table):
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         """Return the figures of a subject's finished run, SI, as far as the actuator has the outputs they need."""
-        return metrics.usage(run)
+        return _chosen(_PEAKS, metrics.usage(run))
+
+
+def _chosen(names: tuple[str, ...], figures: Mapping[str, float]) -> dict[str, float]:
+    return {name: figures[name] for name in names if name in figures}
 
 
 class Motion(Case):
-    """A kind of motion of the bench; of a slew a `torque` [N.m] comes on with the command, as in requirements."""
+    """A kind of motion of the bench; of a slew a `torque` [N.m] comes on with the command, as in requirements.
+
+    The bandwidths of a sweep are those under steady sines of its amplitude.
+    """
 
     command: Annotated[float, In("deg")]
     duration: Annotated[float, In("s", 0.1, LONGEST)]
@@ -202,28 +196,14 @@ class Motion(Case):
         torque = getattr(self, "torque", 0.0)
         if self.kind == "slew":  # from the first row on at its starting end
             sign = copysign(1.0, self.command)
-            slew = Test("slew", abs(radians(self.command)), self.duration, sign * torque)
-            return measured(slew, sign, subject)
+            return tested(Test("slew", abs(radians(self.command)), self.duration, sign * torque), sign, subject)
         return motion(self.kind, radians(self.command), self.duration, torque)
 
-
-class Jump(Motion):
-    """A motion whose command jumps."""
-
-    measured: ClassVar[tuple[str, ...]] = (*_MOTION, *_ELECTRICAL)
-
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
-        return {**metrics.usage(run), **metrics.motion(run, -1)}
-
-
-class Sweep(Motion):
-    """A sine sweep; the bandwidths are those under steady sines of its amplitude."""
-
-    measured: ClassVar[tuple[str, ...]] = (*_SWEPT, *_ELECTRICAL)
-
-    def measure(self, run: Run, subject: Subject) -> dict[str, float]:
-        response = sweep_response(run)
-        return {**metrics.usage(run), **sweep_figures(response, subject, abs(radians(self.command)), self.start)}
+        if self.sweeps:
+            swept = sweep_figures(sweep_response(run), subject, abs(radians(self.command)), self.start)
+            return _chosen(_SWEPT, {**metrics.usage(run), **swept})
+        return _chosen(_MOTION, {**metrics.usage(run), **metrics.motion(run, -1)})
 
 
 class Reference(Case):
@@ -234,10 +214,7 @@ class Reference(Case):
     @field_validator("case")
     @classmethod
     def _there_is(cls, case: str) -> str:
-        try:
-            reference_case(case)
-        except EmcasError as error:
-            raise ValueError(str(error)) from error
+        reference_case(case)
         return case
 
     def made(self, folder: Path, subject: Subject) -> Excitation:
@@ -259,21 +236,42 @@ class Replay(Case):
 
 
 _FIELDS: Mapping[str, Any] = {"torque": (Annotated[float, In("N.m")], 0.0)}
-KINDS: Mapping[str, type[Case]] = {
-    **{name: motions.schema(name, _FIELDS, Jump if kind.jumps else Sweep)
-       for name, kind in motions.KINDS.items() if kind.jumps or kind.sweeps}, "reference": Reference, "file": Replay}
+KINDS: Mapping[str, type[Case]] = {**{name: motions.schema(name, _FIELDS, Motion) for name, kind in
+                                      motions.KINDS.items() if kind.jumps or kind.sweeps},
+                                   "reference": Reference, "file": Replay}
 
 
-@dataclass(frozen=True)
-class Baseline:
-    """Of the actuator `model`: `cases` by name, and their trajectories by case and output [display units], from 0 on.
+def _cases(written: Any, info: ValidationInfo) -> dict[str, Case]:
+    def read(name: str, entry: Any) -> Case:
+        if not name.replace("_", "").replace("-", "").isalnum():
+            raise ValueError("a case is named by letters, digits, - and _, because a file is named after it")
+        return KINDS[kind_of(entry, KINDS)].model_validate(entry, context=info.context)
 
-    `recorded` says what it was recorded of; `parameters` are its values. Without them it is a plan to record by.
+    cases = each(written, read)
+    if not cases:
+        raise ValueError("there is no case; add one such as those of a new baseline")
+    for name in cases:
+        if any(isinstance(c, Replay) and Path(c.file) == Path(f"{name}.csv") for c in cases.values()):
+            raise ValueError(f"the trajectory of {name} would be written over the inputs {name}.csv; rename the case")
+    return cases
+
+
+class Tables(Table):
+    """The tables of a baseline's file; the validation context is the actuator's model."""
+
+    limits: Limits
+    case: Annotated[Mapping[str, Case], PlainValidator(_cases)]
+    recorded: dict[str, str] = Field(default_factory=dict)
+    parameters: Parameters = Field(default_factory=dict)
+
+
+class Baseline(Tables):
+    """Of an actuator: a file's limits and cases, also as they are `written` there, and the `traces` beside it.
+
+    `traces` are the trajectories by case and output [display units], from 0 on. `recorded` says what they were recorded
+    of, `parameters` are its values. A plan to record by has limits and cases only.
     """
 
     model: str
-    limits: Limits
-    cases: Mapping[str, Case]
+    written: Mapping[str, Any]
     traces: Mapping[str, Mapping[str, Array]]
-    recorded: Mapping[str, str]
-    parameters: Mapping[str, Any]
