@@ -1,40 +1,94 @@
 "use strict";
 /* Pictures of a page as uPlot charts: zoom by dragging, values under the cursor, curves switched on and off by name.
    Without this script, and in print, the page shows its pictures. */
-const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const ink = () => css("--text"), faint = () => css("--line");
 const INCH = 112;  // pixels of an inch of the picture
-const FONT = "12px 'DejaVu Sans', Verdana, system-ui, sans-serif";
+const NEAR = 40;  // pixels from a loop within which its value is shown
+const MOST_READ = 14;  // values under the cursor
 
-function element(tag, attributes = {}, ...children) {
-    const made = document.createElement(tag);
-    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-    made.append(...children);
-    return made;
+/** The values of a packed column: its decimals and differences, or, along a logarithmic axis, the numbers. */
+function unpacked(packed, log) {
+    if (log) return packed;
+    const unit = 10 ** -packed[0];
+    let sum = 0;
+    return packed.slice(1).map(step => step === null ? null : (sum += step) * unit);
 }
 
-/** Return a builder of the path through a line's points, in pixels of the canvas, with dots where it has markers. */
-function drawn(line) {
+/** A number for people: at most five digits. */
+function shown(value) {
+    if (!Number.isFinite(value)) return "–";
+    const size = Math.abs(value), plain = !size || size >= 1e-4 && size < 1e5;
+    return (plain ? String(Number(value.toPrecision(5))) : value.toExponential(3)).replace("-", "−");
+}
+
+const inside = (at, min, max) => at >= min - 1e-3 * Math.abs(min) && at <= max + 1e-3 * Math.abs(max);
+const ascending = ([from, to]) => from < to ? [from, to] : [to, from];
+
+/** The ticks of a zoomed logarithmic axis: 1, 2, 5 of each decade. */
+function decades(min, max) {
+    const marks = [], digits = Math.log10(max / min) > 2.5 ? [1] : [1, 2, 5];
+    for (let power = Math.floor(Math.log10(min)); power <= Math.log10(max); ++power) {
+        marks.push(...digits.map(digit => Number(`${digit}e${power}`)).filter(at => inside(at, min, max)));
+    }
+    return marks.length > 1 ? marks : even(min, max);
+}
+
+/** Ticks at even steps. */
+function even(min, max) {
+    const rough = (max - min) / 5, power = 10 ** Math.floor(Math.log10(rough));
+    const step = [1, 2, 5, 10].map(times => times * power).find(size => size >= rough), marks = [];
+    for (let at = Math.ceil(min / step); at * step <= max; ++at) marks.push(Number((at * step).toPrecision(10)));
+    return marks;
+}
+
+function shownTick(value, log) {
+    if (log && value && (value >= 1e5 || value < 1e-3)) return value.toExponential(0).replace("e+", "e");
+    return String(Number(value.toPrecision(8))).replace("-", "−");
+}
+
+/** The interpolated value of a curve at a position along x; null beyond its ends. */
+function interpolated({x, y}, at, {log, range}) {
+    const high = x.findIndex(value => value !== null && value > at), low = (high < 0 ? x.length : high) - 1;
+    if (low < 0 || x[low] === null) return null;
+    if (high < 0) return x[low] === at ? shown(y[low]) : null;
+    const value = y[low] + (at - x[low]) / (x[high] - x[low]) * (y[high] - y[low]);
+    if (log) return shown(value);
+    const digits = 4 - Math.floor(Math.log10(Math.abs(range[1] - range[0]) || 1));
+    return shown(Number(value.toFixed(Math.min(Math.max(digits, 0), 12))));
+}
+
+/** The coordinates of a loop's point that is nearest to the cursor; null if none is near. */
+function nearest(u, {x, y}, left, top) {
+    let best = NEAR, label = null;
+    x.forEach((at, i) => {
+        if (at === null || y[i] === null) return;
+        const away = Math.hypot(u.valToPos(at, "x") - left, u.valToPos(y[i], "y") - top);
+        if (away < best) [best, label] = [away, `${shown(at)}, ${shown(y[i])}`];
+    });
+    return label;
+}
+
+/** The builder of the path through a line's points, in pixels of the canvas, with dots where it has markers. */
+function path({width, marker = 0, hollow}) {
     return (u, k) => {
-        const [xs, ys] = u.data[k], stroke = new Path2D(), marks = new Path2D(), radius = (line.marker ?? 0) / 2 * devicePixelRatio;
+        const [xs, ys] = u.data[k], stroke = new Path2D(), fill = new Path2D(), dots = hollow ? stroke : fill;
+        const radius = marker / 2 * devicePixelRatio;
         let down = false;
-        for (let i = 0; i < xs.length; ++i) {
-            if (xs[i] === null || ys[i] === null) { down = false; continue; }
-            const x = u.valToPos(xs[i], "x", true), y = u.valToPos(ys[i], "y", true);
-            if (line.width) down ? stroke.lineTo(x, y) : stroke.moveTo(x, y);
-            down = true;
-            if (!line.marker) continue;
-            const into = line.hollow ? stroke : marks;
-            into.moveTo(x + radius, y);
-            into.arc(x, y, radius, 0, 2 * Math.PI);
-        }
-        return {stroke, fill: line.marker && !line.hollow ? marks : null, clip: null, flags: 3};
+        xs.forEach((at, i) => {
+            const known = at !== null && ys[i] !== null;
+            const x = known && u.valToPos(at, "x", true), y = known && u.valToPos(ys[i], "y", true);
+            if (known && width) stroke[down ? "lineTo" : "moveTo"](x, y);
+            down = known;
+            if (!known || !marker) return;
+            dots.moveTo(x + radius, y);
+            dots.arc(x, y, radius, 0, 2 * Math.PI);
+        });
+        return {stroke, fill: marker && !hollow ? fill : null, clip: null, flags: 3};
     };
 }
 
 class Panel {
     constructor(chart, data) {
-        Object.assign(this, {chart, data});
+        Object.assign(this, {chart, data, x: ascending(data.x.range), y: ascending(data.y.range)});
         for (const each of [...data.lines, ...data.areas]) {
             each.x = unpacked(each.x, data.x.log);
             each.y = unpacked(each.y, data.y.log);
@@ -45,176 +99,146 @@ class Panel {
     }
 
     words() {
-        const names = [...new Set(this.data.lines.map(line => line.name).filter(Boolean))];
-        return [this.data.title, `${this.data.y.label || "curve"} against ${this.bottom().label}`, names.join(", ")].filter(Boolean).join("; ");
+        const names = [...new Set(this.data.lines.map(line => line.name).filter(Boolean))].join(", ");
+        const axes = `${this.data.y.label || "curve"} against ${this.bottom}`;
+        return [this.data.title, axes, names].filter(Boolean).join("; ");
     }
 
-    /** The horizontal axis whose label belongs to this panel: its own, or that of the last panel that shares it. */
-    bottom() {
-        const {x} = this.data;
-        return x.label ? x : {...x, label: this.chart.panels.findLast(({data}) => data.x.group === x.group && data.x.label)?.data.x.label ?? ""};
+    /** The label of the horizontal axis: this panel's, or that of the last panel that shares the axis. */
+    get bottom() {
+        const {label, group} = this.data.x, axes = this.chart.panels.map(({data}) => data.x);
+        return label || axes.findLast(x => x.group === group && x.label)?.label || "";
     }
 
     axis(which) {
-        const {label, ticks, words, log} = this.data[which], side = which === "x";
-        const fixed = ticks && ((u, k, min, max) => ticks[0].filter(at => at >= min * (min > 0 ? 0.999 : 1.001) && at <= max * (max > 0 ? 1.001 : 0.999)));
-        const enough = (u, k, min, max) => words || fixed(u, k, min, max).length > 1;
-        const plain = log ? {} : {splits: undefined};
-        const axis = {
-            label: label || undefined, labelSize: 20, labelGap: 0, labelFont: FONT, font: FONT, stroke: ink, size: side ? 30 : this.chart.room(this.data.place[1]),
-            gap: 4, grid: {stroke: faint, width: 0.5}, ticks: {stroke: faint, width: 0.5, size: 4}, space: side ? 56 : 26, ...plain,
-            values: (u, splits) => splits.map(at => at === null ? "" : shownTick(at, log)),
+        const {label, ticks, words, log} = this.data[which];
+        const names = new Map(ticks?.[0].map((at, k) => [at, ticks[1][k]]));
+        const fixed = (min, max) => {
+            const marks = ticks[0].filter(at => inside(at, min, max));
+            return words || marks.length > 1 ? marks : even(min, max);
         };
-        if (ticks) {
-            const labels = {};
-            ticks[0].forEach((at, k) => { labels[at] = ticks[1][k]; });
-            axis.values = (u, splits) => splits.map(at => at === null ? "" : labels[at] ?? shownTick(at, log));
-            axis.splits = (u, k, min, max, step, space) => enough(u, k, min, max) ? fixed(u, k, min, max) : even(min, max);
-            axis.filter = (u, splits) => splits;
-        } else if (log) {
-            axis.splits = (u, k, min, max) => decades(min, max);
-            axis.filter = (u, splits) => splits;
-        }
-        return axis;
+        const marks = ticks ? fixed : log ? decades : undefined;
+        return {
+            label: label || undefined, labelSize: 20, labelGap: 0, labelFont: FONT, font: FONT, stroke: ink, gap: 4,
+            grid: {stroke: faint, width: 0.5}, ticks: {stroke: faint, width: 0.5, size: 4},
+            ...(which === "x" ? {side: 2, size: 30, space: 56} :
+                {side: 3, size: this.chart.room(this.data.place[1]), space: 26}),
+            values: (u, splits) => splits.map(at => at === null ? "" : names.get(at) ?? shownTick(at, log)),
+            ...(marks && {splits: (u, k, min, max) => marks(min, max), filter: (u, splits) => splits}),
+        };
     }
 
     /** Width of the longest number or word along the vertical axis. */
-    wide() {
-        const words = this.data.y.ticks?.[1] ?? this.data.y.range.map(value => shown(value));
+    get wide() {
+        const words = this.data.y.ticks?.[1] ?? this.data.y.range.map(shown);
         return Math.min(22 + 7.5 * Math.max(4, ...words.map(text => text.length)), 150);
     }
 
-    /** Create the plot in the available width. */
+    /** Creates the plot in the available width. */
     show() {
-        const {data, chart} = this, range = which => () => this[which];
-        this.x = [...data.x.range];
-        this.y = [...data.y.range];
-        const reversed = which => data[which].range[0] > data[which].range[1];
-        for (const which of ["x", "y"]) if (reversed(which)) this[which].reverse();
-        const series = data.lines.map(line => ({
-            label: line.name, show: !chart.off.has(line.name), paths: drawn(line), points: {show: false}, dash: line.dash,
-            stroke: () => line.color || ink(), fill: () => line.color || ink(), width: line.width || (line.hollow ? 1 : 0.01),
-            facets: [{scale: "x", auto: false}, {scale: "y", auto: false}],
-        }));
-        const empty = {paths: () => null, points: {show: false}, facets: [{scale: "x", auto: false}, {scale: "y", auto: false}]};
+        const {data, chart} = this, lines = data.lines.length ? data.lines : [{x: [], y: []}];
+        const scale = which => ({auto: false, range: () => this[which], distr: data[which].log ? 3 : 1,
+            dir: data[which].range[0] > data[which].range[1] ? -1 : 1});
         this.plot = new uPlot({
-            mode: 2, ...this.room(), legend: {show: false}, padding: [8, 12, 0, 0],
+            mode: 2, ...this.size, legend: {show: false}, padding: [8, 12, 0, 0],
             cursor: {
                 points: {show: false}, dataIdx: () => null, focus: {prox: -1},
                 drag: {x: true, y: true, uni: 30, setScale: false},
                 bind: {dblclick: () => () => chart.whole()},
                 sync: {key: `${chart.key}-${data.x.group}`, scales: ["x", null]},
             },
-            scales: {x: {time: false, distr: data.x.log ? 3 : 1, dir: reversed("x") ? -1 : 1, auto: false, range: range("x")},
-                     y: {distr: data.y.log ? 3 : 1, dir: reversed("y") ? -1 : 1, auto: false, range: range("y")}},
-            axes: [{...this.axis("x"), side: 2}, {...this.axis("y"), side: 3}],
-            series: [null, ...(series.length ? series : [empty])],
-            hooks: {drawAxes: [u => this.under(u)], draw: [u => this.over(u)], setCursor: [u => this.tell(u)], setSelect: [u => this.select(u)]},
-        }, [null, ...(data.lines.length ? data.lines.map(({x, y}) => [x, y]) : [[[], []]])], this.box);
+            scales: {x: {time: false, ...scale("x")}, y: scale("y")},
+            axes: [this.axis("x"), this.axis("y")],
+            series: [null, ...lines.map(line => ({
+                label: line.name, show: !chart.off.has(line.name), paths: path(line), points: {show: false},
+                dash: line.dash, stroke: () => line.color || ink(), fill: () => line.color || ink(),
+                width: line.width || (line.hollow ? 1 : 0.01),
+                facets: ["x", "y"].map(which => ({scale: which, auto: false})),
+            }))],
+            hooks: {drawAxes: [u => paint(u, (...of) => this.under(...of), true)],
+                draw: [u => paint(u, (...of) => this.over(...of))],
+                setCursor: [u => this.tell(u)], setSelect: [u => this.select(u)]},
+        }, [null, ...lines.map(({x, y}) => [x, y])], this.box);
         this.box.append(this.read);
     }
 
-    room() {
-        return {width: Math.max(this.box.clientWidth, 200), height: Math.round(Math.max(this.data.height * INCH, 120)) + (this.data.x.label ? 20 : 0)};
+    get size() {
+        const height = Math.round(Math.max(this.data.height * INCH, 120)) + (this.data.x.label ? 20 : 0);
+        return {width: Math.max(this.box.clientWidth, 200), height};
     }
 
     resize() {
-        const {width, height} = this.room();
-        if (this.plot && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({width, height});
+        const {size, plot} = this;
+        if (plot && (size.width !== plot.width || size.height !== plot.height)) plot.setSize(size);
     }
 
-    /** Draw bands, areas and levels below the curves. */
-    under(u) {
-        const {ctx, bbox: {left, top, width, height}} = u, {off} = this.chart;
-        ctx.save();
-        ctx.beginPath();
-        ctx.rect(left, top, width, height);
-        ctx.clip();
-        for (const band of this.data.bands.filter(({name}) => !off.has(name))) {
-            ctx.fillStyle = band.color;
-            for (const range of band.ranges) {
-                const [from, to] = range.map(value => u.valToPos(value, band.axis, true));
-                if (band.axis === "x") ctx.fillRect(Math.min(from, to), top, Math.abs(to - from), height);
-                else ctx.fillRect(left, Math.min(from, to), width, Math.abs(to - from));
+    /** Draws bands, areas and levels below the curves. */
+    under(ctx, x, y, frame) {
+        const {left, top, width, height} = frame, {bands, areas, levels} = this.data;
+        const on = ({name}) => !this.chart.off.has(name);
+        for (const {color, axis, ranges} of bands.filter(on)) {
+            ctx.fillStyle = color;
+            for (const [from, to] of ranges) {
+                if (axis === "x") ctx.fillRect(x(from), top, x(to) - x(from), height);
+                else ctx.fillRect(left, y(from), width, y(to) - y(from));
             }
         }
-        for (const area of this.data.areas) {
+        for (const area of areas) {
             ctx.fillStyle = area.color;
             ctx.beginPath();
-            area.x.forEach((x, i) => ctx.lineTo(u.valToPos(x, "x", true), u.valToPos(area.y[i], "y", true)));
+            area.x.forEach((at, i) => ctx.lineTo(x(at), y(area.y[i])));
             ctx.fill();
         }
-        for (const level of this.data.levels.filter(({name}) => !off.has(name))) {
-            const at = u.valToPos(level.at, level.axis, true);
-            ctx.strokeStyle = level.color || ink();
-            ctx.lineWidth = level.width * devicePixelRatio;
-            ctx.setLineDash((level.dash ?? []).map(length => length * devicePixelRatio));
-            ctx.beginPath();
-            ctx.moveTo(level.axis === "x" ? at : left, level.axis === "x" ? top : at);
-            ctx.lineTo(level.axis === "x" ? at : left + width, level.axis === "x" ? top + height : at);
-            ctx.stroke();
+        for (const {axis, at, color, width: thick, dash} of levels.filter(on)) {
+            across(ctx, axis, axis === "x" ? x(at) : y(at), frame, {color: color || ink(), thick, dash});
         }
-        ctx.restore();
     }
 
-    /** Draw texts above the curves. */
-    over(u) {
-        const {ctx, bbox: {left, top, width, height}} = u;
-        ctx.save();
-        ctx.font = `${11 * devicePixelRatio}px ${FONT.slice(5)}`;
+    /** Draws texts above the curves. */
+    over(ctx, x, y, {left, top, width, height}) {
+        ctx.font = SMALL();
         for (const {text, at, share, align, base, color} of this.data.texts) {
-            const [x, y] = at ? [u.valToPos(at[0], "x", true), u.valToPos(at[1], "y", true)]
-                : [left + share[0] * width, top + (1 - share[1]) * height];
-            if (x < left || x > left + width || y < top || y > top + height) continue;
+            const right = at ? x(at[0]) : left + share[0] * width, down = at ? y(at[1]) : top + (1 - share[1]) * height;
+            if (right < left || right > left + width || down < top || down > top + height) continue;
             ctx.fillStyle = color || ink();
             ctx.textAlign = align;
             ctx.textBaseline = {top: "top", center: "middle", center_baseline: "middle"}[base] ?? "alphabetic";
-            ctx.fillText(text, x, y - (base === "bottom" ? 3 * devicePixelRatio : 0));
+            ctx.fillText(text, right, down - (base === "bottom" ? 3 * devicePixelRatio : 0));
         }
-        ctx.restore();
     }
 
     select(u) {
-        const {left, top, width, height} = u.select;
+        const {left, top, width, height} = u.select, {x, y} = this.data;
         if (width < 4 && height < 4) return;
         if (width >= 4 && (width < u.over.clientWidth || height === u.over.clientHeight)) {
-            this.chart.zoom("x", this.data.x.group, [u.posToVal(left, "x"), u.posToVal(left + width, "x")]);
+            this.chart.zoom("x", x.group, [u.posToVal(left, "x"), u.posToVal(left + width, "x")]);
         }
         if (height >= 4 && height < u.over.clientHeight) {
-            this.chart.zoom("y", this.data.y.group, [u.posToVal(top + height, "y"), u.posToVal(top, "y")]);
+            this.chart.zoom("y", y.group, [u.posToVal(top + height, "y"), u.posToVal(top, "y")]);
         }
         u.setSelect({left: 0, top: 0, width: 0, height: 0}, false);
     }
 
-    to(which, [from, to]) {
-        this[which] = from < to ? [from, to] : [to, from];
-        const [min, max] = this[which];
+    to(which, range) {
+        const [min, max] = this[which] = ascending(range);
         this.plot.setScale(which, {min, max});
     }
 
-    /** Show the values under the cursor, of a closed curve those of its nearest point. */
+    /** Shows the values under the cursor, of a closed curve those of its nearest point. */
     tell(u) {
-        const {left, top, event} = u.cursor;
-        if (!(left >= 0) || !event || !u.over.contains(event.target)) {
-            this.read.hidden = true;
-            return;
-        }
-        const at = u.posToVal(left, "x"), rows = [];
-        this.data.lines.forEach((line, k) => {
-            if (!u.series[k + 1].show) return;
-            const value = line.loop || !line.width ? nearest(u, line, left, top) : between(line, at, this.data);
-            if (value !== null) rows.push([line, value]);
-        });
-        const unit = /\[(.*)\]/.exec(this.bottom().label)?.[1] ?? "";
-        this.read.replaceChildren(element("div", {class: "at"}, `${shown(at)} ${unit}`));
-        for (const [line, value] of rows.slice(0, 14)) {
-            const mark = element("i", {style: `background:${line.color || "var(--text)"}`});
-            this.read.append(element("div", {}, mark, `${line.name || this.data.y.label.replace(/ *\[.*/, "") || "value"} `, element("b", {}, value)));
-        }
-        this.read.hidden = !rows.length;
-        const right = left > u.over.clientWidth / 2, gap = 14;
-        const x = u.over.offsetLeft + left + (right ? -gap - this.read.offsetWidth : gap);
-        this.read.style.left = `${Math.max(0, x)}px`;
+        const {left, top, event} = u.cursor, {lines, y} = this.data;
+        this.read.hidden = !(left >= 0 && event && u.over.contains(event.target));
+        if (this.read.hidden) return;
+        const at = u.posToVal(left, "x"), unit = /\[(.*)\]/.exec(this.bottom)?.[1] ?? "";
+        const rows = lines.filter((_, k) => u.series[k + 1].show).map(line =>
+            [line, line.loop || !line.width ? nearest(u, line, left, top) : interpolated(line, at, y)]);
+        const values = rows.filter(([, value]) => value !== null).slice(0, MOST_READ).map(([{color, name}, value]) =>
+            element("div", {}, element("i", {style: `background:${color || "var(--text)"}`}),
+                `${name || y.label.replace(/ *\[.*/, "") || "value"} `, element("b", {}, value)));
+        this.read.replaceChildren(element("div", {class: "at"}, `${shown(at)} ${unit}`), ...values);
+        this.read.hidden = !values.length;
+        const gap = left > u.over.clientWidth / 2 ? -14 - this.read.offsetWidth : 14;
+        this.read.style.left = `${Math.max(0, u.over.offsetLeft + left + gap)}px`;
         this.read.style.top = `${u.root.offsetTop + 8}px`;
     }
 }
@@ -222,50 +246,49 @@ class Panel {
 /** A figure of the page: its panels, arranged as in the picture. */
 class Chart {
     constructor(figure, key) {
-        const data = JSON.parse(figure.querySelector("script").textContent);
-        Object.assign(this, {figure, key, off: new Set()});
-        this.panels = data.panels.map(panel => new Panel(this, panel));
+        const {panels, names} = JSON.parse(figure.querySelector("script").textContent);
+        Object.assign(this, {key, off: new Set()});
+        this.panels = panels.map(panel => new Panel(this, panel));
         this.panels.forEach(panel => panel.box.setAttribute("aria-label", panel.words()));
-        this.box = element("div", {class: "live", role: "group", "aria-label": figure.querySelector("svg").getAttribute("aria-label")});
+        const label = figure.querySelector("svg").getAttribute("aria-label");
         this.reset = element("button", {type: "button", class: "reset", hidden: ""}, "whole range");
         this.reset.addEventListener("click", () => this.whole());
-        this.box.append(this.legend(data.names), this.grid());
-        figure.querySelector(".still").after(this.box);
+        const box = element("div", {class: "live", role: "group", "aria-label": label}, this.legend(names), this.grid);
+        figure.querySelector(".still").after(box);
         figure.classList.add("is-live");
         this.panels.forEach(panel => panel.show());
-        new ResizeObserver(() => this.panels.forEach(panel => panel.resize())).observe(this.box);
+        new ResizeObserver(() => this.panels.forEach(panel => panel.resize())).observe(box);
     }
 
-    grid() {
-        const grid = element("div", {class: "panels"}), rows = new Map();
-        for (const panel of this.panels) {
-            const [row] = panel.data.place;
-            if (!rows.has(row)) rows.set(row, grid.appendChild(element("div", {class: "row"})));
-            panel.box.style.flex = `${panel.data.share} 1 0`;
-            rows.get(row).append(panel.box);
+    get grid() {
+        const rows = [];
+        for (const {box, data: {place: [row], share}} of this.panels) {
+            rows[row] ??= element("div", {class: "row"});
+            box.style.flex = `${share} 1 0`;
+            rows[row].append(box);
         }
-        return grid;
+        return element("div", {class: "panels"}, ...rows.filter(Boolean));
     }
 
+    /** Buttons that switch curves, levels and bands, in the order of the picture's legend. */
     legend(order) {
-        const box = element("div", {class: "toggles", role: "group", "aria-label": "curves"}), looks = new Map();
-        const every = this.panels.flatMap(({data}) => [...data.lines, ...data.levels, ...data.bands]).filter(({name}) => name);
-        for (const each of every) if (!looks.has(each.name)) looks.set(each.name, each);
-        const named = [...order.filter(name => looks.has(name)), ...[...looks.keys()].filter(name => !order.includes(name))];
-        for (const name of named) {
-            const {color, width, dash, marker, ranges} = looks.get(name), line = color || "var(--text)";
-            const swatch = element("i", {class: ranges ? "band" : width ? (dash ? "dashed" : "") : "dot", style: `--swatch:${line};--thick:${Math.min(Math.max(width || 2, 1.5), 4)}px`});
+        const every = this.panels.flatMap(({data}) => [...data.lines, ...data.levels, ...data.bands]);
+        const names = every.map(({name}) => name).filter(Boolean);
+        const buttons = [...new Set([...order.filter(name => names.includes(name)), ...names])].map(name => {
+            const {color, width, dash, ranges} = every.find(each => each.name === name);
+            const thick = Math.min(Math.max(width || 2, 1.5), 4);
+            const look = ranges ? "band" : !width ? "dot" : dash ? "dashed" : "";
+            const swatch = element("i", {class: look, style: `--swatch:${color || "var(--text)"};--thick:${thick}px`});
             const button = element("button", {type: "button", "aria-pressed": "true"}, swatch, name);
             button.addEventListener("click", () => this.toggle(name, button));
-            box.append(button);
-        }
-        box.append(this.reset);
-        return box;
+            return button;
+        });
+        return element("div", {class: "toggles", role: "group", "aria-label": "curves"}, ...buttons, this.reset);
     }
 
     toggle(name, button) {
-        const show = this.off.has(name);
-        show ? this.off.delete(name) : this.off.add(name);
+        const show = this.off.delete(name);
+        if (!show) this.off.add(name);
         button.setAttribute("aria-pressed", String(show));
         for (const {plot, data} of this.panels) {
             data.lines.forEach((line, k) => { if (line.name === name) plot.setSeries(k + 1, {show}); });
@@ -285,20 +308,16 @@ class Chart {
 
     /** Width left of a column of panels, the same for all panels in it. */
     room(column) {
-        return Math.max(...this.panels.filter(({data}) => data.place[1] === column).map(panel => panel.wide()));
-    }
-
-    redraw() {
-        this.panels.forEach(({plot}) => plot.redraw(false, true));
+        return Math.max(...this.panels.filter(({data}) => data.place[1] === column).map(panel => panel.wide));
     }
 }
 
 const charts = [], waiting = new IntersectionObserver(entries => {
-    for (const {target, isIntersecting} of entries) {
-        if (!isIntersecting) continue;
+    for (const {target} of entries.filter(entry => entry.isIntersecting)) {
         waiting.unobserve(target);
         charts.push(new Chart(target, `figure-${charts.length}`));
     }
 }, {rootMargin: "400px"});
 document.querySelectorAll("figure.curves").forEach(figure => waiting.observe(figure));
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw()));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () =>
+    charts.forEach(chart => chart.panels.forEach(({plot}) => plot.redraw(false, true))));

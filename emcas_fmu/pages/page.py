@@ -20,7 +20,7 @@ from .numbers import beside, number, percent, rounded, typeset, with_unit
 from .provenance import Source, made
 
 _SCRIPTS = {"uplot": "uplot/uPlot.iife.min.js", "uplot_style": "uplot/uPlot.min.css",
-            "uplot_licence": "uplot/LICENSE", "marks_script": "marks.js", "curves_script": "curves.js"}
+            "uplot_licence": "uplot/LICENSE", "draw_script": "draw.js", "curves_script": "curves.js"}
 _LONG, _MOST_LISTED = 4, 40  # headings: of a page that has a list of contents, and of one whose h3 are in it
 
 

@@ -37,7 +37,7 @@ def computed(browser: Browser, path: Path) -> tuple[np.ndarray[Any, Any], np.nda
     assert browser.complaints == []
     run = browser.run("(({live: {setting, run}}) => { const inputs = setting.inputs(run.excitation); return {rows: "
                       "run.excitation.time.length, inputs: DATA.inputs.map(({name}) => typeof inputs[name] === "
-                      "'object' ? [...inputs[name]] : Number(inputs[name])), outputs: DATA.outputs.map(({name}) => "
+                      "'object' ? [...inputs[name]] : Number(inputs[name])), outputs: DATA.outputs.map(name => "
                       "[...run.outputs[name]])}; })(window.page)")
     table = np.column_stack([np.broadcast_to(column, run["rows"]) for column in run["inputs"]])
     return table, np.array(run["outputs"]).T
@@ -180,8 +180,8 @@ def test_the_slider_of_the_temperature_covers_the_table_of_friction(opened: Brow
 
 
 @pytest.mark.parametrize(("text", "said"), [
-    ("10 deg", "excitation.amplitude: '10 deg' is not a number; the unit is deg"),
-    ("abc", "excitation.amplitude: 'abc' is not a number; the unit is deg"),
+    ("10 deg", "excitation.amplitude: '10 deg' is not a number; the unit is °"),
+    ("abc", "excitation.amplitude: 'abc' is not a number; the unit is °"),
 ])
 def test_a_text_is_no_number(opened: Browser, text: str, said: str) -> None:
     assert typed(opened, "excitation.amplitude", text) == said
@@ -331,7 +331,7 @@ def test_two_settings_stand_side_by_side(opened: Browser) -> None:
     opened.run("window.page.keep()")
     opened.set("excitation.torque", -80.0)
     opened.rested("window.page.refresh()")
-    heads = opened.run("[...document.querySelectorAll('#figures-head th')].map(e => e.textContent)")
+    heads = opened.run("[...document.querySelectorAll('#figures thead th')].map(e => e.textContent)")
     assert heads == ["figure", "A, kept", "B, live", "definition"]
     kept, live = opened.run("[window.page.kept, window.page.live].map(each => each.figures.steady_error)")
     assert abs(kept) < abs(live)

@@ -73,8 +73,8 @@ class Actuator {
         });
     }
 
-    /** Simulates rows `step` [s] apart; inputs by name are columns or constants. Returns the outputs `names` as columns. */
-    run(values, inputs, rows, step, names = DATA.outputs.map(({name}) => name)) {
+    /** Simulates rows `step` [s] apart, from inputs by name: columns or constants. Returns outputs `names` as columns. */
+    run(values, inputs, rows, step, names = DATA.outputs) {
         this.put(values);
         if (!this.code.actuator_start(this.actuator, this.parameters)) throw new Error("the parameters are refused");
         const before = this.top, width = DATA.inputs.length, wide = DATA.outputs.length;
@@ -90,7 +90,7 @@ class Actuator {
         if (reached < rows) throw new Error(`at ${general(reached * step, 6)} s: ${DATA.reasons[reason]}`);
         const computed = this.doubles(out, rows * wide);
         return Object.fromEntries(names.map(name => {
-            const column = new Float64Array(rows), index = DATA.outputs.findIndex(v => v.name === name);
+            const column = new Float64Array(rows), index = DATA.outputs.indexOf(name);
             for (let k = 0; k < rows; ++k) column[k] = computed[k * wide + index];
             return [name, column];
         }));

@@ -1,14 +1,6 @@
 "use strict";
 /* The fields of the page: sliders with numbers for the main values, and a searchable list of all values. */
 
-/** An element with attributes and children. */
-function element(tag, attributes = {}, ...children) {
-    const created = document.createElement(tag);
-    for (const [name, value] of Object.entries(attributes)) if (value !== null) created.setAttribute(name, value);
-    created.append(...children);
-    return created;
-}
-
 /** The range of a slider [SI]: a declared one; up to three times a value above zero, except in °C; all values of a
     limited range; otherwise null. */
 function sliderRange({range, unit, value, minimum, maximum}) {
@@ -26,13 +18,14 @@ function titleOf({name, title}) {
 
 class Control {
     /** Calls `change(name, value)` with values that the user sets, in SI. */
-    constructor(control, change, {slider = false, title = titleOf(control)} = {}) {
+    constructor(control, change, slider = false) {
         this.control = control;
         this.change = value => change(control.name, value);
         [this.unit, this.factor] = control.shown;
-        const id = `${slider ? "first" : "all"}-${control.name}`;
-        this.field = control.kind === "Boolean" ? element("input", {id, type: "checkbox"}) :
-            element("input", {id, type: "text", inputmode: "decimal", autocomplete: "off", spellcheck: "false"});
+        const id = `${slider ? "first" : "all"}-${control.name}`, title = titleOf(control);
+        this.flag = control.kind === "Boolean";
+        this.field = element("input", this.flag ? {id, type: "checkbox"} :
+            {id, type: "text", inputmode: "decimal", autocomplete: "off", spellcheck: "false"});
         this.field.addEventListener("change", () => this.entered());
         this.again = element("button", {type: "button", class: "again", "aria-label": `${title}: back to its start`,
             title: "back to its start"}, "↺");
@@ -42,32 +35,30 @@ class Control {
             this.field.focus();
         });
         const parts = control.name.split(/(?<=[._])/).flatMap(part => [part, element("wbr")]);
-        const label = element("label", {for: id}, slider ? title : element("code", {}, ...parts));
-        const unit = element("span", {class: "unit"}, DATA.typeset[this.unit] ?? this.unit);
-        this.row = element("div", {class: "control", "data-name": control.name}, label,
-            element("span", {class: "number"}, this.field, unit, this.again));
+        this.row = element("div", {class: "control", "data-name": control.name},
+            element("label", {for: id}, slider ? title : element("code", {}, ...parts)),
+            element("span", {class: "number"}, this.field, element("span", {class: "unit"}, this.unit), this.again));
         if (slider) this.addSlider(title);
         else this.row.append(element("p", {class: "about"}, ...this.about()));
     }
 
     /** Description, limits and source. */
     about() {
-        const {description, minimum, maximum, source} = this.control, parts = [description];
-        const limits = [minimum, maximum].map(limit => shownNumber(limit / this.factor));
-        if (Number.isFinite(minimum) && Number.isFinite(maximum)) parts.push(` · ${limits[0]} to ${limits[1]}`);
-        if (source === "estimate") parts.push(" · ", element("em", {}, "estimate"));
-        else if (source) parts.push(` · ${source}`);
-        return parts;
+        const {description, minimum, maximum, source} = this.control;
+        const limits = [minimum, maximum].map(limit => shownNumber(limit / this.factor)).join(" to ");
+        const limited = Number.isFinite(minimum) && Number.isFinite(maximum) ? ` · ${limits}` : "";
+        const from = source === "estimate" ? element("em", {}, source) : source ?? "";
+        return [description, limited, source ? " · " : "", from];
     }
 
     addSlider(title) {
         this.row.title = [this.control.description, this.control.source].filter(Boolean).join(" · ");
-        if (this.control.kind === "Boolean") return;
+        if (this.flag) return;
         this.slider = element("input", {type: "range", "aria-label": title});
-        this.ends = [element("span", {class: "end"}), element("span", {class: "end"})];
+        this.ends = [0, 1].map(() => element("span", {class: "end"}));
         this.slide = element("div", {class: "slide"}, this.ends[0], this.slider, this.ends[1]);
-        const moved = () => Number(general(Number(this.slider.value), 4)) * this.factor;
-        this.slider.addEventListener("input", () => this.change(moved()));
+        this.slider.addEventListener("input", () =>
+            this.change(Number(general(Number(this.slider.value), 4)) * this.factor));
         this.row.append(this.slide);
     }
 
@@ -76,10 +67,8 @@ class Control {
         this.range ??= sliderRange({...this.control, value: this.start});
         this.slide.hidden = !this.range;
         if (!this.range) return;
-        const ends = this.range.map(limit => limit / this.factor);
-        [this.slider.min, this.slider.max] = ends;
-        this.slider.step = (ends[1] - ends[0]) / 200;
-        this.slider.value = value / this.factor;
+        const ends = this.range.map(limit => limit / this.factor), [min, max] = ends;
+        Object.assign(this.slider, {min, max, step: (max - min) / 200, value: value / this.factor});
         this.slider.setAttribute("aria-valuetext", `${text} ${this.unit}`);
         this.ends.forEach((end, k) => { end.textContent = shownNumber(ends[k]); });
     }
@@ -95,47 +84,36 @@ class Control {
 
     /** Reads the field; a text that is not a number is passed on, to be refused. */
     entered() {
-        if (this.field.type === "checkbox") return this.change(this.field.checked);
+        if (this.flag) return this.change(this.field.checked);
         const text = this.field.value.trim(), value = Number(text.replace(",", ".").replace("−", "-"));
         return this.change(text === "" ? undefined : Number.isNaN(value) ? text : value * this.factor);
     }
 
     /** Shows a setting's value. */
     show(setting) {
-        const value = setting.get(this.control.name), start = setting.default(this.control.name);
+        const {name, minimum, maximum} = this.control, value = setting.get(name), start = setting.default(name);
         if (start !== this.start) this.range = null;  // another kind's start
         this.start = start;
         this.row.classList.toggle("changed", value !== start);
         this.again.hidden = value === start;
-        if (this.field.type === "checkbox") {
-            this.field.checked = value;
-            return;
-        }
-        const {minimum, maximum} = this.control, known = value >= minimum && value <= maximum;
-        this.field.setAttribute("aria-invalid", String(!known));
-        if (typeof value === "string") {
-            this.field.value = value;
-            return;
-        }
-        const text = general(value / this.factor, 9);
+        this.field.checked = value === true;
+        if (this.flag) return;
+        this.field.setAttribute("aria-invalid", String(!(value >= minimum && value <= maximum)));
+        const text = typeof value === "string" ? value : general(value / this.factor, 9);
         if (document.activeElement !== this.field || Number(this.field.value) !== Number(text)) this.field.value = text;
-        if (this.slider) this.slideTo(value, text);
+        if (this.slider && typeof value === "number") this.slideTo(value, text);
     }
 }
 
 /** The main controls in groups: the excitation's fields, supply, temperature, gains. */
 function firstControls(change) {
-    const controls = [];
-    for (const [group, names] of Object.entries({command: DATA.fields.map(({name}) => name), ...DATA.first})) {
+    return Object.entries({command: DATA.fields.map(({name}) => name), ...DATA.first}).flatMap(([group, names]) => {
         const box = document.getElementById(`group-${group}`);
-        for (const name of names) {
-            const control = new Control(CONTROLS.get(name), change, {slider: true});
-            controls.push(control);
-            box.append(control.row);
-        }
+        const controls = names.map(name => new Control(CONTROLS.get(name), change, true));
+        box.append(...controls.map(({row}) => row));
         box.hidden = !names.length;
-    }
-    return controls;
+        return controls;
+    });
 }
 
 /** Controls of all parameters and constant inputs, grouped by the first word of their names; `search` filters them. */
@@ -143,23 +121,18 @@ function allControls(change, search, box) {
     const groups = new Map();
     for (const control of [...DATA.parameters, ...HELD]) {
         const group = HELD.includes(control) ? "inputs held" : control.name.split(".")[0];
-        if (!groups.has(group)) groups.set(group, []);
-        groups.get(group).push(new Control(control, change));
+        groups.set(group, [...groups.get(group) ?? [], new Control(control, change)]);
     }
     const details = [...groups].map(([group, controls]) => {
-        const folded = element("details", {}, element("summary", {}, group, element("span", {class: "quiet"},
-            ` ${controls.length}`)), ...controls.map(({row}) => row));
-        box.append(folded);
-        return [folded, controls];
+        const count = element("span", {class: "quiet"}, ` ${controls.length}`), rows = controls.map(({row}) => row);
+        return [element("details", {}, element("summary", {}, group, count), ...rows), rows];
     });
+    box.append(...details.map(([folded]) => folded));
     search.addEventListener("input", () => {
         const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
-        for (const [folded, controls] of details) {
-            for (const {row} of controls) {
-                const text = row.textContent.toLowerCase();
-                row.hidden = !words.every(word => text.includes(word));
-            }
-            folded.hidden = controls.every(({row}) => row.hidden);
+        for (const [folded, rows] of details) {
+            for (const row of rows) row.hidden = !words.every(word => row.textContent.toLowerCase().includes(word));
+            folded.hidden = rows.every(row => row.hidden);
             folded.open = words.length > 0 && !folded.hidden;
         }
     });

@@ -28,8 +28,8 @@ function excited(kind, fields) {
     }
     const time = times(begin + duration), {rise} = DATA.kinds[kind];
     const columns = {fin_command: time.map((t, k) => k && amplitude * SHARES[kind](t - begin, fields))};
-    const risen = since => rise ? Math.min(Math.max(since / rise, 0), 1) : SHARES.step(since);
-    if (torque) columns.aero_torque = time.map(t => rise === null ? torque : torque * risen(t - begin));
+    const risen = since => rise === null ? 1 : rise ? Math.min(Math.max(since / rise, 0), 1) : SHARES.step(since);
+    if (torque) columns.aero_torque = time.map(t => torque * risen(t - begin));
     return {time, begin, columns};
 }
 
@@ -49,37 +49,28 @@ function moves(time, command) {
 
 /** Rows of inputs from the text of a CSV file, linear between its rows, as in bench/excitation.py. Throws an Error. */
 function fromCsv(text, title) {
-    const lines = text.replace(/^\uFEFF/, "").split(/\r?\n/).filter(line => line.trim());
-    const cells = line => line.split(",").map(cell => cell.trim().replace(/^"(.*)"$/, "$1"));
-    const names = cells(lines.shift() ?? "");
-    const rows = lines.map(line => cells(line).map(cell => cell === "" ? NaN : Number(cell)));
-    const short = listed => listed.join(", ").replace(/[^\x20-\uFFFF]/g, "?").slice(0, 200);
-    const known = DATA.inputs.map(v => v.name), unknown = names.filter(n => n !== "time" && !known.includes(n));
-    const twice = names.find((name, i) => names.indexOf(name) !== i);
-    const read = names.map((_, i) => rows.map(row => row[i])), at = names.indexOf("time"), time = read[at];
-    const problem = at < 0 ? `has no column time; its columns are ${short(names)}` :
+    const [names = [], ...lines] = text.replace(/^\uFEFF/, "").split(/\r?\n/).filter(line => line.trim()).map(line =>
+        line.split(",").map(cell => cell.trim().replace(/^"(.*)"$/, "$1")));
+    const rows = lines.map(cells => cells.map(cell => cell === "" ? NaN : Number(cell)));
+    const column = name => rows.map(row => row[names.indexOf(name)]), time = column("time");
+    const known = DATA.inputs.map(v => v.name), inputs = names.filter(name => name !== "time");
+    const twice = names.find((name, i) => names.indexOf(name) !== i), unknown = inputs.filter(n => !known.includes(n));
+    const stop = time[time.length - 1], steps = stop / STEP;
+    const problem = !names.includes("time") ? `has no column time; its columns are ${inputs.join(", ")}` :
         twice ? `column ${twice} is given twice` :
-        unknown.length ? `${short(unknown)} is not an input; inputs are ${known.join(", ")}` :
-        names.length < 2 ? `has no column of an input; inputs are ${known.join(", ")}` :
+        unknown.length ? `${unknown.join(", ")} is not an input; inputs are ${known.join(", ")}` :
+        !inputs.length ? `has no column of an input; inputs are ${known.join(", ")}` :
         rows.length < 2 ? "needs two rows of numbers or more" :
         rows.some(row => row.length !== names.length || row.some(x => !Number.isFinite(x))) ?
             "has an empty or non-finite value, or a row of another length" :
         time[0] < 0 || time.some((t, k) => t < time[k - 1]) ? "time must begin at 0 or later and not run backwards" :
-        unfit(time[time.length - 1]);
-    if (problem) throw new Error(`${title}: ${problem}`);
-    const points = times(time[time.length - 1]);
-    const columns = names.map((name, i) => [name, sampled(points, time, read[i])]).filter(([name]) => name !== "time");
-    return {title, time: points, columns: Object.fromEntries(columns)};
-}
-
-/** The problem with the time [s] of a file's last row; empty if there is none. */
-function unfit(stop) {
-    const steps = stop / STEP;
-    if (!(steps >= 1 && steps <= DATA.constants.MOST_ROWS)) {
-        return `the end at ${general(stop, 6)} s must be ${STEP} to ${DATA.constants.MOST_ROWS * STEP} s from 0`;
-    }
-    const whole = Math.abs(steps - Math.round(steps)) <= 1e-6;
-    return whole ? "" : `the end at ${general(stop, 6)} s is not a whole number of steps of ${STEP} s`;
+        steps < 1 || steps > DATA.constants.MOST_ROWS || Math.abs(steps - Math.round(steps)) > 1e-6 ?
+            `the end at ${general(stop, 6)} s must be a whole number of steps of ${STEP} s, ` +
+            `${DATA.constants.MOST_ROWS} at most` : "";
+    if (problem) throw new Error(`${title}: ${problem}`.replace(/[^\x20-\uFFFF]/g, "?").slice(0, 400));
+    const points = times(stop);
+    return {title, time: points,
+        columns: Object.fromEntries(inputs.map(name => [name, sampled(points, time, column(name))]))};
 }
 
 /** A column at points of time: linear between its rows, the later value at a jump, constant outside. */

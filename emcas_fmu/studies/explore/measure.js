@@ -33,21 +33,20 @@ function moved(run) {
     return {...figures, steady_error: Math.abs(figures.steady_error)};
 }
 
-/** The fundamental of the fin angle over a sine of the command, [real, imaginary]; NaN if the response is not a sine. */
+/** The fundamental of the fin angle over a sine of the command, [real, imaginary]; NaN where it is not a sine. */
 async function describingFunction(amplitude, load, frequency, respond) {
     const {CYCLES, FITTED, TRANSIENT: [cycles, seconds], PURE} = DATA.constants, turn = 2 * Math.PI * frequency;
     const begin = Math.max(cycles / frequency, seconds);
     const end = begin + Math.ceil(Math.max(CYCLES / frequency, FITTED) * frequency) / frequency, time = times(end);
-    const command = time.map(t => amplitude * Math.sin(turn * t)), torque = time.map(() => load);
-    const run = await respond({time, begin, columns: {fin_command: command, aero_torque: torque}}, ["fin_angle"]);
+    const columns = {fin_command: time.map(t => amplitude * Math.sin(turn * t)), aero_torque: time.map(() => load)};
+    const run = await respond({time, begin, columns}, ["fin_angle"]);
     if (!run) return [NaN, NaN];
-    const first = time.findIndex(t => t >= begin), last = lastIndex(time, t => t <= end) + 1;
-    const fitted = time.subarray(first, last), centred = column => {
-        const middle = mean(column);
-        return column.map(x => x - middle);  // for least squares with an offset
-    };
-    const angle = centred(run.outputs.fin_angle.subarray(first, last));
-    const [c, s] = [Math.cos, Math.sin].map(wave => centred(fitted.map(t => wave(turn * t))));
+    const rows = [time.findIndex(t => t >= begin), time.findLastIndex(t => t <= end) + 1];
+    const waves = [Math.cos, Math.sin].map(wave => time.map(t => wave(turn * t)));
+    const [c, s, angle] = [...waves, run.outputs.fin_angle].map(column => {
+        const fitted = column.subarray(...rows), middle = mean(fitted);
+        return fitted.map(x => x - middle);  // for least squares with an offset
+    });
     const dot = (a, b) => a.reduce((sum, x, k) => sum + x * b[k], 0);
     const [cc, ss, cs, cy, sy] = [dot(c, c), dot(s, s), dot(c, s), dot(c, angle), dot(s, angle)];
     const [a, b] = [cy * ss - sy * cs, sy * cc - cy * cs].map(x => x / (cc * ss - cs * cs));
@@ -65,37 +64,36 @@ function sines(amplitude, load, respond) {
     return {known, at};
 }
 
-const LEVELS = {bandwidth_3db: response => Math.hypot(...response) - 10 ** (-3 / 20), bandwidth_90deg: ([real]) => real};
+const LEVELS = {bandwidth_3db: gain => Math.hypot(...gain) - 10 ** (-3 / 20), bandwidth_90deg: ([real]) => real};
 
 /** The frequencies [Hz] at which gain or lag cross their levels, by bisection; none if a response is not a sine. */
 async function bandwidths(figures, at) {
     const crossings = [];
-    for (const name of figures) crossings.push([name, await crossed(LEVELS[name], at)]);
+    for (const name of figures) crossings.push([name, await crossed(async f => LEVELS[name](await at(f)))]);
     return Object.fromEntries(crossings.filter(([, value]) => !Number.isNaN(value)));
 }
 
-/** The frequency [Hz] at which a level, positive at low frequency, first falls to zero; otherwise the highest of the grid.
- * NaN if the level is NaN at a lower frequency. */
-async function crossed(level, at) {
+/** The frequency [Hz] at which a level, positive at low frequency, first falls to zero; otherwise the grid's highest.
+    NaN if the level is NaN at a lower frequency. */
+async function crossed(level) {
     const {BANDWIDTHS: [lowest, highest], BISECTIONS, GRID} = DATA.constants;
-    let low = lowest, high = lowest;
+    let low = lowest, high = lowest, there = 1;
     for (high of GRID) {
-        const there = level(await at(high));
-        if (Number.isNaN(there)) return NaN;
-        if (there <= 0) break;
+        there = await level(high);
+        if (!(there > 0)) break;
         low = high;
     }
     if (low === highest) return highest;
-    for (let k = 0; k < BISECTIONS && low < high; ++k) {
-        const middle = Math.sqrt(low * high), there = level(await at(middle));
-        if (Number.isNaN(there)) return NaN;
+    for (let k = 0; k < BISECTIONS && low < high && !Number.isNaN(there); ++k) {
+        const middle = Math.sqrt(low * high);
+        there = await level(middle);
         if (there > 0) low = middle;
         else high = middle;
     }
-    return Math.sqrt(low * high);
+    return Number.isNaN(there) ? NaN : Math.sqrt(low * high);
 }
 
-/** The frequency response as far as it is a sine: frequency [Hz], gain [dB], unwrapped phase [rad], bandwidths [Hz]. */
+/** The frequency response as far as it is a sine: frequency [Hz], gain [dB], unwrapped phase [°], bandwidths [Hz]. */
 async function frequencyResponse(amplitude, load, respond) {
     const {known, at} = sines(amplitude, load, respond), levels = await bandwidths(Object.keys(LEVELS), at);
     for (const [k, frequency] of DATA.constants.GRID.entries()) {
@@ -103,9 +101,13 @@ async function frequencyResponse(amplitude, load, respond) {
         await at(frequency);
     }
     const pure = [...known].filter(([, [real]]) => !Number.isNaN(real)).sort(([f], [g]) => f - g);
-    const phase = pure.map(([, [real, imaginary]]) => Math.atan2(imaginary, real)), turn = 2 * Math.PI;
-    phase.forEach((_, i) => { phase[i] -= turn * Math.round((phase[i] - (i ? phase[i - 1] : 0)) / turn); });
-    return {frequency: pure.map(([f]) => f), gain: pure.map(([, h]) => 20 * Math.log10(Math.hypot(...h))), phase, ...levels};
+    let last = 0;
+    const phase = pure.map(([, [real, imaginary]]) => {
+        const lag = degrees(Math.atan2(imaginary, real));
+        return last = lag - 360 * Math.round((lag - last) / 360);
+    });
+    const gain = pure.map(([, response]) => 20 * Math.log10(Math.hypot(...response)));
+    return {frequency: pure.map(([f]) => f), gain, phase, ...levels};
 }
 
 /** The measured value of a requirement [its unit], its worst case, and whether it is met. `measured` has for each test

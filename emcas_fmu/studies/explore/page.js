@@ -14,11 +14,11 @@ class Page {
         const change = (name, value) => this.change(name, value);
         this.controls = [...firstControls(change), ...allControls(change, $("search"), $("all"))];
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) => new Plot(title, {
-            x: "time [s]", y: unit && `[${typeset(unit)}]`, height: k ? 170 : innerWidth < 640 ? 165 : 235}));
+            x: "time [s]", y: unit && `[${unit}]`, height: k ? 170 : innerWidth < 640 ? 165 : 235}));
         this.plots.forEach((plot, k) => k ? $("plots").append(plot.figure) : $("main-plot").prepend(plot.figure));
-        this.gain = new Plot("Gain of the fin angle over the command",
-            {x: "frequency [Hz]", y: "[dB]", log: true, shared: false});
-        this.phase = new Plot("Phase", {x: "frequency [Hz]", y: "[°]", log: true, shared: false});
+        const bode = {x: "frequency [Hz]", log: true, shared: false};
+        this.gain = new Plot("Gain of the fin angle over the command", {...bode, y: "[dB]"});
+        this.phase = new Plot("Phase", {...bode, y: "[°]"});
         $("bode").append(this.gain.figure, this.phase.figure);
         this.listen();
         this.restore();
@@ -31,14 +31,14 @@ class Page {
             this.change("excitation.kind", $("kind").value);
         });
         $("file").addEventListener("change", () => this.open($("file").files[0]));
-        $("keep").addEventListener("click", () => this.keep());
-        $("drop").addEventListener("click", () => { this.kept = null; this.refresh(); });
-        $("swap").addEventListener("click", () => { [this.live, this.kept] = [this.kept, this.live]; this.refresh(); });
-        $("reset").addEventListener("click", () => { this.live = {setting: new Setting()}; this.narrow(); });
-        $("link").addEventListener("click", () => this.copyLink());
-        $("save-parameters").addEventListener("click", () => save("parameters.toml", parameterFile(this.live.setting)));
-        $("save-inputs").addEventListener("click", () => save("inputs.csv", csv(this.inputs())));
-        $("save-response").addEventListener("click", () => save("response.csv", csv(this.response())));
+        for (const [id, action] of Object.entries({
+            keep: () => this.keep(), drop: () => this.show(this.live, null), swap: () => this.show(this.kept, this.live),
+            reset: () => { this.live = {setting: new Setting()}; this.narrow(); }, link: () => this.copyLink(),
+            "save-parameters": () => save("parameters.toml", parameterFile(this.live.setting)),
+            "save-inputs": () => save("inputs.csv", csv(this.inputs())),
+            "save-response": () => save("response.csv", csv(this.response()))})) {
+            $(id).addEventListener("click", action);
+        }
         window.addEventListener("hashchange", () => this.restore());
         for (const media of ["(prefers-color-scheme: dark)", "print"]) {
             window.matchMedia(media).addEventListener("change", () => this.redraw());
@@ -48,7 +48,11 @@ class Page {
 
     change(name, value) {
         const {setting} = this.live;
-        this.live = {setting: setting.with(name, value === undefined ? setting.default(name) : value)};
+        this.show({setting: setting.with(name, value ?? setting.default(name))});
+    }
+
+    show(live, kept = this.kept) {
+        Object.assign(this, {live, kept});
         this.refresh();
     }
 
@@ -59,17 +63,14 @@ class Page {
     }
 
     keep() {
-        this.kept = this.live;
-        this.live = {...this.live};
-        this.refresh();
+        this.show({...this.live}, this.live);
     }
 
     async open(file) {
         if (!file) return;
         try {
             if (file.size > MOST_BYTES) throw new Error(`${file.name}: is larger than ${MOST_BYTES / 1e6} MB`);
-            this.live = {setting: this.live.setting.withFile(fromCsv(await file.text(), file.name))};
-            this.refresh();
+            this.show({setting: this.live.setting.withFile(fromCsv(await file.text(), file.name))});
         } catch (error) {
             this.say([error.message]);
         }
@@ -87,8 +88,9 @@ class Page {
         };
         this.kept = link.has("A") ? read(link.get("A")) : null;
         this.live = read(link.get("B") ?? "");
-        const other = link.has("of") && link.get("of") !== DATA.digest;
-        if (other) notes.push("The link is from another page: what it does not set may differ.");
+        if (link.has("of") && link.get("of") !== DATA.digest) {
+            notes.push("The link is from another page: what it does not set may differ.");
+        }
         $("notes").textContent = notes.join(" ");
         this.narrow();
     }
@@ -112,8 +114,7 @@ class Page {
     }
 
     compute() {
-        const problems = this.answer(this.live);
-        const ofKept = this.kept ? this.answer(this.kept) : [];
+        const problems = this.answer(this.live), ofKept = this.kept ? this.answer(this.kept) : [];
         this.say(problems, [...this.live.warnings ?? [], ...ofKept.map(problem => `A is not shown: ${problem}`)]);
         for (const name of ["parameters", "inputs", "response"]) $(`save-${name}`).disabled = problems.length > 0;
         if (problems.length) return;
@@ -165,14 +166,14 @@ class Page {
     }
 
     say(problems, warnings = []) {
-        $("problems").replaceChildren(...problems.map(problem => element("p", {}, problem)));
-        $("warnings").replaceChildren(...warnings.map(warning => element("p", {}, warning)));
+        for (const [id, texts] of Object.entries({problems, warnings})) {
+            $(id).replaceChildren(...texts.map(text => element("p", {}, text)));
+        }
         document.body.classList.toggle("stale", problems.length > 0);
     }
 
     get cases() {
-        const shown = [["B", this.live]];
-        return this.kept?.run ? [["A", this.kept], ...shown] : shown;
+        return [...(this.kept?.run ? [["A", this.kept]] : []), ["B", this.live]];
     }
 
     /** Writes the settings to the page's address; browsers limit how often. */
@@ -201,7 +202,7 @@ class Page {
     async responses(setting) {
         const respond = this.beside(setting, DATA.at_start), responses = [];
         for (const [amplitude, load] of sinesOf(setting)) {
-            const label = `${shownNumber(degrees(amplitude))}°${load ? `, ${shownNumber(load)} N·m` : ""}`;
+            const label = withUnit(degrees(amplitude), "°") + (load ? `, ${withUnit(load, "N·m")}` : "");
             responses.push([label, await frequencyResponse(amplitude, load, respond)]);
         }
         return responses;
@@ -225,11 +226,10 @@ class Page {
         const listed = Object.entries(this.live.figures).filter(([name]) => DATA.headlines.includes(name));
         $("summary").textContent = listed.map(([name, value]) => `${words(name)} ${inUnit(name, value)}`).join(", ");
         DATA.panels.forEach((panel, k) => this.plots[k].describe(panel.names.map(name => {
-            const column = this.live.run.outputs[name], [unit, factor] = panel.shown;
-            if (named(panel)) return `${words(name)} at the end ${named(panel)(column[column.length - 1])}`;
-            const [least, most, last] = [smallest(column), largest(column), column[column.length - 1]];
-            return `${words(name)} from ${shownNumber(least / factor)} to ${shownNumber(most / factor)} ${unit}, ` +
-                `at the end ${shownNumber(last / factor)} ${unit}`;
+            const column = this.live.run.outputs[name], [unit, factor] = panel.shown, last = column[column.length - 1];
+            if (named(panel)) return `${words(name)} at the end ${named(panel)(last)}`;
+            const [least, most, end] = [smallest(column), largest(column), last].map(x => withUnit(x / factor, unit));
+            return `${words(name)} from ${least} to ${most}, at the end ${end}`;
         }).join("; ")));
     }
 

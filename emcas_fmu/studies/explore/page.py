@@ -41,6 +41,9 @@ MOST_ROWS = 60_000  # of a CSV file; a minute
 _MOST_FIRST = 12  # parameters with sliders of an actuator without gains
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
 _NOT_HERE = "not judged here: emcas validate"  # margins need a linear model, which the page does not have
+_CONSTANTS = {"MOST_ROWS": MOST_ROWS, **{name: getattr(module, name) for module, names in {
+    motions: ("STEP", "LEAD_IN"), metrics: ("ACCURACY", "HELD"), frequency_response: ("PURE",),
+    measure: ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT")}.items() for name in names}}
 # Figures of metrics.motion and metrics.usage, in the order of the table.
 _FIGURES = tuple(name for name in metrics.FIGURES if name in (*metrics.MOTION, *metrics.USAGE))
 
@@ -80,7 +83,7 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
                         "range": _tested(v, parameters.values)} for v in actuator.parameters],
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
-        "outputs": [{"name": v.name, "description": v.description} for v in actuator.outputs],
+        "outputs": [v.name for v in actuator.outputs],
         "first": _first(parameters), "panels": _panels(model, specification), "equal": actuator.equal_parameters,
         "rules": [{"message": rule.message, "warning": rule.warning} for rule in actuator.all_rules],
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
@@ -88,14 +91,9 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
         "most_numbers": MOST_NUMBERS + 1, "reasons": REASONS,
         "figures": {name: {"title": metrics.FIGURES[name].title, "shown": _shown(metrics.FIGURES[name].unit)}
                     for name in _FIGURES},
-        "headlines": _HEADLINES, "usage": metrics.REDUCED,
-        **_judging(specification, subject), "constants": _constants(),
-        **_excitations(parameters.values["command.limit"], starts[LOAD]),
+        "headlines": _HEADLINES, "usage": metrics.REDUCED, "constants": _CONSTANTS,
+        **_judging(specification, subject), **_excitations(parameters.values["command.limit"], starts[LOAD]),
     }
-    shown = {each["shown"][0] for each in (*described["parameters"], *described["inputs"], *described["panels"],
-                                           *described["fields"], *described["figures"].values())}
-    units = sorted({*shown, *(r["unit"] for r in described["requirements"])})
-    described["typeset"] = {unit: typeset(unit) for unit in units}
     result: dict[str, Any] = plain(described)
     return result
 
@@ -110,13 +108,10 @@ def _quantity(v: Variable) -> dict[str, Any]:
             "description": v.description, "shown": _shown(v.unit)}
 
 
-def _shown(unit: str) -> tuple[str, float]:
-    """Return the display unit of an SI unit, and its size in SI."""
-    return _inverse(metrics.shown(unit))
-
-
-def _inverse(shown: tuple[str, float]) -> tuple[str, float]:
-    return shown[0], 1.0 / shown[1]
+def _shown(unit: str, shown: tuple[str, float] | None = None) -> tuple[str, float]:
+    """Return the unit in which people read a value, typeset, and its size in SI."""
+    name, per_si = shown or metrics.shown(unit)
+    return typeset(name), 1.0 / per_si
 
 
 def _excitations(limit: float, torque: float) -> dict[str, Any]:
@@ -136,11 +131,11 @@ def _excitations(limit: float, torque: float) -> dict[str, Any]:
 def _parameter(entry: Entry) -> dict[str, Any]:
     """Return a parameter, shown in the unit of its file."""
     v, unit = entry.variable, entry.text.partition(" ")[2]
-    shown: tuple[str, float] = (v.unit, 1.0)
+    shown = typeset(v.unit), 1.0
     if v.kind == "Real" and unit and not entry.text.startswith("as ") and v.unit != "degC":
         size = factor(unit, v.unit)
         if not isclose(size, 1.0):
-            shown = (unit.replace("*", "·").replace("^2", "²").replace("^3", "³"), size)
+            shown = typeset(unit.replace("*", ".").replace("^", "")), size
     return {**_quantity(v), "value": entry.value, "source": entry.source, "shown": shown}
 
 
@@ -168,7 +163,7 @@ def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
     """Return the panels over time: those of a response, then one for each output of an extension."""
     further = [[v] for v in extension_outputs(model)]
     return [{"title": _title(panel), "names": [v.name for v in panel],
-             "shown": _inverse(metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
+             "shown": _shown(panel[0].unit, metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
              "items": [item for item, _ in panel[0].items], "bits": panel[0].bits,
              "rules": _lines(panel[0], specification)} for panel in (*panels(model), *further)]
 
@@ -199,7 +194,7 @@ def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
             index = list(tests).index(r.test)
         listed.append({
             "name": r.name, "title": r.title or r.name, "figure": r.figure, "sense": SENSES[r.sense],
-            "limit": round(r.limit * size, 9), "unit": unit, "factor": size, "how": r.how,
+            "limit": round(r.limit * size, 9), "unit": typeset(unit), "factor": size, "how": r.how,
             "reason": r.reason or r.source, "cases": r.cases, "test": index, "left_out": left_out})
     return {"requirements": listed, "tests": [_test(test, by, subject) for test, by in tests.items()],
             "at_start": at_start(subject),
@@ -225,14 +220,6 @@ def _counted(run: Excitation) -> dict[str, Any]:
     return {"stop": run.stop, "begin": run.begin,
             "columns": {name: [(float(value), len(list(rows))) for value, rows in groupby(column)]
                         for name, column in run.columns.items()}}
-
-
-def _constants() -> dict[str, Any]:
-    named = {motions: ("STEP", "LEAD_IN"),
-             metrics: ("ACCURACY", "HELD"), frequency_response: ("PURE",),
-             measure: ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT")}
-    return {"MOST_ROWS": MOST_ROWS, **{name: getattr(module, name) for module, names in named.items()
-                                       for name in names}}
 
 
 def _embedded(value: Any) -> str:

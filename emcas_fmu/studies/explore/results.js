@@ -1,13 +1,17 @@
 "use strict";
 /* The responses of one case, or of A and B, as curves and tables. */
 
-const typeset = unit => DATA.typeset[unit] ?? unit;
 const words = name => name.replace(/_/g, " ").replace(/\b3db\b/, "at −3 dB").replace(/\b90deg\b/, "at −90°");
 
-/** A figure with its unit, for display. */
+/** A value with its unit, for display. */
+function withUnit(value, unit) {
+    const text = shownNumber(value);
+    return /\d$/.test(text) && unit ? `${text}${/^°(?!C)/.test(unit) ? "" : " "}${unit}` : text;
+}
+
 function inUnit(name, value) {
-    const [unit, factor] = DATA.figures[name].shown, text = shownNumber(value / factor), symbol = typeset(unit);
-    return /\d$/.test(text) && symbol ? `${text}${symbol.startsWith("°") ? "" : " "}${symbol}` : text;
+    const [unit, factor] = DATA.figures[name].shown;
+    return withUnit(value / factor, unit);
 }
 
 /** The function from a panel's values to words: an enumeration's item, the flags that are set; undefined for numbers. */
@@ -47,84 +51,71 @@ function drawPanel(plot, panel, number, cases) {
         if (live.outputs.saturated) shade(u, time, live.outputs.saturated);
         if (command) band(u, time, command, DATA.constants.ACCURACY / factor);
     };
-    plot.over = u => {
-        panel.rules.forEach(([value, text], k) => {
-            rule(u, "y", value, text, k > 0);
-            rule(u, "y", -value, "");
-        });
-    };
+    plot.over = u => panel.rules.forEach(([value, text], k) => {
+        rule(u, "y", value, text, k > 0);
+        rule(u, "y", -value, "");
+    });
     plot.draw(curves);
 }
 
-/** Fills a table's body with rows of cells, the first of each a heading. */
-function fill(body, rows) {
-    body.replaceChildren(...rows.map(([heading, ...cells]) => element("tr", {}, element("th", {scope: "row"}, heading),
+/** Fills a table with a heading and rows of cells, the first of each a heading. */
+function fill(table, [first, ...columns], cases, rows) {
+    const values = cases.length > 1 ? cases.map(([letter]) => letter === "A" ? "A, kept" : "B, live") : ["value"];
+    const heads = [first, ...values, ...columns].map((name, k, all) =>
+        element("th", {scope: "col", class: k === all.length - 1 ? "how" : k ? "n" : ""}, name));
+    table.tHead.rows[0].replaceChildren(...heads);
+    table.tBodies[0].replaceChildren(...rows.map(([heading, ...cells]) => element("tr", {},
+        element("th", {scope: "row"}, heading),
         ...cells.map(cell => cell instanceof Node ? cell : element("td", {class: "n"}, cell)))));
 }
 
 function drawFigures(table, cases) {
-    const names = Object.keys(DATA.figures).filter(name => cases.some(([, each]) => name in each.figures));
-    $("figures-head").replaceChildren(...headings("figure", cases, ["definition"]));
-    fill(table, names.map(name => [words(name),
-        ...cases.map(([, each]) => name in each.figures ? inUnit(name, each.figures[name]) : "–"),
-        element("td", {class: "how"}, DATA.figures[name].title)]));
-}
-
-function headings(first, cases, more) {
-    const names = cases.length > 1 ? cases.map(([letter]) => letter === "A" ? "A, kept" : "B, live") : ["value"];
-    return [element("th", {scope: "col"}, first), ...names.map(name => element("th", {scope: "col", class: "n"}, name)),
-        ...more.map(name => element("th", {scope: "col", class: name === "required" ? "n" : "how"}, name))];
+    const listed = Object.entries(DATA.figures).filter(([name]) => cases.some(([, each]) => name in each.figures));
+    fill(table, ["figure", "definition"], cases, listed.map(([name, {title}]) => [words(name),
+        ...cases.map(([, {figures}]) => name in figures ? inUnit(name, figures[name]) : "–"),
+        element("td", {class: "how"}, title)]));
 }
 
 function drawRequirements(table, cases) {
-    $("requirements-head").replaceChildren(...headings("requirement", cases, ["required", "how it is measured"]));
-    fill(table, DATA.requirements.map(requirement => {
-        const unit = typeset(requirement.unit), gap = unit.startsWith("°") ? "" : " ", more = [];
-        const cells = cases.map(([, each]) => {
-            if (requirement.left_out) return element("td", {class: "n skip"}, "not judged");
-            const {value, case: worst, beyond, passed} = judged(requirement, each.measured);
-            const text = Number.isNaN(value) ? "no value" : `${shownNumber(value)}${Number.isFinite(value) ? gap + unit : ""}`;
+    fill(table, ["requirement", "required", "how it is measured"], cases, DATA.requirements.map(requirement => {
+        const {title, unit, sense, limit, how, reason, left_out: leftOut} = requirement;
+        const cells = cases.map(([, {measured}]) => {
+            if (leftOut) return element("td", {class: "n skip"}, "not judged");
+            const {value, case: worst, beyond, passed} = judged(requirement, measured);
+            const text = Number.isNaN(value) ? "no value" : `${beyond ? "> " : ""}${withUnit(value, unit)}`;
             const where = requirement.cases.length > 1 ? `, ${worst}` : "";
-            return element("td", {class: `n ${passed ? "pass" : "fail"}`},
-                `${passed ? "✓" : "✗"} ${beyond ? "> " : ""}${text}${where}`);
+            return element("td", {class: `n ${passed ? "pass" : "fail"}`}, `${passed ? "✓" : "✗"} ${text}${where}`);
         });
-        const limit = `${requirement.sense === ">=" ? "≥" : "≤"} ${shownNumber(requirement.limit)}${gap}${unit}`;
-        const {how, reason, left_out: leftOut} = requirement;
-        return [requirement.title, ...cells, limit, element("td", {class: "how"}, leftOut || how,
-            element("span", {class: "quiet"}, reason && ` · ${reason}`))];
+        const why = element("span", {class: "quiet"}, reason && ` · ${reason}`);
+        return [title, ...cells, `${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`,
+            element("td", {class: "how"}, leftOut || how, why)];
     }));
 }
 
-/** Amplitude [rad] and load [N.m] of the frequency responses: those of requirements, and of a sine or sweep that is set. */
-function sinesOf(setting) {
-    const required = DATA.tests.filter(({kind}) => kind === "sine").map(({amplitude}) => [amplitude, 0]);
-    const wave = ["sine", "sweep"].includes(setting.kind), {amplitude, torque} = setting.fields, own = [amplitude, torque];
-    const known = required.some(each => each.every((x, k) => x === own[k]));
-    return wave && own[0] && !known ? [...required, own] : required;
+/** Amplitude [rad] and load [N.m] of the frequency responses: of requirements, and of a sine or sweep that is set. */
+function sinesOf({kind, fields: {amplitude, torque}}) {
+    const required = DATA.tests.filter(test => test.kind === "sine").map(test => [test.amplitude, 0]);
+    const known = required.some(([size, load]) => size === amplitude && load === torque);
+    return ["sine", "sweep"].includes(kind) && amplitude && !known ? [...required, [amplitude, torque]] : required;
 }
 
 const DASHES = [undefined, [7, 4], [2, 3]];
 
 function drawBode(gain, phase, cases) {
-    const two = cases.length > 1;
     const responses = cases.flatMap(([letter, each]) => each.responses.map(([label, response], k) => ({
-        label: two ? `${label} ${letter}` : label, response, dash: DASHES[k % DASHES.length],
+        label: cases.length > 1 ? `${label} ${letter}` : label, response, dash: DASHES[k % DASHES.length],
         stroke: COLORS[letter === "A" ? 1 : 0]}))).filter(({response}) => response.frequency.length);
-    const curves = part => responses.map(({response, ...look}) => (
-        {...look, x: response.frequency, y: response[part].map(part === "phase" ? degrees : x => x)}));
     const required = DATA.requirements.find(({figure, left_out: leftOut}) => figure === "bandwidth_3db" && !leftOut);
     gain.under = u => required && forbidden(u, required.limit, -3);
-    gain.over = u => {
-        rule(u, "y", -3, "−3 dB");
-        if (required) rule(u, "x", required.limit, `required ${shownNumber(required.limit)} Hz`);
-        for (const {response, stroke} of responses) mark(u, response.bandwidth_3db, -3, stroke());
-    };
-    phase.over = u => {
-        rule(u, "y", -90, "−90°");
-        for (const {response, stroke} of responses) mark(u, response.bandwidth_90deg, -90, stroke());
-    };
-    for (const [plot, part] of [[gain, "gain"], [phase, "phase"]]) {
-        if (responses.length) plot.draw(curves(part));
+    for (const [plot, part, level, text, figure] of [
+        [gain, "gain", -3, "−3 dB", "bandwidth_3db"], [phase, "phase", -90, "−90°", "bandwidth_90deg"]]) {
+        plot.over = u => {
+            rule(u, "y", level, text);
+            if (required && plot === gain) rule(u, "x", required.limit, `required ${shownNumber(required.limit)} Hz`);
+            for (const {response, stroke} of responses) mark(u, response[figure], level, stroke());
+        };
+        if (responses.length) plot.draw(responses.map(({response, ...look}) => (
+            {...look, x: response.frequency, y: response[part]})));
         plot.figure.hidden = !responses.length;
         plot.describe(bodeSummary(cases));
     }
@@ -133,7 +124,7 @@ function drawBode(gain, phase, cases) {
 function bodeSummary(cases) {
     const at = x => x === undefined ? "without a value" :
         x < DATA.constants.BANDWIDTHS[1] ? `at ${shownNumber(x)} Hz` : `above ${shownNumber(x)} Hz`;
-    const one = ([label, response]) => `${label}: −3 dB ${at(response.bandwidth_3db)}, −90° ${at(response.bandwidth_90deg)}`;
+    const one = ([label, {bandwidth_3db: gain, bandwidth_90deg: lag}]) => `${label}: −3 dB ${at(gain)}, −90° ${at(lag)}`;
     return cases.map(([letter, each]) =>
         (cases.length > 1 ? `${letter}: ` : "") + each.responses.map(one).join("; ")).join(". ");
 }

@@ -1,7 +1,7 @@
 "use strict";
 /* A setting: the values that differ from the page's; links and files with a setting. SI throughout. */
 
-/* The other inputs are constant. */
+/* The inputs that are constant. */
 const HELD = DATA.inputs.filter(v => !["fin_command", "aero_torque"].includes(v.name));
 const CONTROLS = new Map([...DATA.fields, ...HELD, ...DATA.parameters].map(control => [control.name, control]));
 
@@ -42,26 +42,26 @@ class Setting {
         return Object.fromEntries(DATA.parameters.map(({name}) => [name, this.get(name)]));
     }
 
-    /** Messages for texts that are not numbers. */
-    get unreadable() {
-        const written = [...CONTROLS.values()].filter(({name}) => typeof this.get(name) === "string");
-        return written.map(({name, shown: [unit]}) =>
-            `${name}: '${this.get(name)}' is not a number${unit && unit !== "1" ? `; the unit is ${unit}` : ""}`);
-    }
-
     /** The fields of the excitation. */
     get fields() {
         return Object.fromEntries(DATA.kinds[this.kind].fields.map(field => [field, this.get(`excitation.${field}`)]));
     }
 
+    /** Messages for texts that are not numbers. */
+    get unreadable() {
+        const written = [...CONTROLS.values()].filter(({name}) => typeof this.get(name) === "string");
+        return written.map(({name, shown: [unit]}) =>
+            `${name}: '${this.get(name)}' is not a number${unit && `; the unit is ${unit}`}`);
+    }
+
     /** Messages for fields of the excitation and constant inputs outside their limits. */
     get problems() {
         const fields = Object.keys(this.fields).map(field => CONTROLS.get(`excitation.${field}`));
-        const numbers = [...fields, ...HELD].filter(({kind}) => kind === "Real");
-        return numbers.flatMap(({name, minimum, maximum, shown: [unit, factor]}) => {
-            const value = this.get(name), of = [value, minimum, maximum].map(x => general(x / factor, 6));
+        return [...fields, ...HELD].filter(({kind}) => kind === "Real").flatMap(control => {
+            const {name, minimum, maximum, shown: [unit, factor]} = control, value = this.get(name);
+            const [x, least, most] = [value, minimum, maximum].map(each => general(each / factor, 6));
             return value >= minimum && value <= maximum && Number.isFinite(value) ? [] :
-                [`${name} = ${of[0]} ${unit} must be within ${of[1]} .. ${of[2]} ${unit}`];
+                [`${name} = ${x} ${unit} must be within ${least} .. ${most} ${unit}`];
         });
     }
 
@@ -97,7 +97,7 @@ class Setting {
 /** Warnings of commands beyond the limit, as Response.warnings of response.py; only a file may be in degrees. */
 function clipped(setting, {columns: {fin_command: command}}) {
     const {message, rounding, in_degrees: inDegrees, like_degrees: likeDegrees} = DATA.clipping;
-    const limit = setting.get("command.limit"), most = command ? largest(command.map(Math.abs)) : 0;
+    const limit = setting.get("command.limit"), most = command ? magnitude(command) : 0;
     if (most <= limit * (1 + rounding)) return [];
     const file = setting.kind === "csv" && most > likeDegrees;
     return [formatted(message, [most, degrees(most), degrees(limit)]) + (file ? inDegrees : "")];
@@ -121,14 +121,13 @@ function parameterFile(setting) {
 
 /** Columns by name as a CSV file of `emcas simulate`: SI, all digits. */
 function csv(columns) {
-    const names = Object.keys(columns);
-    const rows = Array.from(columns.time, (_, k) => names.map(name => columns[name][k]).join(","));
-    return [names.join(","), ...rows, ""].join("\n");
+    const rows = Array.from(columns.time, (_, k) => Object.values(columns).map(column => column[k]).join(","));
+    return [Object.keys(columns).join(","), ...rows, ""].join("\n");
 }
 
 /** The inputs of a file: the excitation, and constants that differ from their start values. */
-function inputColumns(setting, excitation) {
-    const held = HELD.filter(({name}) => setting.get(name) !== CONTROLS.get(name).start);
-    const constant = held.map(({name}) => [name, excitation.time.map(() => Number(setting.get(name)))]);
-    return {time: excitation.time, ...Object.fromEntries(constant), ...excitation.columns};
+function inputColumns(setting, {time, columns}) {
+    const held = HELD.filter(({name, start}) => setting.get(name) !== start);
+    const constant = held.map(({name}) => [name, time.map(() => Number(setting.get(name)))]);
+    return {time, ...Object.fromEntries(constant), ...columns};
 }

@@ -1,0 +1,38 @@
+"use strict";
+/* What every page with plots by uPlot uses: elements, the page's colours, and paint on a plot. */
+const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const ink = () => css("--text"), faint = () => css("--line");
+const FONT = "12px system-ui, sans-serif", SMALL = () => `${11 * devicePixelRatio}px system-ui, sans-serif`;
+
+/** An element with attributes and children. */
+function element(tag, attributes = {}, ...children) {
+    const created = document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) created.setAttribute(name, value);
+    created.append(...children);
+    return created;
+}
+
+/** Paints on a plot: `paints` receives the canvas context, functions from values to positions along x and y, and the
+    frame; `within` clips at the frame. */
+function paint(u, paints, within = false) {
+    const {ctx, bbox} = u, {left, top, width, height} = bbox;
+    ctx.save();
+    ctx.beginPath();
+    if (within) {
+        ctx.rect(left, top, width, height);
+        ctx.clip();
+        ctx.beginPath();
+    }
+    paints(ctx, x => u.valToPos(x, "x", true), y => u.valToPos(y, "y", true), bbox);
+    ctx.restore();
+}
+
+/** Strokes a line across a plot's frame, at a position [pixels of the canvas] along x or y. */
+function across(ctx, axis, at, {left, top, width, height}, {color, thick, dash = []}) {
+    Object.assign(ctx, {strokeStyle: color, lineWidth: thick * devicePixelRatio});
+    ctx.setLineDash(dash.map(length => length * devicePixelRatio));
+    ctx.beginPath();
+    ctx.moveTo(axis === "x" ? at : left, axis === "x" ? top : at);
+    ctx.lineTo(axis === "x" ? at : left + width, axis === "x" ? top + height : at);
+    ctx.stroke();
+}
