@@ -31,8 +31,7 @@ from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.studies.baseline import comparison_output as output
-from emcas_fmu.studies.baseline.comparison import compare
-from emcas_fmu.studies.baseline.recording import first, record
+from emcas_fmu.studies.baseline.comparison import compare, first, record
 from emcas_fmu.studies.compare import sets
 from emcas_fmu.studies.fitting import fit
 from emcas_fmu.studies.identification.current_loop import response

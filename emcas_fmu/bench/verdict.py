@@ -28,7 +28,7 @@ from .writers import junit_case
 SENSES = {"maximum": "<=", "minimum": ">="}
 
 
-class Figure(NamedTuple):
+class Measured(NamedTuple):
     """The measured value of a requirement in a case, SI; nan without a value."""
 
     requirement: Requirement
@@ -104,7 +104,7 @@ class Judged:
 
 
 def evaluate(subject: Subject, specification: Specification, changes: Sequence[Mapping[str, Any]],
-             progress: Progress = silent) -> list[list[Figure]]:
+             progress: Progress = silent) -> list[list[Measured]]:
     """Return the figures of all requirements that can be measured, in their cases, for each of several variants.
 
     Each of the `changes` are the parameters of a variant that differ from the subject's; those of a case override them.
@@ -113,7 +113,7 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
     """
     cases = {case.name: case for case in specification.cases}
     able = [(r.test, r) for r in specification.requirements if r.test and not r.obstacle(subject)]
-    figures: dict[tuple[int, str], list[Figure]] = {(k, name): [] for k in range(len(changes)) for name in cases}
+    figures: dict[tuple[int, str], list[Measured]] = {(k, name): [] for k in range(len(changes)) for name in cases}
     tests = [(test, [r for _, r in group])
              for test, group in groupby(sorted(able, key=lambda each: repr(each[0])), key=lambda each: each[0])]
     start = at_start(subject)
@@ -125,7 +125,7 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
             measured = measure(test, subject, [cases[name].of({**start, **changes[k]}) for k, name in variants],
                                tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
         for (k, name), values in zip(variants, measured.tolist(), strict=True):
-            figures[k, name] += [Figure(r, cases[name], value)
+            figures[k, name] += [Measured(r, cases[name], value)
                                  for r, value in zip(requirements, values, strict=True) if name in r.cases]
     progress("done", len(tests), len(tests))
     return [[figure for name in cases for figure in figures[k, name]] for k in range(len(changes))]
@@ -139,18 +139,18 @@ def at_start(subject: Subject) -> dict[str, Any]:
 def judge(subject: Subject, specification: Specification, progress: Progress = silent) -> list[Judged]:
     """Judge a subject by requirements, each in its worst case; `progress` is called with the test."""
     (figures,) = evaluate(subject, specification, [{}], progress)
-    by_name: dict[str, list[Figure]] = {}
+    by_name: dict[str, list[Measured]] = {}
     for figure in figures:
         by_name.setdefault(figure.requirement.name, []).append(figure)
     return [judged(r, by_name.get(r.name, []), subject) for r in specification.requirements]
 
 
-def worst_of(figures: Iterable[Figure]) -> Figure:
+def worst_of(figures: Iterable[Measured]) -> Measured:
     """Return the worst figure of a requirement; a missing value is the worst."""
     return max(figures, key=lambda f: f.requirement.sign * f.measured if isfinite(f.measured) else np.inf)
 
 
-def judged(r: Requirement, figures: Sequence[Figure], subject: Subject) -> Judged:
+def judged(r: Requirement, figures: Sequence[Measured], subject: Subject) -> Judged:
     """Return a requirement with its worst figure; skipped where none was measured."""
     unit, factor = r.shown
     fixed: dict[str, Any] = {

@@ -40,7 +40,7 @@ def record(
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
 ) -> None:
     """Approve the present response: write its figures and trajectories as text to commit."""
-    from ..studies.baseline import files, recording
+    from ..studies.baseline import comparison, files
     from ..studies.baseline.model import FILE
 
     file = output / FILE
@@ -48,10 +48,10 @@ def record(
         common.check_outputs(file, folders=(output,), inputs=(subject, *(parameters or ())))
         with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
             kept = file.exists() and not fresh
-            plan, left_out = (files.read(file, opened.model), []) if kept else recording.first(opened)
+            plan, left_out = (files.read(file, opened.model), []) if kept else comparison.first(opened)
             common.check_outputs(*(output / f"{name}.csv" for name, case in plan.case.items() if not case.sweeps),
                                  folders=(output,))
-            made = recording.record(plan, opened, output, _command(subject, model, fin, parameters),
+            made = comparison.record(plan, opened, output, _command(subject, model, fin, parameters),
                                     common.stepper(progress, "record"))
         written = files.write(made, output)
         size = sum(path.stat().st_size for path in written)

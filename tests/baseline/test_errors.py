@@ -43,7 +43,7 @@ def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:
 @pytest.mark.parametrize(("old", "new", "said"), [
     ("time [s],fin_angle [deg]", "time [s],fin_angle [rad]", "its columns are"),
     ("\n0.02,", "\n0.03,", "its times are not 0.01 s apart"),
-    ("\n0.02,0\n", "\n0.02,nan\n", "line 4 has nan"), ("\n0.02,0\n", "\n0.02,zero\n", "line 4: 'zero' is no number"),
+    ("\n0.02,0\n", "\n0.02,nan\n", "line 4 has nan"), ("\n0.02,0\n", "\n0.02,zero\n", "line 4: 'zero' is not a"),
     ("\n0.02,", "\n0.02,,", "line 4 has 3 values"),
     ("\n0.02,0\n", "\n", "its times are not"),
 ])

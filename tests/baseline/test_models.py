@@ -10,8 +10,8 @@ from emcas_fmu.actuators import get
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.baseline.comparison import TEMPLATE
 from emcas_fmu.studies.baseline.files import read
-from emcas_fmu.studies.baseline.recording import TEMPLATE
 
 from .conftest import SHORT, check, edit, record
 

@@ -246,9 +246,10 @@ def test_a_figure_without_value_is_worse_than_any_and_says_why() -> None:
     subject = ParameterSubject(parameters)
     (wanted,) = (r for r in load_requirements(None, parameters).requirements if r.name == "settling")
     from emcas_fmu.bench.requirements import NOMINAL, Case
-    from emcas_fmu.bench.verdict import Figure
+    from emcas_fmu.bench.verdict import Measured
     for bad, said in ((nan, "never reaches"), (inf, "not there by the end")):
-        figures = [Figure(wanted, NOMINAL, 1e9), Figure(wanted, Case("odd", {}), bad), Figure(wanted, NOMINAL, 0.01)]
+        figures = [Measured(wanted, case, value) for case, value in (
+            (NOMINAL, 1e9), (Case("odd", {}), bad), (NOMINAL, 0.01))]
         row = judged(wanted, figures, subject)
         assert (row.measured, row.passed, row.skipped) == (None, False, False)
         assert said in str(row)

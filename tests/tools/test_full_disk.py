@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
 from emcas_fmu.reference import files
-from emcas_fmu.studies.baseline import recording
+from emcas_fmu.studies.baseline import comparison
 
 OLD = b"# what was there\n"
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
@@ -135,7 +135,7 @@ def test_files_of_a_folder_are_tried_before_long_work(command: str, file: str, t
 
     monkeypatch.chdir(tmp_path)
     Path("x", file).mkdir(parents=True)
-    monkeypatch.setattr(recording, "record", begun)
+    monkeypatch.setattr(comparison, "record", begun)
     monkeypatch.setattr(files, "regenerate", begun)
     done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
+from itertools import groupby
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -46,12 +47,10 @@ def cells(row: Row) -> tuple[str, ...]:
 
 def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
     """Yield the rows that drifted, and of a case without drift the one nearest to its limit; or all rows."""
-    for case in dict.fromkeys(row.case for row in comparison.rows):
-        rows = [row for row in comparison.rows if row.case == case]
-        drifted = [row for row in rows if not row.passed]
-        judged = [row for row in rows if row.limit is not None]
-        nearest = [max(judged, key=lambda row: row.share)] if judged else []
-        yield from rows if everything else drifted or nearest
+    for _, group in groupby(comparison.rows, lambda row: row.case):
+        rows = list(group)
+        drifted, judged = [row for row in rows if not row.passed], [row for row in rows if row.limit is not None]
+        yield from rows if everything else drifted or sorted(judged, key=lambda row: -row.share)[:1]
 
 
 def verdict(comparison: Comparison) -> str:

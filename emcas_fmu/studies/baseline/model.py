@@ -168,12 +168,13 @@ class Case(Table):
         return replace(made, title=made.title + changes, begin=0.0)
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
-        """Return the figures of a subject's finished run, SI, as far as the actuator has the outputs they need."""
-        return _chosen(_PEAKS, metrics.usage(run))
+        """Return the figures of a subject's finished run, as far as the actuator has the outputs they need."""
+        return _kept(_PEAKS, metrics.usage(run))
 
 
-def _chosen(names: tuple[str, ...], figures: Mapping[str, float]) -> dict[str, float]:
-    return {name: figures[name] for name in names if name in figures}
+def _kept(names: tuple[str, ...], figures: Mapping[str, float]) -> dict[str, float]:
+    """Return some of the figures [SI] as a file holds them."""
+    return {name: rounded(figures[name] * shown(FIGURES[name].unit)[1]) for name in names if name in figures}
 
 
 class Motion(Case):
@@ -202,8 +203,8 @@ class Motion(Case):
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         if self.sweeps:
             swept = sweep_figures(sweep_response(run), subject, abs(radians(self.command)), self.start)
-            return _chosen(_SWEPT, {**metrics.usage(run), **swept})
-        return _chosen(_MOTION, {**metrics.usage(run), **metrics.motion(run, -1)})
+            return _kept(_SWEPT, {**metrics.usage(run), **swept})
+        return _kept(_MOTION, {**metrics.usage(run), **metrics.motion(run, -1)})
 
 
 class Reference(Case):
