@@ -42,7 +42,7 @@ static int do_step(instance *m, double time, double size)
     double reached;
     if (m->s.phase == HANDLING_EVENT) fmi3EnterStepMode(m);
     const int status = fmi3DoStep(m, time, size, 1, &event, &end, &early, &reached);
-    if (status == STATUS_OK && (!core_finite(reached) || end || (early && !m->host.early_return))) abort();
+    if (status == FMI(OK) && (!core_finite(reached) || end || (early && !m->early_return))) abort();
     return status;
 }
 

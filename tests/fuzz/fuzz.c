@@ -91,7 +91,7 @@ static void damaged_state(bytes *b, instance *m, void **state)
 {
     static uint8_t data[sizeof(state_head) + sizeof(model_state) + 8];
     size_t size = sizeof(state_head) + sizeof(model_state);
-    if (SERIALIZE(m, *state, data, size) != STATUS_OK) return;
+    if (SERIALIZE(m, *state, data, size) != FMI(OK)) return;
     for (int changes = byte(b) % 6; changes > 0; --changes) {
         const size_t at = (byte(b) | byte(b) << 8) % size;
         if (byte(b) < 128) {
@@ -107,7 +107,7 @@ static void damaged_state(bytes *b, instance *m, void **state)
     }
     if (byte(b) < 20) size -= byte(b) % 9;
     void *made = NULL;
-    if (DESERIALIZE(m, data, size, &made) == STATUS_OK) {
+    if (DESERIALIZE(m, data, size, &made) == FMI(OK)) {
         SET_STATE(m, made);
         check(m);
     }
@@ -181,7 +181,7 @@ static void call(bytes *b, instance **unit, void **state)
         if (m && m->s.phase == RUNNING && runs_long(m)) break;
         for (int i = 1 + byte(b) % 8; m && i > 0; --i) {
             const double now = m->s.start + m->s.now;
-            if (do_step(m, byte(b) < 245 ? now : number(b), step_size(b)) == STATUS_OK) {
+            if (do_step(m, byte(b) < 245 ? now : number(b), step_size(b)) == FMI(OK)) {
                 double out[FMU_OUTPUTS];
                 memcpy(out, m->s.values + OUTPUT_BEGIN, sizeof out);
                 for (size_t j = 0; j < FMU_OUTPUTS; ++j)

@@ -1,8 +1,8 @@
-/* An instance of the FMU: its data, log messages, checks of its parameters, and its outputs.
+/* An instance of the FMU: its data, log messages, checks of its parameters, its outputs and its life cycle.
  *
- * Common to all versions of FMI. The including file defines what depends on the version and its host: host_services,
- * log_message, allocate and release. interface.h is generated from the variable table: names, kinds, limits, start
- * values, rules for parameter sets.
+ * Common to all versions of FMI. The including file defines what depends on the version and its host: FMI(name), the
+ * name of a function or type in this version, host_services, log_message, allocate and release. interface.h is
+ * generated from the variable table: names, kinds, limits, start values, rules for parameter sets.
  */
 #ifndef EMCAS_INSTANCE_H
 #define EMCAS_INSTANCE_H
@@ -15,16 +15,14 @@
 #include "multi_fin.h"
 #include "parameter_checks.h"
 
-/* The status of a call, with the numbers of fmi2Status and fmi3Status. */
-enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR };
-
 /* HANDLING_EVENT is FMI 3.0's event mode. */
 typedef enum { INSTANTIATED = 1, INITIALIZING = 2, RUNNING = 4, TERMINATED = 8, HANDLING_EVENT = 16 } phase;
 
 enum {
     BEFORE_RUN = INSTANTIATED | INITIALIZING,
     DURING_RUN = RUNNING | HANDLING_EVENT,
-    ANY_PHASE = BEFORE_RUN | DURING_RUN | TERMINATED,
+    BEFORE_END = BEFORE_RUN | DURING_RUN,
+    ANY_PHASE = BEFORE_END | TERMINATED,
     OUTPUT_BEGIN = FMU_INPUTS,
     PARAMETER_BEGIN = FMU_INPUTS + FMU_OUTPUTS,
     MESSAGE = 1024
@@ -52,6 +50,8 @@ typedef struct {
     int32_t unprepared; /* parameters have changed since the fins were bound to them */
     int32_t check_inputs; /* an input may not be finite */
     int32_t moved;      /* motion_loads are out of date */
+    bool event_mode, early_return; /* of the host (FMI 3.0) */
+    bool ticks, interval_known; /* the clock ticks in this event; the host knows its interval (FMI 3.0) */
     multi_fin fins;
     double motion_loads[FINS][CORE_MOTION_LOADS]; /* of the vehicle's motion, on each fin */
     bool warned[FINS][RULES]; /* warnings that have been logged */
@@ -76,7 +76,7 @@ enum {
 /* Log a message. Returns `status`, so that a refusal is one line. */
 static int report(const instance *m, int status, const char *format, ...)
 {
-    const unsigned category = (unsigned)(status - STATUS_WARNING);
+    const unsigned category = (unsigned)(status - FMI(Warning));
     if (m->logged & 1u << category) {
         char text[MESSAGE];
         va_list arguments;
@@ -102,32 +102,43 @@ static bool allowed(const instance *m, int phases, const char *function)
 {
     if (!m) return false;
     if (m->s.phase & phases) return true;
-    report(m, STATUS_ERROR, "%s called while %s", function, phase_name(m->s.phase));
+    report(m, FMI(Error), "%s called while %s", function, phase_name(m->s.phase));
     return false;
 }
 
-/* Return whether an array is missing that a call needs; log an error if so. */
-static bool array_missing(const instance *m, size_t n, const void *first, const void *second, const char *function)
+/* Return whether a function may be called now with two arrays of `n` elements; log an error if not. */
+static bool allowed_with(const instance *m, int phases, size_t n, const void *first, const void *second,
+                         const char *function)
 {
-    if (n == 0 || (first && second)) return false;
-    report(m, STATUS_ERROR, "%s: an array is missing", function);
-    return true;
+    if (!allowed(m, phases, function)) return false;
+    if (n == 0 || (first && second)) return true;
+    report(m, FMI(Error), "%s: an array is missing", function);
+    return false;
 }
 
+/* Define a function that the FMU does not support: it logs the reason, unless the call is about 0 variables. */
+#define UNSUPPORTED(Name, phases, count, reason, parameters)                                       \
+    FMI(Status) FMI(Name) parameters                                                               \
+    {                                                                                              \
+        if (!allowed(c, phases, __func__)) return FMI(Error);                                    \
+        return (count) ? report(c, FMI(Error), "%s: %s", __func__, reason) : FMI(OK);          \
+    }
+
 /* Switch logging of `n` categories on or off; of all categories if `n` is 0. */
-static int choose_categories(instance *m, bool on, size_t n, const char *const categories[], const char *function)
+FMI(Status) FMI(SetDebugLogging)(void *c, FMI(Boolean) on, size_t n, const FMI(String) categories[])
 {
+    instance *m = c;
     uint32_t chosen = n ? 0 : EVERY_CATEGORY;
-    if (array_missing(m, n, categories, categories, function)) return STATUS_ERROR;
+    if (!allowed_with(m, ANY_PHASE, n, categories, categories, __func__)) return FMI(Error);
     for (size_t i = 0; i < n; ++i) {
         unsigned k = 0;
         while (k < CATEGORIES && (!categories[i] || strcmp(categories[i], CATEGORY[k]) != 0)) ++k;
         if (k == CATEGORIES)
-            return report(m, STATUS_ERROR, "there is no log category %s", categories[i] ? categories[i] : "(null)");
+            return report(m, FMI(Error), "there is no log category %s", categories[i] ? categories[i] : "(null)");
         chosen |= k == LOG_ALL ? EVERY_CATEGORY : 1u << k;
     }
     m->logged = on ? chosen : m->logged & ~chosen;
-    return STATUS_OK;
+    return FMI(OK);
 }
 
 /* -- parameters --------------------------------------------------------------- */
@@ -142,11 +153,11 @@ static bool out_of_range(const instance *m, size_t vr, double value)
 {
     const variable *v = &VARIABLE[vr];
     if (!core_finite(value))
-        report(m, STATUS_ERROR, NOT_FINITE, v->name, value);
+        report(m, FMI(Error), NOT_FINITE, v->name, value);
     else if (value < v->minimum)
-        report(m, STATUS_ERROR, BELOW, v->name, value, v->minimum);
+        report(m, FMI(Error), BELOW, v->name, value, v->minimum);
     else if (value > v->maximum)
-        report(m, STATUS_ERROR, ABOVE, v->name, value, v->maximum);
+        report(m, FMI(Error), ABOVE, v->name, value, v->maximum);
     else
         return false;
     return true;
@@ -173,37 +184,32 @@ static bool all_rules_hold(const instance *m)
     return true;
 }
 
-/* The same; log every value out of its limits, or if there is none, every broken rule. */
-static bool sound(const instance *m)
+/* Return whether no rule is broken, or no `warnings` hold; log the others, a warning once until it no longer holds. */
+static bool none_broken(instance *m, bool warnings)
 {
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
-    bool good = true;
-    if (all_rules_hold(m)) return true;
-    for (size_t vr = PARAMETER_BEGIN; vr < FMU_VARIABLES; ++vr)
-        good &= !out_of_range(m, vr, m->s.values[vr]);
-    if (!good) return false;
-    for (size_t fin = 0; fin < FINS; ++fin) {
-        rules_prepare(parameters(m, fin), constants);
-        for (size_t i = 0; i < RULES; ++i)
-            if (!RULE[i].warning && rules_broken(&RULE[i], parameters(m, fin), constants, numbers))
-                report_rule(m, STATUS_ERROR, fin, RULE[i].message, numbers + 1);
-    }
-    return false;
-}
-
-/* Log the warnings about the parameters, each once until it no longer holds. */
-static void warn(instance *m)
-{
-    double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
+    bool none = true;
     for (size_t fin = 0; fin < FINS; ++fin) {
         rules_prepare(parameters(m, fin), constants);
         for (size_t i = 0; i < RULES; ++i) {
-            if (!RULE[i].warning) continue;
+            if ((bool)RULE[i].warning != warnings) continue;
             const bool broken = rules_broken(&RULE[i], parameters(m, fin), constants, numbers);
-            if (broken && !m->warned[fin][i]) report_rule(m, STATUS_WARNING, fin, RULE[i].message, numbers + 1);
-            m->warned[fin][i] = broken;
+            if (broken && !m->warned[fin][i])
+                report_rule(m, warnings ? FMI(Warning) : FMI(Error), fin, RULE[i].message, numbers + 1);
+            m->warned[fin][i] = broken && warnings;
+            none &= !broken;
         }
     }
+    return none;
+}
+
+/* Return the same as all_rules_hold; log every value out of its limits, or if there is none, every broken rule. */
+static bool sound(instance *m)
+{
+    bool good = true;
+    if (all_rules_hold(m)) return true;
+    for (size_t vr = PARAMETER_BEGIN; vr < FMU_VARIABLES; ++vr) good &= !out_of_range(m, vr, m->s.values[vr]);
+    return good && none_broken(m, false);
 }
 
 static void prepare(instance *m)
@@ -270,11 +276,11 @@ static void refresh(instance *m)
 static bool settable(const instance *m, size_t index, double value)
 {
     if (index >= OUTPUT_BEGIN && index < PARAMETER_BEGIN)
-        report(m, STATUS_ERROR, "%s is an output and cannot be set", VARIABLE[index].name);
+        report(m, FMI(Error), "%s is an output and cannot be set", VARIABLE[index].name);
     else if (index < OUTPUT_BEGIN || (m->s.phase & BEFORE_RUN))
         return true;
     else if (!VARIABLE[index].tunable)
-        report(m, STATUS_ERROR, "%s is fixed and cannot be set after initialization", VARIABLE[index].name);
+        report(m, FMI(Error), "%s is fixed and cannot be set after initialization", VARIABLE[index].name);
     else
         return !out_of_range(m, index, value);
     return false;
@@ -297,6 +303,7 @@ static void reset_instance(instance *m)
     memcpy(m->s.values, START, sizeof START);
     m->s.phase = INSTANTIATED;
     m->unprepared = m->moved = m->check_inputs = 1;
+    m->ticks = m->interval_known = false;
     memset(m->warned, 0, sizeof m->warned);
 }
 
@@ -310,12 +317,12 @@ static instance *new_instance(const host_services *host, const char *name, const
         .host = *host, .name = named ? name : MODEL_NAME, .logged = logging ? EVERY_CATEGORY : 0};
     instance *m = NULL;
     if (!named)
-        report(&none, STATUS_ERROR, "the instance has no name");
+        report(&none, FMI(Error), "the instance has no name");
     else if (!guid || strcmp(guid, MODEL_GUID) != 0)
-        report(&none, STATUS_ERROR, "the " GUID_NAME " of the call is %s, this FMU has %s", guid ? guid : "none",
+        report(&none, FMI(Error), "the " GUID_NAME " of the call is %s, this FMU has %s", guid ? guid : "none",
                MODEL_GUID);
     else if (!(m = allocate(host, sizeof *m + length)))
-        report(&none, STATUS_ERROR, "no memory for an instance");
+        report(&none, FMI(Error), "no memory for an instance");
     if (!m) return NULL;
     *m = none;
     m->name = memcpy(m + 1, name, length);
@@ -323,39 +330,53 @@ static instance *new_instance(const host_services *host, const char *name, const
     return m;
 }
 
-static void free_instance(instance *m)
+void FMI(FreeInstance)(void *c)
 {
-    if (!m) return;
-    const host_services host = m->host;
-    release(&host, m);
+    instance *m = c;
+    if (m) release(&m->host, m);
 }
 
 /* Set the start time [s]. */
 static int begin_initialization(instance *m, double start)
 {
-    if (!core_finite(start)) return report(m, STATUS_ERROR, "start time %.9g is not finite", start);
+    if (!core_finite(start)) return report(m, FMI(Error), "start time %.9g is not finite", start);
     m->s.start = start;
-    return STATUS_OK;
+    return FMI(OK);
 }
 
 /* Start to run if the parameters are sound; otherwise they may be corrected and the call repeated. */
-static int finish_initialization(instance *m, int32_t next_phase)
+FMI(Status) FMI(ExitInitializationMode)(void *c)
 {
-    if (!sound(m)) return STATUS_ERROR;
+    instance *m = c;
+    if (!allowed(m, INITIALIZING, __func__) || !sound(m)) return FMI(Error);
     prepare(m);
-    if (fabs(m->s.start) > m->fins.latest) return report(m, STATUS_ERROR, TOO_LATE, m->s.start, m->fins.latest);
-    warn(m);
+    if (fabs(m->s.start) > m->fins.latest) return report(m, FMI(Error), TOO_LATE, m->s.start, m->fins.latest);
+    none_broken(m, true);
     multi_fin_start(&m->fins, &m->s.fins);
-    m->s.phase = next_phase;
+    m->s.phase = m->event_mode ? HANDLING_EVENT : RUNNING;
     m->s.fresh = 0;
-    return STATUS_OK;
+    return FMI(OK);
 }
 
-static int terminate(instance *m)
+FMI(Status) FMI(Terminate)(void *c)
 {
+    instance *m = c;
+    if (!allowed(m, DURING_RUN, __func__)) return FMI(Error);
     if (!m->s.fresh) refresh(m);
     m->s.phase = TERMINATED;
-    return STATUS_OK;
+    return FMI(OK);
+}
+
+FMI(Status) FMI(Reset)(void *c)
+{
+    if (!c) return FMI(Error);
+    reset_instance(c);
+    return FMI(OK);
+}
+
+const char *FMI(GetVersion)(void)
+{
+    return FMI(Version);
 }
 
 #endif

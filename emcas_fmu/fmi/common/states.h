@@ -1,4 +1,4 @@
-/* FMU states: copied, restored, serialized. Common to all versions of FMI. */
+/* FMU states: copied, restored, serialized. Common to all versions of FMI, with the names of FMI 3.0. */
 #ifndef EMCAS_STATES_H
 #define EMCAS_STATES_H
 
@@ -57,7 +57,7 @@ static const char *unsound_line(const multi_fin *m, const model_state *s)
 static const char *unsound(const instance *m, const model_state *s)
 {
     if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED
-        && !(s->phase == HANDLING_EVENT && handles_events(&m->host)))
+        && !(s->phase == HANDLING_EVENT && m->event_mode))
         return "unknown phase";
     if (!core_finite(s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
     if (!core_all_finite(s->rates, FMU_INPUTS)) return "input derivatives";
@@ -81,82 +81,87 @@ static const char *unsound(const instance *m, const model_state *s)
     return unsound_line(&probe.fins, s);
 }
 
-static int copy_state(instance *m, void **state, const char *function)
+FMI(Status) FMI(GetFMUState)(void *c, void **state)
 {
-    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
-    if (!state) return report(m, STATUS_ERROR, "%s: the pointer for the result is NULL", function);
+    instance *m = c;
+    if (!allowed(m, ANY_PHASE, __func__)) return FMI(Error);
+    if (!state) return report(m, FMI(Error), "%s: the pointer for the result is NULL", __func__);
     if (!*state) *state = allocate(&m->host, sizeof(model_state));
-    if (!*state) return report(m, STATUS_ERROR, "%s: no memory", function);
+    if (!*state) return report(m, FMI(Error), "%s: no memory", __func__);
     memcpy(*state, &m->s, sizeof m->s);
-    return STATUS_OK;
+    return FMI(OK);
 }
 
-static int restore_state(instance *m, const void *state, const char *function)
+FMI(Status) FMI(SetFMUState)(void *c, void *state)
 {
+    instance *m = c;
     const model_state *s = state;
-    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
-    if (!s) return report(m, STATUS_ERROR, "%s: the state is NULL", function);
-    if (memcmp(m->s.values + PARAMETER_BEGIN, s->values + PARAMETER_BEGIN, sizeof s->values - PARAMETER_BEGIN * sizeof(double)) != 0)
+    if (!allowed(m, ANY_PHASE, __func__)) return FMI(Error);
+    if (!s) return report(m, FMI(Error), "%s: the state is NULL", __func__);
+    if (memcmp(m->s.values + PARAMETER_BEGIN, s->values + PARAMETER_BEGIN,
+               (FMU_VARIABLES - PARAMETER_BEGIN) * sizeof(double)) != 0)
         m->unprepared = 1;
     m->s = *s;
     m->moved = m->check_inputs = 1;
-    return STATUS_OK;
+    m->ticks = false;
+    return FMI(OK);
 }
 
-static int free_state(const instance *m, void **state)
+FMI(Status) FMI(FreeFMUState)(void *c, void **state)
 {
-    if (!m) return STATUS_ERROR;
+    const instance *m = c;
+    if (!m) return FMI(Error);
     if (state && *state) {
         release(&m->host, *state);
         *state = NULL;
     }
-    return STATUS_OK;
+    return FMI(OK);
 }
 
-static int serialized_size(const instance *m, const void *state, size_t *size, const char *function)
+FMI(Status) FMI(SerializedFMUStateSize)(void *c, void *state, size_t *size)
 {
-    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
-    if (!state || !size) return report(m, STATUS_ERROR, "%s: argument missing", function);
+    if (!allowed(c, ANY_PHASE, __func__)) return FMI(Error);
+    if (!state || !size) return report(c, FMI(Error), "%s: argument missing", __func__);
     *size = sizeof(state_head) + sizeof(model_state);
-    return STATUS_OK;
+    return FMI(OK);
 }
 
-static int serialize(const instance *m, const void *state, void *bytes, size_t size, const char *function)
+FMI(Status) FMI(SerializeFMUState)(void *c, void *state, FMI(Byte) bytes[], size_t size)
 {
-    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
-    if (!state || !bytes) return report(m, STATUS_ERROR, "%s: argument missing", function);
+    if (!allowed(c, ANY_PHASE, __func__)) return FMI(Error);
+    if (!state || !bytes) return report(c, FMI(Error), "%s: argument missing", __func__);
     if (size < sizeof(state_head) + sizeof(model_state))
-        return report(m, STATUS_ERROR, "%s: %lu bytes are too few", function, (unsigned long)size);
+        return report(c, FMI(Error), "%s: %lu bytes are too few", __func__, (unsigned long)size);
     state_head head = {.magic = MODEL_STATE, .check = checksum(state, sizeof(model_state))};
     memcpy(bytes, &head, sizeof head);
-    memcpy((char *)bytes + sizeof head, state, sizeof(model_state));
-    return STATUS_OK;
+    memcpy(bytes + sizeof head, state, sizeof(model_state));
+    return FMI(OK);
 }
 
-static int deserialize(instance *m, const void *bytes, size_t size, void **state, const char *function)
+FMI(Status) FMI(DeserializeFMUState)(void *c, const FMI(Byte) bytes[], size_t size, void **state)
 {
     const state_head expected = {.magic = MODEL_STATE};
-    const char *content = bytes;
+    instance *m = c;
     state_head head;
-    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
-    if (!bytes || !state) return report(m, STATUS_ERROR, "%s: argument missing", function);
+    if (!allowed(m, ANY_PHASE, __func__)) return FMI(Error);
+    if (!bytes || !state) return report(m, FMI(Error), "%s: argument missing", __func__);
     if (size != sizeof head + sizeof(model_state))
-        return report(m, STATUS_ERROR, "FMU state refused: it has %lu bytes, not %lu", (unsigned long)size,
+        return report(m, FMI(Error), "FMU state refused: it has %lu bytes, not %lu", (unsigned long)size,
                       (unsigned long)(sizeof head + sizeof(model_state)));
-    memcpy(&head, content, sizeof head);
+    memcpy(&head, bytes, sizeof head);
     if (memcmp(head.magic, expected.magic, sizeof head.magic) != 0)
-        return report(m, STATUS_ERROR, "FMU state refused: it is of another FMU or build, not of %s", MODEL_STATE);
-    if (head.check != checksum(content + sizeof head, sizeof(model_state)))
-        return report(m, STATUS_ERROR, "FMU state refused: its checksum is wrong");
+        return report(m, FMI(Error), "FMU state refused: it is of another FMU or build, not of %s", MODEL_STATE);
+    if (head.check != checksum(bytes + sizeof head, sizeof(model_state)))
+        return report(m, FMI(Error), "FMU state refused: its checksum is wrong");
     model_state s;
-    memcpy(&s, content + sizeof head, sizeof s);
+    memcpy(&s, bytes + sizeof head, sizeof s);
     s.fresh = 0;
     const char *reason = unsound(m, &s);
-    if (reason) return report(m, STATUS_ERROR, "FMU state refused: %s", reason);
+    if (reason) return report(m, FMI(Error), "FMU state refused: %s", reason);
     if (!*state) *state = allocate(&m->host, sizeof s);
-    if (!*state) return report(m, STATUS_ERROR, "%s: no memory", function);
+    if (!*state) return report(m, FMI(Error), "%s: no memory", __func__);
     memcpy(*state, &s, sizeof s);
-    return STATUS_OK;
+    return FMI(OK);
 }
 
 #endif

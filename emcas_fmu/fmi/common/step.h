@@ -6,23 +6,12 @@
 
 static int bad_inputs(const instance *m, double time)
 {
-    int status = STATUS_OK;
+    int status = FMI(OK);
     for (size_t i = 0; i < FMU_INPUTS; ++i)
         if (!core_finite(m->s.values[i]))
-            status = report(m, STATUS_ERROR, "input at %.17g s is not finite: %s = %.9g", time, VARIABLE[i].name,
+            status = report(m, FMI(Error), "input at %.17g s is not finite: %s = %.9g", time, VARIABLE[i].name,
                             m->s.values[i]);
     return status;
-}
-
-static int refused_step(instance *m, core_result result, double time, double size)
-{
-    if (result == CORE_TOO_MANY_TICKS)
-        return report(m, STATUS_DISCARD, "step from %.17g s of %.17g s has more than %d ticks", time, size,
-                      CORE_MOST_TICKS);
-    if (result == CORE_TOO_MANY_EVENTS)
-        return report(m, STATUS_DISCARD, "step from %.17g s of %.17g s: more than %d events in a tick", time, size,
-                      CORE_MOST_EVENTS);
-    return report(m, STATUS_DISCARD, "step from %.17g s of %.17g s: the state is no longer finite", time, size);
 }
 
 static core_result run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
@@ -41,33 +30,40 @@ static core_result held_step(instance *m, double end)
 static int step_end(instance *m, double time, double size, double *end)
 {
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
-        return report(m, STATUS_ERROR, "communication step %.17g s at %.17g s is not positive and finite", size, time);
+        return report(m, FMI(Error), "communication step %.17g s at %.17g s is not positive and finite", size, time);
     if (m->check_inputs) {
         if (!core_all_finite(m->s.values, FMU_INPUTS)) return bad_inputs(m, time);
         m->check_inputs = 0;
     }
     if (m->unprepared) {
         prepare(m);
-        warn(m);
+        none_broken(m, true);
     }
     const double begin = time - m->s.start;
     /* The times of a clock that starts late are coarser than the slack. */
     if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
-        return report(m, STATUS_ERROR, "step from %.17g s, but the instance is at %.17g s, %.3g s away", time,
+        return report(m, FMI(Error), "step from %.17g s, but the instance is at %.17g s, %.3g s away", time,
                       m->s.start + m->s.now, begin - m->s.now);
     *end = begin + size;
     if (*end < m->s.now) *end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
     if (m->moved) update_motion_loads_now(m);
-    return STATUS_OK;
+    return FMI(OK);
 }
 
 /* Return the status of a step, and move the time on if it was computed. */
 static int step_done(instance *m, core_result result, double time, double size, double end)
 {
-    if (result != CORE_DONE) return refused_step(m, result, time, size);
+    if (result == CORE_TOO_MANY_TICKS)
+        return report(m, FMI(Discard), "step from %.17g s of %.17g s has more than %d ticks", time, size,
+                      CORE_MOST_TICKS);
+    if (result == CORE_TOO_MANY_EVENTS)
+        return report(m, FMI(Discard), "step from %.17g s of %.17g s: more than %d events in a tick", time, size,
+                      CORE_MOST_EVENTS);
+    if (result != CORE_DONE)
+        return report(m, FMI(Discard), "step from %.17g s of %.17g s: the state is no longer finite", time, size);
     m->s.fresh = 1;
     m->s.now = end;
-    return STATUS_OK;
+    return FMI(OK);
 }
 
 #endif

@@ -8,6 +8,19 @@
 
 #include "fmi2Functions.h"
 
+#ifdef __GNUC__ /* functions of the standard have parameters that the FMU does not need */
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
+
+/* The name of a function or type. The common files have FMI 3.0's names, of which FMI 2.0 spells some otherwise. */
+#define FMI(name) FMI_PASTE(fmi2, name)
+#define FMI_PASTE(version, name) version##name
+#define GetFMUState GetFMUstate
+#define SetFMUState SetFMUstate
+#define FreeFMUState FreeFMUstate
+#define SerializedFMUStateSize SerializedFMUstateSize
+#define SerializeFMUState SerializeFMUstate
+#define DeserializeFMUState DeSerializeFMUstate
 #define GUID_NAME "GUID"
 
 typedef fmi2CallbackFunctions host_services;
@@ -34,18 +47,9 @@ static void release(const host_services *host, void *block)
         free(block);
 }
 
-static bool handles_events(const host_services *host)
-{
-    (void)host;
-    return false;
-}
-
 #include "instance.h"
 #include "states.h"
 #include "step.h"
-
-_Static_assert((int)STATUS_OK == (int)fmi2OK && (int)STATUS_WARNING == (int)fmi2Warning
-               && (int)STATUS_DISCARD == (int)fmi2Discard && (int)STATUS_ERROR == (int)fmi2Error, "fmi2Status");
 
 /* -- variables ---------------------------------------------------------------- */
 
@@ -56,71 +60,51 @@ static bool is_a(const instance *m, size_t vr, int kind)
     return false;
 }
 
-#define DEFINE_SET(Kind, expected, converted)                                                                   \
+/* The values that are read are always in the range of their type: they are checked when they are set. */
+#define DEFINE_ACCESS(Kind, kind, as_number)                                                                    \
+    fmi2Status fmi2Get##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Kind value[])       \
+    {                                                                                                           \
+        instance *m = c;                                                                                        \
+        bool good = true;                                                                                       \
+        if (!allowed_with(m, ANY_PHASE, n, vr, value, __func__)) return fmi2Error;                              \
+        if (!m->s.fresh) refresh(m);                                                                            \
+        for (size_t i = 0; i < n; ++i)                                                                          \
+            if (is_a(m, vr[i], kind))                                                                           \
+                value[i] = (fmi2##Kind)m->s.values[vr[i]];                                                      \
+            else                                                                                                \
+                good = false;                                                                                   \
+        return good ? fmi2OK : fmi2Error;                                                                       \
+    }                                                                                                           \
     fmi2Status fmi2Set##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Kind value[]) \
     {                                                                                                           \
         instance *m = c;                                                                                        \
         bool good = true;                                                                                       \
-        if (!allowed(m, ANY_PHASE & ~TERMINATED, "fmi2Set" #Kind)) return fmi2Error;                            \
-        if (array_missing(m, n, vr, value, "fmi2Set" #Kind)) return fmi2Error;                                  \
-        for (size_t i = 0; i < n; ++i) good &= is_a(m, vr[i], expected) && settable(m, vr[i], converted(value[i]));               \
-        for (size_t i = 0; good && i < n; ++i) set_one(m, vr[i], converted(value[i]));                          \
+        if (!allowed_with(m, BEFORE_END, n, vr, value, __func__)) return fmi2Error;                             \
+        for (size_t i = 0; i < n; ++i) good &= is_a(m, vr[i], kind) && settable(m, vr[i], as_number(value[i])); \
+        for (size_t i = 0; good && i < n; ++i) set_one(m, vr[i], as_number(value[i]));                          \
         return good ? fmi2OK : fmi2Error;                                                                       \
     }
 
-#define AS_NUMBER(x) ((double)(x))
-#define AS_FLAG(x) ((x) ? 1.0 : 0.0)
+DEFINE_ACCESS(Real, REAL, (double))
+DEFINE_ACCESS(Integer, INTEGER, (double))
+DEFINE_ACCESS(Boolean, BOOLEAN, !!)
 
-#define DEFINE_GET(Kind, expected)                                                                              \
-    fmi2Status fmi2Get##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Kind value[])       \
-    {                                                                                                           \
-        instance *m = c;                                                                                        \
-        fmi2Status status = fmi2OK;                                                                             \
-        if (!allowed(m, ANY_PHASE, "fmi2Get" #Kind)) return fmi2Error;                                          \
-        if (array_missing(m, n, vr, value, "fmi2Get" #Kind)) return fmi2Error;                                  \
-        if (!m->s.fresh) refresh(m);                                                                            \
-        for (size_t i = 0; i < n; ++i) {                                                                        \
-            if (vr[i] < FMU_VARIABLES && VARIABLE[vr[i]].kind == expected)                                    \
-                value[i] = (fmi2##Kind)m->s.values[vr[i]];                                                      \
-            else                                                                                                \
-                status = report(m, fmi2Error, "no " #Kind " variable has value reference %u", (unsigned)vr[i]); \
-        }                                                                                                       \
-        return status;                                                                                          \
-    }
-
-DEFINE_SET(Real, REAL, AS_NUMBER)
-DEFINE_SET(Integer, INTEGER, AS_NUMBER)
-DEFINE_SET(Boolean, BOOLEAN, AS_FLAG)
-DEFINE_GET(Real, REAL)
-/* These values are always in the range of their type: they are checked when they are set. */
-DEFINE_GET(Integer, INTEGER)
-DEFINE_GET(Boolean, BOOLEAN)
-
-static fmi2Status no_strings(instance *m, int phases, size_t n, const char *function)
-{
-    if (!allowed(m, phases, function)) return fmi2Error;
-    return n ? report(m, fmi2Error, "%s: there is no String variable", function) : fmi2OK;
-}
-
-fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[])
-{
-    (void)vr, (void)value;
-    return no_strings(c, ANY_PHASE, n, "fmi2GetString");
-}
-
-fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[])
-{
-    (void)vr, (void)value;
-    return no_strings(c, ANY_PHASE & ~TERMINATED, n, "fmi2SetString");
-}
+UNSUPPORTED(GetString, ANY_PHASE, n, "there is no String variable",
+            (fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[]))
+UNSUPPORTED(SetString, BEFORE_END, n, "there is no String variable",
+            (fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[]))
+UNSUPPORTED(GetRealOutputDerivatives, ANY_PHASE, n, "maxOutputDerivativeOrder is 0",
+            (fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], fmi2Real value[]))
+UNSUPPORTED(GetDirectionalDerivative, ANY_PHASE, 1, "providesDirectionalDerivative is false",
+            (fmi2Component c, const fmi2ValueReference unknown[], size_t n_unknown, const fmi2ValueReference known[],
+             size_t n_known, const fmi2Real seed[], fmi2Real value[]))
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                        const fmi2Integer order[], const fmi2Real value[])
 {
     instance *m = c;
-    if (!allowed(m, ANY_PHASE & ~TERMINATED, "fmi2SetRealInputDerivatives")) return fmi2Error;
-    if (array_missing(m, n, vr, value, "fmi2SetRealInputDerivatives")) return fmi2Error;
-    if (array_missing(m, n, order, order, "fmi2SetRealInputDerivatives")) return fmi2Error;
+    if (!allowed_with(m, BEFORE_END, n, vr, value, __func__)) return fmi2Error;
+    if (!allowed_with(m, BEFORE_END, n, order, order, __func__)) return fmi2Error;
     for (size_t i = 0; i < n; ++i) {
         if (vr[i] >= OUTPUT_BEGIN || VARIABLE[vr[i]].kind != REAL)
             return report(m, fmi2Error, "no Real input has value reference %u", (unsigned)vr[i]);
@@ -134,25 +118,6 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     for (size_t i = 0; i < n; ++i) m->s.rates[vr[i]] = value[i];
     m->s.rated = n || m->s.rated;
     return fmi2OK;
-}
-
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
-                                        const fmi2Integer order[], fmi2Real value[])
-{
-    instance *m = c;
-    (void)vr, (void)order, (void)value;
-    if (!allowed(m, ANY_PHASE, "fmi2GetRealOutputDerivatives")) return fmi2Error;
-    return n ? report(m, fmi2Error, "fmi2GetRealOutputDerivatives: maxOutputDerivativeOrder is 0") : fmi2OK;
-}
-
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n_unknown,
-                                        const fmi2ValueReference known[], size_t n_known, const fmi2Real seed[],
-                                        fmi2Real value[])
-{
-    instance *m = c;
-    (void)unknown, (void)n_unknown, (void)known, (void)n_known, (void)seed, (void)value;
-    if (!allowed(m, ANY_PHASE, "fmi2GetDirectionalDerivative")) return fmi2Error;
-    return report(m, fmi2Error, "fmi2GetDirectionalDerivative: providesDirectionalDerivative is false");
 }
 
 /* -- stepping ----------------------------------------------------------------- */
@@ -192,62 +157,36 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
 {
     instance *m = c;
     double end = 0.0;
-    (void)no_set_state;
-    if (!allowed(m, RUNNING, "fmi2DoStep")) return fmi2Error;
-    if (step_end(m, time, size, &end) != STATUS_OK) return fmi2Error;
+    if (!allowed(m, RUNNING, __func__)) return fmi2Error;
+    if (step_end(m, time, size, &end) != fmi2OK) return fmi2Error;
     const double begin = time - m->s.start;
     const core_result result = m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
     m->s.terminated = result != CORE_DONE; /* otherwise fmpy repeats the same step for ever */
     return step_done(m, result, time, size, end);
 }
 
-fmi2Status fmi2CancelStep(fmi2Component c)
-{
-    const instance *m = c;
-    return m ? report(m, fmi2Error, "fmi2CancelStep: steps are not asynchronous") : fmi2Error;
-}
+UNSUPPORTED(CancelStep, ANY_PHASE, 1, "steps are not asynchronous", (fmi2Component c))
 
-/* Check a request for a kind of status, of which one is `available` or none (NO_STATUS). */
-static fmi2Status status_of(const instance *m, int kind, int available, const char *function, const void *value)
-{
-    if (!allowed(m, RUNNING | TERMINATED, function)) return fmi2Error;
-    if (!value) return report(m, fmi2Error, "%s: the pointer for the result is NULL", function);
-    if (kind != available) return report(m, fmi2Discard, "%s: status kind %d is not available", function, kind);
-    return fmi2OK;
-}
+/* A function that returns the status of an `available` kind: `found`. */
+#define DEFINE_STATUS(Name, type, available, found)                                                             \
+    fmi2Status fmi2Get##Name(fmi2Component c, const fmi2StatusKind kind, fmi2##type *value)                      \
+    {                                                                                                           \
+        const instance *m = c;                                                                                  \
+        if (!allowed(m, RUNNING | TERMINATED, __func__)) return fmi2Error;                                      \
+        if (!value) return report(m, fmi2Error, "%s: the pointer for the result is NULL", __func__);            \
+        if ((int)kind != available)                                                                             \
+            return report(m, fmi2Discard, "%s: status kind %d is not available", __func__, (int)kind);          \
+        *value = found;                                                                                         \
+        return fmi2OK;                                                                                          \
+    }
 
-enum { NO_STATUS = -1 };
+enum { NO_KIND = -1 };
 
-fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
-{
-    return status_of(c, (int)kind, NO_STATUS, "fmi2GetStatus", value);
-}
-
-fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
-{
-    const instance *m = c;
-    const fmi2Status status = status_of(m, (int)kind, fmi2LastSuccessfulTime, "fmi2GetRealStatus", value);
-    if (status == fmi2OK) *value = m->s.start + m->s.now;
-    return status;
-}
-
-fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
-{
-    return status_of(c, (int)kind, NO_STATUS, "fmi2GetIntegerStatus", value);
-}
-
-fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
-{
-    const instance *m = c;
-    const fmi2Status status = status_of(m, (int)kind, fmi2Terminated, "fmi2GetBooleanStatus", value);
-    if (status == fmi2OK) *value = m->s.terminated ? fmi2True : fmi2False;
-    return status;
-}
-
-fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
-{
-    return status_of(c, (int)kind, NO_STATUS, "fmi2GetStringStatus", value);
-}
+DEFINE_STATUS(Status, Status, NO_KIND, fmi2OK)
+DEFINE_STATUS(RealStatus, Real, fmi2LastSuccessfulTime, m->s.start + m->s.now)
+DEFINE_STATUS(IntegerStatus, Integer, NO_KIND, 0)
+DEFINE_STATUS(BooleanStatus, Boolean, fmi2Terminated, m->s.terminated ? fmi2True : fmi2False)
+DEFINE_STATUS(StringStatus, String, NO_KIND, NULL)
 
 /* -- life cycle --------------------------------------------------------------- */
 
@@ -256,15 +195,9 @@ const char *fmi2GetTypesPlatform(void)
     return fmi2TypesPlatform;
 }
 
-const char *fmi2GetVersion(void)
-{
-    return fmi2Version;
-}
-
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
 {
-    (void)resources, (void)visible;
     if (!functions) return NULL;
     const instance none = {
         .host = *functions, .name = name ? name : MODEL_NAME, .logged = logging ? EVERY_CATEGORY : 0};
@@ -277,76 +210,16 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return NULL;
 }
 
-void fmi2FreeInstance(fmi2Component c)
-{
-    free_instance(c);
-}
-
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
-{
-    return c ? choose_categories(c, on, n, categories, "fmi2SetDebugLogging") : fmi2Error;
-}
-
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop)
 {
-    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
-    return allowed(c, INSTANTIATED, "fmi2SetupExperiment") ? begin_initialization(c, start) : fmi2Error;
+    return allowed(c, INSTANTIATED, __func__) ? begin_initialization(c, start) : fmi2Error;
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 {
     instance *m = c;
-    if (!allowed(m, INSTANTIATED, "fmi2EnterInitializationMode")) return fmi2Error;
+    if (!allowed(m, INSTANTIATED, __func__)) return fmi2Error;
     m->s.phase = INITIALIZING;
     return fmi2OK;
-}
-
-fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-    return allowed(c, INITIALIZING, "fmi2ExitInitializationMode") ? finish_initialization(c, RUNNING) : fmi2Error;
-}
-
-fmi2Status fmi2Terminate(fmi2Component c)
-{
-    return allowed(c, RUNNING, "fmi2Terminate") ? terminate(c) : fmi2Error;
-}
-
-fmi2Status fmi2Reset(fmi2Component c)
-{
-    if (!c) return fmi2Error;
-    reset_instance(c);
-    return fmi2OK;
-}
-
-/* -- states ------------------------------------------------------------------- */
-
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    return copy_state(c, state, "fmi2GetFMUstate");
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
-{
-    return restore_state(c, state, "fmi2SetFMUstate");
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    return free_state(c, state);
-}
-
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
-{
-    return serialized_size(c, state, size, "fmi2SerializedFMUstateSize");
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
-{
-    return serialize(c, state, bytes, size, "fmi2SerializeFMUstate");
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
-{
-    return deserialize(c, bytes, size, state, "fmi2DeSerializeFMUstate");
 }

@@ -8,10 +8,10 @@
 static bool is_clock(const instance *m, int phases, const fmi3ValueReference vr[], size_t n, const void *value,
                      const char *function)
 {
-    if (!allowed(m, phases, function) || array_missing(m, n, vr, value, function)) return false;
+    if (!allowed_with(m, phases, n, vr, value, function)) return false;
     for (size_t i = 0; i < n; ++i)
         if (vr[i] >= ARRAYS || ARRAY[vr[i]].type != TICKS) {
-            report(m, STATUS_ERROR, "%s: no clock has value reference %u", function, (unsigned)vr[i]);
+            report(m, fmi3Error, "%s: no clock has value reference %u", function, (unsigned)vr[i]);
             return false;
         }
     return true;
@@ -20,8 +20,8 @@ static bool is_clock(const instance *m, int phases, const fmi3ValueReference vr[
 fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Clock value[])
 {
     const instance *m = c;
-    if (!is_clock(m, HANDLING_EVENT, vr, n, value, "fmi3GetClock")) return fmi3Error;
-    for (size_t i = 0; i < n; ++i) value[i] = m->host.ticks;
+    if (!is_clock(m, HANDLING_EVENT, vr, n, value, __func__)) return fmi3Error;
+    for (size_t i = 0; i < n; ++i) value[i] = m->ticks;
     return fmi3OK;
 }
 
@@ -29,16 +29,16 @@ fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
 {
     instance *m = c;
-    if (!is_clock(m, HANDLING_EVENT, vr, n, value, "fmi3SetClock")) return fmi3Error;
+    if (!is_clock(m, HANDLING_EVENT, vr, n, value, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; ++i) {
         const core_state *core = m->s.fins.core;
-        if (!value[i] && m->host.ticks)
-            return report(m, STATUS_ERROR, "fmi3SetClock: %s cannot be deactivated", CLOCK_NAME);
+        if (!value[i] && m->ticks)
+            return report(m, fmi3Error, "fmi3SetClock: %s cannot be deactivated", CLOCK_NAME);
         if (value[i] && (core->position != 0 || core->partial))
-            return report(m, STATUS_ERROR, "fmi3SetClock: %s does not tick at %.17g s, which is not a sample",
+            return report(m, fmi3Error, "fmi3SetClock: %s does not tick at %.17g s, which is not a sample",
                           CLOCK_NAME, m->s.start + m->s.now);
     }
-    for (size_t i = 0; i < n; ++i) m->host.ticks = value[i];
+    for (size_t i = 0; i < n; ++i) m->ticks = value[i];
     return fmi3OK;
 }
 
@@ -46,19 +46,19 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[],
                                   fmi3IntervalQualifier qualifiers[])
 {
     instance *m = c;
-    if (!is_clock(m, INITIALIZING | DURING_RUN, vr, n, intervals, "fmi3GetIntervalDecimal")) return fmi3Error;
-    if (array_missing(m, n, qualifiers, qualifiers, "fmi3GetIntervalDecimal")) return fmi3Error;
+    if (!is_clock(m, INITIALIZING | DURING_RUN, vr, n, intervals, __func__)) return fmi3Error;
+    if (!allowed_with(m, INITIALIZING | DURING_RUN, n, qualifiers, qualifiers, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; ++i) {
         intervals[i] = parameters(m, 0)[SAMPLE_TIME];
-        qualifiers[i] = m->host.interval_known ? fmi3IntervalUnchanged : fmi3IntervalChanged;
-        m->host.interval_known = m->s.phase != INITIALIZING; /* the sample time is fixed from then on */
+        qualifiers[i] = m->interval_known ? fmi3IntervalUnchanged : fmi3IntervalChanged;
+        m->interval_known = m->s.phase != INITIALIZING; /* the sample time is fixed from then on */
     }
     return fmi3OK;
 }
 
 fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
 {
-    if (!is_clock(c, INITIALIZING | DURING_RUN, vr, n, shifts, "fmi3GetShiftDecimal")) return fmi3Error;
+    if (!is_clock(c, INITIALIZING | DURING_RUN, vr, n, shifts, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; ++i) shifts[i] = 0.0;
     return fmi3OK;
 }
