@@ -80,7 +80,11 @@ class Terminal:
 def real_input(name: str, unit: str, description: str, *, minimum: float = -inf, maximum: float = inf,
                nominal: float | None = None, start: float | None = 0.0, key: str | None = None,
                sheet: str = "") -> Variable:
-    """Declare a continuous input; its start value is `start`, or the parameter-file entry `key`."""
+    """Declare a continuous input.
+
+    `unit` is the unit of limits, nominal and start value. The start value is `start` or the parameter-file entry
+    `key`.
+    """
     return Variable(name, "Real", "input", "continuous", unit, description, minimum, maximum, nominal, start, key,
                     sheet=sheet)
 
@@ -92,7 +96,10 @@ def boolean_input(name: str, description: str, start: bool) -> Variable:
 
 def real_output(name: str, unit: str, description: str, nominal: float, *, minimum: float = -inf,
                 maximum: float = inf, display: str = "", limited_by: tuple[str, ...] = ()) -> Variable:
-    """Declare a continuous output; its limits must hold for all parameters and inputs."""
+    """Declare a continuous output.
+
+    `unit` is the unit of nominal value and limits, which must hold for all parameters and inputs.
+    """
     return Variable(name, "Real", "output", "continuous", unit, description, minimum, maximum, nominal,
                     display=display, limited_by=limited_by)
 
@@ -110,14 +117,14 @@ def integer_output(name: str, description: str, bits: tuple[str, ...] = ()) -> V
 
 def parameter(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
               display: str = "", quantity: str = "") -> Variable:
-    """Declare a parameter that is fixed after initialization."""
+    """Declare a parameter that is fixed after initialization; `unit` is also that of its limits."""
     return Variable(name, "Real", "parameter", "fixed", unit, description, minimum, maximum, sheet=sheet,
                     display=display, quantity=quantity)
 
 
 def tunable(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
             display: str = "") -> Variable:
-    """Declare a parameter that may be changed during a simulation."""
+    """Declare a parameter that may be changed during a simulation; `unit` is also that of its limits."""
     return Variable(name, "Real", "parameter", "tunable", unit, description, minimum, maximum, sheet=sheet,
                     display=display)
 

@@ -328,19 +328,24 @@ class Actuator:
         return angle if self.fin_side is None else ops.where(p.encoder.on_fin, getattr(x, self.fin_side[0]), angle)
 
     def motor_current(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Value:
-        """Return the motor current [A] of an actuator that has one: the state of that name, or else the output."""
+        """Return the motor current [A] of an actuator that has one: the state of that name, otherwise the output."""
         if any(s.name == "motor_current" for s in self.states):
             return x.motor_current
         return self.plant_outputs(ops, p, x, u)["motor_current"]
 
     def commanded(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
-        """Return :meth:`sampled` for the command after the bus (:mod:`emcas_fmu.control.command`)."""
+        """Return the results of :meth:`sampled`, in SI, for the command that the bus delivers.
+
+        They also contain the states of the bus (:mod:`emcas_fmu.control.command`).
+        """
         command, *after = bus.delivered(ops, p, inputs.command, *(getattr(x, name) for name in bus.STATES))
         return {**self.sampled(ops, p, x, inputs.replace(command=command)), **dict(zip(bus.STATES, after, strict=True))}
 
     def sampled(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
-        """Return ``reference``, ``measured_fin_angle``, ``limited``, controller states and sampled states after a
-        sample; the command in `inputs` is the one that the bus has delivered."""
+        """Return the results of a sample by name, in SI; the command in `inputs` [rad] is that after the bus.
+
+        They are ``reference``, ``measured_fin_angle`` [rad], ``limited``, controller states and sampled states.
+        """
         names = tuple(s.name for s in (*self.controller_states, *self.sampled_states))
         values = complete(self.sample, self.sample(ops, p, x, inputs), ("reference",),
                           ("measured_fin_angle", "limited", *names))
@@ -348,7 +353,7 @@ class Actuator:
         return {"measured_fin_angle": inputs.position, "limited": 0.0, **before, **values}
 
     def rates(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> dict[str, Value]:
-        """Return d/dt of every state of an actuator that has derivatives."""
+        """Return d/dt of every state, in SI per s, of an actuator that has derivatives."""
         assert self.derivatives is not None
         names = tuple(s.name for s in self.states)
         return {**dict.fromkeys(names, 0.0), **complete(self.derivatives, self.derivatives(ops, p, x, u), (), names)}
@@ -358,7 +363,7 @@ class Actuator:
         return complete(self.derivatives, self.derivatives(ops, p, x, u), (s.name for s in self.states))
 
     def plant_outputs(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
-        """Return every output, for a command and results of the last sample that are 0."""
+        """Return every output in SI, for a command and sample results of 0."""
         unsampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
         return self.output_values(ops, p, x, Record(**{**vars(u), **unsampled}))
 

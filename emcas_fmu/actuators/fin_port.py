@@ -142,7 +142,7 @@ def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -
 
 
 def motion_loads(ops: Ops, p: Any, *motion: Value) -> tuple[Value, ...]:
-    """Return the loads.MotionLoads of the vehicle's motion, the inputs MOTION."""
+    """Return the values of :class:`.loads.MotionLoads` in SI from the vehicle's `motion`, the inputs MOTION in SI."""
     a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
     return loads.motion_loads(ops, p, (a_x, a_y, a_z), roll, pitch, (w_x, w_y, w_z), (d_x, d_y, d_z))
 

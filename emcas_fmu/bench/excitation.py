@@ -104,7 +104,7 @@ class Excitation:
         return replace(self, columns={**self.columns, **further})
 
     def of(self, runs: int | Array) -> Excitation:
-        """Return the excitation of one or some of many runs."""
+        """Return the excitation of one run or of several, by index or array of indices."""
         columns = {name: column[np.minimum(runs, len(column) - 1)] if column.ndim == 2 else column
                    for name, column in self.columns.items()}
         spring = np.asarray(self.spring)
@@ -247,7 +247,7 @@ def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Exc
 
 @checked
 def of_case(title: str, inputs: Mapping[str, Array], step: float, start_values: Mapping[str, Any]) -> Excitation:
-    """Return the excitation of a reference case from its columns, ``time`` among them."""
+    """Return the excitation of a reference case from its columns in SI, including ``time``; `step` in s."""
     columns = {name: column for name, column in inputs.items() if name != "time"}
     return Excitation(title, columns, LEAD_IN, step, start_values)
 

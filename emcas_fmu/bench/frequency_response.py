@@ -101,13 +101,16 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
 
 
 def sweep_response(run: Run, low: float = SWEPT[0], high: float = SWEPT[1]) -> FrequencyResponse:
-    """Return the frequency response of a finished run under a sweep; nan for a fin that does not move."""
+    """Return the frequency response of a finished run under a sweep from `low` to `high` [Hz].
+
+    Its values are nan if the fin does not move.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         return frequency_response(run.columns["time"], run.excitation.command, run.columns["fin_angle"], low, high)
 
 
 def swept(response: FrequencyResponse) -> dict[str, float]:
-    """Return the figures of a frequency response."""
+    """Return the figures of a frequency response: bandwidths [Hz], peak gain [dB], lowest coherence [-]."""
     with np.errstate(divide="ignore", invalid="ignore"):
         upto = response.frequency <= (inf if np.isnan(response.bandwidth) else response.bandwidth)
         return {"bandwidth_3db": response.bandwidth, "bandwidth_90deg": response.phase_bandwidth,
@@ -116,9 +119,10 @@ def swept(response: FrequencyResponse) -> dict[str, float]:
 
 
 def fundamental(time: Array, values: Array, frequency: float, drift: bool = True) -> complex:
-    """Return the complex amplitude c of Re(c exp(2 pi i f t)) in `values`, by least squares together with an offset.
+    """Return the complex amplitude c of Re(c exp(2 pi i f t)) in `values`, by least squares with an offset.
 
-    A linear `drift` is fitted as well, unless it is known to be negligible.
+    `time` [s] and `values`, of any unit, are equally long; f is `frequency` [Hz]. A linear `drift` is also fitted by
+    default.
     """
     return complex(fundamental_weights(time, frequency, drift) @ values)
 

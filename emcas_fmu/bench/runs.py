@@ -101,7 +101,7 @@ def _of(columns: Columns, runs: Any) -> dict[str, Array]:
 
 
 def spread(excitation: Excitation, changes: Mapping[str, Any]) -> tuple[int, dict[str, Array]]:
-    """Return the number of runs, and for each changed parameter an array with its value in each run."""
+    """Return the number of runs, and each changed parameter's values [runs], in the units of `changes`."""
     of_runs = [len(column) for column in excitation.columns.values() if column.ndim == 2]
     (count,) = np.broadcast_shapes((1,), *of_runs, *map(np.shape, changes.values()))
     return count, {name: np.broadcast_to(values, count) for name, values in changes.items()}

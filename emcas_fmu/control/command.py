@@ -23,7 +23,7 @@ def _whole(ops: Ops, p: Any, time: Value) -> Value:
 
 
 def latency(ops: Ops, p: Any) -> Value:
-    """Return the latency of commands in samples."""
+    """Return the latency of commands as a number of samples [-]."""
     return _whole(ops, p, p.command.latency)
 
 

@@ -16,12 +16,12 @@ _FINEST = 1.0 / 20_000.0
 
 
 def rounded(value: float, digits: int = 6) -> float:
-    """Return a value rounded to significant digits."""
+    """Return a value of any unit rounded to `digits` significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def share(values: Values, log: bool, limits: Sequence[float]) -> Values:
-    """Return the positions of values along an axis, whose limits are 0 and 1."""
+    """Return positions [-] of values along an axis, 0 and 1 at its `limits` in the same unit; `log`: logarithmic."""
     low, high = (np.log10(limits) if log else np.asarray(limits, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares: Values = ((np.log10(values) if log else values) - low) / ((high - low) or 1.0)

@@ -170,18 +170,22 @@ class FmuInterface:
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
+        """The inputs: shared ones, then those of each fin."""
         return self._scalars(0)
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
+        """The outputs: those of the line, then those of each fin."""
         return self._scalars(1)
 
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
+        """The parameters: those of the line, then those of each fin."""
         return self._scalars(2)
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
+        """All variables in the order of their value references."""
         return self.inputs + self.outputs + self.parameters
 
     @cached_property

@@ -12,7 +12,8 @@ Thunk = Callable[[], tuple[Value, ...]]
 class Ops(Protocol):
     """Operations in addition to ``+ - * /`` and ``< <= > >=``, which the values have.
 
-    Conditions are bool, boolean arrays or symbols; they are joined by `both`,
+    Functions from `sin` to `maximum` are those of mathematics, with angles in rad.
+    Conditions are bool, boolean arrays or symbols; they are combined by `both`,
     `either` and `negate` because ``and``, ``or`` and ``not`` cannot be traced.
     """
 
@@ -40,7 +41,7 @@ class Ops(Protocol):
         ...
 
     def branch(self, condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
-        """Return several values from one of two functions; a `rare` condition hardly ever holds.
+        """Return several values from one of two functions; a `rare` condition seldom holds.
 
         Floats and traced source evaluate only the chosen branch; arrays and symbols evaluate both, so neither may
         fail where it is not chosen.

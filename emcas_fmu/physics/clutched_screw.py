@@ -123,7 +123,7 @@ def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion
 
 
 def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Value) -> dict[str, Value]:
-    """Return the event margins by name: a speed of sliding, the torque left of what sticks, the load."""
+    """Return the event margins by name: speeds of sliding [rad/s], reserves of sticking [N.m], the load [N.m]."""
     joined = ops.equal(m.clutch, 0.0)
     screw_rests, rotor_rests = ops.equal(m.screw, 0.0), ops.equal(m.rotor, 0.0)
     rests = ops.both(joined, screw_rests)
@@ -140,9 +140,10 @@ def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Valu
 
 def landed(ops: Ops, m: Motion, begin: tuple[Value, Value], end: tuple[Value, Value], events: Any
            ) -> tuple[Value, Value]:
-    """Return the speeds of screw and rotor at the end of a step, equal to the bit where they stick.
+    """Return the speeds [rad/s] of screw and rotor after a step, equal to the bit if they stick.
 
-    They also stick where they come to rest or start in vain; `events` says by name which margin was lost.
+    `begin` and `end` are both speeds before and after the step. A friction also sticks if it comes to rest, or starts
+    against its direction; `events` says by name which margin was lost.
     """
     def stops(direction: Value, before: Value, after: Value, event: Value) -> Value:
         vain = ops.both(ops.equal(before, 0.0), after * direction <= 0.0)

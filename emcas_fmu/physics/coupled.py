@@ -158,7 +158,7 @@ def friction_torques(ops: Ops, b: Bodies, signs: Sequence[Value]) -> list[Value]
 
 
 def margins(ops: Ops, b: Bodies, signs: Sequence[Value], screw: Value, motor: Value) -> dict[str, Value]:
-    """Return the event margins by name: the speed of a friction that slides, the torque left of one that sticks."""
+    """Return the event margins by name: speeds [rad/s] of sliding frictions, reserves [N.m] of sticking ones."""
     torques = _sliding(ops, b, signs)
     rests = ops.both(ops.equal(signs[SCREW], 0.0), ops.equal(signs[MOTOR], 0.0))
     still = _rest_margins(ops, b)
@@ -174,9 +174,10 @@ def margins(ops: Ops, b: Bodies, signs: Sequence[Value], screw: Value, motor: Va
 
 def landed(ops: Ops, signs: Sequence[Value], begin: tuple[Value, Value], end: tuple[Value, Value],
            events: Any) -> tuple[Value, Value]:
-    """Return the speeds of screw and motor at the end of a step, equal to the bit where a friction sticks.
+    """Return the speeds [rad/s] of screw and motor after a step, equal to the bit if a friction sticks.
 
-    A friction also sticks where it comes to rest or starts in vain; `events` says by name which margin was lost.
+    `begin` and `end` are both speeds before and after the step. A friction also sticks if it comes to rest, or starts
+    against its direction; `events` says by name which margin was lost.
     """
     before, after = slips(*begin), slips(*end)
 

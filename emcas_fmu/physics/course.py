@@ -33,7 +33,10 @@ def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
 
 
 def mean_product(ops: Ops, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
-    """Return the mean of the product of two values that both go from `start` to `end` on the same exponential."""
+    """Return the mean product of two values that go from `start` to `end` on the exponential of :func:`shares`.
+
+    The unit is the product of those of the values.
+    """
     first, second = shares(ops, ratio)
     (a, b), way_a, way_b = start, end[0] - start[0], end[1] - start[1]
     return a * b + (a * way_b + b * way_a) * first + way_a * way_b * second

@@ -61,7 +61,7 @@ def hinge_compliance(ops: Ops, p: Any) -> Value:
 
 
 def rigid(ops: Ops, p: Any) -> Value:
-    """Return whether nothing in the line yields or is loose."""
+    """Return whether the line has neither compliance nor backlash."""
     stiff = ops.both(ops.equal(structure_compliance(p), 0.0), ops.equal(hinge_compliance(ops, p), 0.0))
     return ops.both(stiff, ops.equal(p.drive_line.backlash, 0.0))
 

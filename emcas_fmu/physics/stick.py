@@ -17,7 +17,7 @@ EDGE = 1.0 - 1e-9
 
 
 class Slide(NamedTuple):
-    """Direction of a body's motion (-1, 0 at rest, 1), and the torques beyond which it starts upwards and downwards."""
+    """Direction of a body's motion (-1, 0 at rest, 1), and the torques [N.m] beyond which it starts up and down."""
 
     direction: Value
     high: Value
@@ -25,27 +25,27 @@ class Slide(NamedTuple):
 
 
 def sign(ops: Ops, x: Value) -> Value:
-    """Return -1, 0 or 1."""
+    """Return the sign of a number: -1, 0 or 1."""
     return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
 
 
 def overcome(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return whether a torque starts a body at rest upwards, beyond `high`, and whether downwards, beyond `low`."""
+    """Return whether a torque [N.m] starts a body at rest upwards (beyond `high`) and downwards (beyond `low`)."""
     # Strictly beyond: without friction and torque a body at rest stays at rest.
     up = ops.both(torque >= high * EDGE, torque > 0.0)
     return up, ops.both(torque <= low * EDGE, torque < 0.0)
 
 
 def start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
-    """Return the direction in which a torque starts a body at rest, 0 where friction from `low` to `high` holds it."""
+    """Return the direction in which a torque starts a body at rest; 0 if friction from `low` to `high` [N.m] holds."""
     up, down = overcome(ops, torque, high, low)
     return ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
 
 
 def slide(ops: Ops, speed: Value, torque: Value, dry: Value, position: Value, stop: Value) -> Slide:
-    """Return the motion of a body of a `speed` under a `torque` and a dry friction `dry`.
+    """Return the motion of a body with a `speed` [rad/s] under a `torque` and a dry friction `dry` [N.m].
 
-    A body at rest at a `position` beyond +-`stop` starts inwards only.
+    A body at rest at a `position` [rad] beyond +-`stop` [rad] starts inwards only.
     """
     high = ops.where(position >= stop, WALL, dry)
     low = -ops.where(position <= -stop, WALL, dry)
@@ -59,33 +59,33 @@ def moves(ops: Ops, s: Slide, value: Value) -> Value:
 
 
 def margin(ops: Ops, s: Slide, speed: Value, torque: Value) -> Value:
-    """Return the event margin of the direction: the speed, or at rest the friction that is left."""
+    """Return the event margin of the direction: the speed [rad/s], or at rest the friction reserve [N.m]."""
     rest = ops.minimum(s.high - torque, torque - s.low)
     return ops.where(ops.equal(s.direction, 0.0), rest, s.direction * speed)
 
 
 def stop_margin(ops: Ops, s: Slide, position: Value, stop: Value) -> Value:
-    """Return the distance to the stop ahead, 1 for a body at rest."""
+    """Return the distance [rad] to the stop ahead, 1 for a body at rest."""
     return ops.where(ops.equal(s.direction, 0.0), 1.0, stop - s.direction * position)
 
 
 def nowhere(ops: Ops, s: Slide, begin: Value, end: Value) -> Value:
-    """Return whether a body that starts from a speed `begin` of 0 would move against its direction."""
+    """Return whether a body that starts from rest would move against its direction; `begin`, `end` in rad/s."""
     return ops.both(ops.equal(begin, 0.0), end * s.direction <= 0.0)
 
 
 def speed_after(ops: Ops, s: Slide, begin: Value, end: Value, halted: Value) -> Value:
-    """Return the speed at the end of a step: 0 where the body was `halted`, or where its start leads nowhere."""
+    """Return the speed [rad/s] at the end of a step: 0 if the body was `halted`, or started against its direction."""
     return ops.where(ops.either(halted, nowhere(ops, s, begin, end)), 0.0, end)
 
 
 def landed(ops: Ops, s: Slide, stop: Value, begin: tuple[Value, Value], end: tuple[Value, Value], halted: Value,
            struck: Value) -> tuple[Value, Value]:
-    """Return position and speed of a body between stops at +-`stop`, from those at the `begin` and `end` of a step.
+    """Return position [rad] and speed [rad/s] of a body between stops at +-`stop` after a step.
 
-    The body came to rest in the step (`halted`), or met the stop ahead (`struck`). It may also be at the stop, or
-    beyond, where another event follows that of the stop by rounding, or where it leaves the stop and turns back within
-    a step.
+    `begin` and `end` are position and speed before and after it. The body came to rest in the step (`halted`), or
+    reached the stop ahead (`struck`). It may also be at the stop or beyond, if another event follows that of the stop
+    by rounding, or if it leaves the stop and turns back within the step.
     """
     (from_position, from_speed), (position, speed) = begin, end
     moving = ops.negate(ops.equal(s.direction, 0.0))

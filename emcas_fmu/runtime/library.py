@@ -74,10 +74,11 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
 
 
 def worth(model: str, steps: float, lanes: int = 1) -> bool:
-    """Return whether compiling a model, for vectors if `lanes` is above 1, pays for `steps` more steps of 1 ms.
+    """Return whether compiling a model saves time over `steps` further steps of 1 ms.
 
-    It pays after enough steps in this process, and earlier where a compiled library is in the cache. A user's actuator
-    is always compiled: it may divide by zero in a result that nothing reads, which Python refuses.
+    It is compiled for vectors if `lanes` is above 1. It saves time after enough steps in this process, and earlier if a
+    compiled library is in the cache. A user's actuator is always compiled: it may divide by zero in an unused result,
+    which Python refuses.
     """
     if lanes == 1 and parts(model)[0] not in NAMES:
         return True
@@ -89,7 +90,7 @@ def worth(model: str, steps: float, lanes: int = 1) -> bool:
 
 
 def milliseconds(points: float, step: float) -> float:
-    """Return how many steps of 1 ms take about as long as `points` steps of `step` [s]; shorter ones count as one."""
+    """Return the number of steps of 1 ms that need the time of `points` steps of `step` [s], or of 1 ms if shorter."""
     return points * max(step / 1e-3, 1.0)
 
 
@@ -99,7 +100,7 @@ _steps: dict[tuple[str, int], float] = defaultdict(float)
 def _kept(model: str, lanes: int) -> bool:
     """Return whether a library has been compiled on this machine before."""
     target = local_platform()
-    if target is None or next(_files(model), None) is None:  # only the sources tell whether it is of this version
+    if target is None or next(_files(model), None) is None:  # only the sources show whether it is of this version
         return False
     return any(_cached(_described(compiler, target, model, lanes), model) for compiler in local_compilers())
 
@@ -128,9 +129,9 @@ def loaded(model: str) -> ct.CDLL:
 
 
 def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | None:
-    """Return the library that moves several actuators of a model at once, if it is worth compiling for `steps` steps.
+    """Return the library that steps several actuators of a model at once, if compiling saves time over `steps` of 1 ms.
 
-    Returns None if it is not worth it, and on a processor without vectors of four numbers. `lanes` is the number of
+    Returns None if it does not, and on a processor without vectors of four numbers. `lanes` is the number of
     actuators in a vector, by default as many as the processor allows. Raises ValueError for more than that,
     CompilerError if nothing can be compiled at all.
     """
@@ -146,7 +147,7 @@ def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | Non
 
 
 def compile_for(model: str, steps: float) -> None:
-    """Compile what pays for that many steps of a model, before several processes would each compile it."""
+    """Compile the libraries that save time over `steps` of 1 ms, before several processes compile them."""
     if available(model):
         vectors(model, steps)
 

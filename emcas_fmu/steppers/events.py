@@ -121,6 +121,6 @@ def first_event(ops: Ops, h: Value, before: Values, after: Values, lost: Values,
 
 
 def zero_between(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:
-    """Return where the line through two points is zero."""
+    """Return the x at which the line through (`x`, `y`) and (`other_x`, `other_y`) is zero."""
     change = ops.where(ops.equal(y, other_y), 1.0, y - other_y)
     return x - y * (x - other_x) / change

@@ -31,7 +31,7 @@ _SERIES = 0.02  # x below which f2 is its series: there both forms are accurate 
 
 
 def shares(ops: Ops, x: Value) -> tuple[Value, ...]:
-    """Return e^-x, f1 and f2 for x >= 0."""
+    """Return e^-x, f1 = (1 - e^-x)/x and f2 = (1 - f1)/x, all [-], for x >= 0."""
     def series() -> tuple[Value, ...]:
         second = 0.5 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
         first = 1.0 - x * second

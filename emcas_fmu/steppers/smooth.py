@@ -27,9 +27,10 @@ Derivatives = Callable[[Ops, Any, Record, Record], Mapping[str, Value]]
 
 
 def smooth_step(derivatives: Derivatives, names: Sequence[str]) -> Callable[..., tuple[dict[str, Value], Value]]:
-    """Return the `step` of an actuator with states of these names, ``fin_angle`` and ``fin_rate`` among them.
+    """Return the function `step(ops, p, x, u, h)` of an actuator with states `names`, by ROS2 over `h` [s].
 
-    `derivatives(ops, p, x, u)` returns d/dt of each by name, for the `x` and `u` of `step`.
+    ``fin_angle`` [rad] and ``fin_rate`` [rad/s] are among the states. `derivatives(ops, p, x, u)` returns d/dt of each
+    state by name.
     """
     def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[dict[str, Value], Value]:
         def slope(y: list[Value]) -> list[Value]:

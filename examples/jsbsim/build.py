@@ -24,7 +24,7 @@ def build_unit(folder: Path, fins: int, model: str = NONLINEAR) -> Path:
         compiler = next(local_compilers(), None)
         cc = shlex.join(compiler.command) if compiler else None
     if local is None or (zig() is None and cc is None):
-        raise CompilerError("without --fmu one is built, and there is no C compiler: pip install "
+        raise CompilerError("without --fmu one is built, which needs a C compiler: pip install "
                             "'emcas-fmu[native]', or build a slower one without compiler, "
                             "`python build_fmu.py --fins 4`, and give --fmu EMCAS4.fmu")
     path = folder / f"{model_name(parameters.model, fins)}.fmu"

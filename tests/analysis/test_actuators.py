@@ -239,7 +239,7 @@ def test_derivatives_are_asked_for(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(STEP_ALONE, encoding="utf-8")
     file.with_suffix(".toml").write_text("", encoding="utf-8")
-    with pytest.raises(EmcasError, match="mine declares a step alone"):
+    with pytest.raises(EmcasError, match="mine declares a step only"):
         LinearActuator(load_parameters(model="linear").values, model=str(file))
 
 

@@ -136,7 +136,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
 
 
 def yielding(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return :func:`step` of a drive line that is not rigid."""
+    """Return the result of :func:`step`, over `h` [s], for a drive line that is not rigid."""
     moved, used = elastic_stepper.advance(ops, as_built(ops, p), sides(x), u, h)
     return _states(moved), used
 

@@ -35,7 +35,7 @@ class LinearPlant:
 
     @lru_cache(maxsize=64)  # noqa: B019 - plants are few, and linear_plant keeps them
     def sampled(self, period: float, whole: int, rest: float) -> System:
-        """Return the plant at the samples, with the delay, as :func:`.systems.sampled` does."""
+        """Return the plant at the samples, with the delay, as :func:`.systems.sampled` does; times in s."""
         return sampled_plant(self.continuous, period, whole, rest)
 
 

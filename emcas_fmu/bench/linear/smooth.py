@@ -60,7 +60,7 @@ class Equations:
         return self._values[variable.key] if variable.key else variable.start or 0.0
 
     def start(self) -> list[Value]:
-        """Return the initial values of `states`, then of the controllers' states `kept`."""
+        """Return the initial values, in SI, of `states`, then of the controllers' states `kept`."""
         begun = self._actuator.start(FINE, self._p, self._at)
         return [begun[name] for name in (*self.states, *self.kept)]
 
@@ -123,7 +123,7 @@ class Traced:
 
 
 def gains_of(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the controllers' gains, numbers that a host may change during a run, by name.
+    """Return the controllers' gains, which a host may change during a run, by name, in SI.
 
     A gain of 0 is left out, together with its part of the equations.
     """
@@ -134,5 +134,8 @@ def gains_of(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, float]:
 
 @lru_cache(maxsize=64)
 def traced(model: str, fixed: tuple[tuple[str, Any], ...], gains: tuple[str, ...], fin_angle: float) -> Traced:
-    """Return the traced equations of an actuator whose other parameters are `fixed`, pairs of name and value."""
+    """Return the traced equations of an actuator with a command of `fin_angle` [rad].
+
+    `gains` are the names of the free parameters, `fixed` pairs of name and value of the others.
+    """
     return Traced(get(model), dict(fixed), gains, fin_angle)

@@ -52,7 +52,10 @@ def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Seq
 
 def moving(a: Array, b: Array, c: Array, d: Array, period: float, inputs: Sequence[str],
            outputs: Sequence[str]) -> System:
-    """Return a sampled system without the states that stay constant, such as an integral with gain 0."""
+    """Return a system of sample time `period` [s] without its constant states, such as an integral with gain 0.
+
+    `a`, `b`, `c` and `d` are its matrices in SI.
+    """
     moves = np.any(a != np.eye(len(a)), axis=1) | np.any(b != 0.0, axis=1)
     return ct.ss(a[np.ix_(moves, moves)], b[moves], c[:, moves], d, period, inputs=inputs, outputs=outputs)
 
@@ -77,12 +80,12 @@ def sampled(plant: System, period: float, whole: int, rest: float) -> System:
 
 
 def cleared(value: float, rounding: float) -> float:
-    """Return the value, or 0 where its magnitude is at most `rounding`."""
+    """Return the value, or 0 if its magnitude is at most `rounding`, in the same unit."""
     return 0.0 if abs(value) <= rounding else value
 
 
 def largest_pole(system: System) -> float:
-    """Return the largest magnitude of a sampled system's poles."""
+    """Return the largest magnitude [-] of a sampled system's poles z."""
     return float(np.max(np.abs(system.poles()), initial=0.0))
 
 
@@ -92,7 +95,7 @@ def decays(system: System) -> bool:
 
 
 def shown(system: System) -> tuple[System, Array]:
-    """Return a square system without its hidden modes, and the poles of these modes.
+    """Return a square system without its hidden modes, and the poles of these modes (z, or s [rad/s]).
 
     A hidden mode is not controllable or not observable, by the Popov-Belevitch-Hautus test on the balanced system
     (Kailath, "Linear Systems", section 2.4). Fast modes of a sampled system are kept; a system without other hidden

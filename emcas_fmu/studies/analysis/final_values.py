@@ -37,7 +37,10 @@ class FinalValues:
 
 def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
                  model: str = NONLINEAR) -> list[FinalValues]:
-    """Return the final values with P and, if the integral gain is not zero, PI control; of other loops as set."""
+    """Return the final values at `fin_angle` [rad] under `aero_torque` [N.m].
+
+    Loops in cascade have P control and, if the integral gain is not zero, PI control; other loops are as set.
+    """
     gains: dict[str, float | None] = {"as set": None}
     if capabilities.CASCADE in get(model).provides:
         gain = float(values["controller.position.ki"])

@@ -36,10 +36,11 @@ class Locus:
 
 
 def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 0.0, aero_torque: float = 0.0) -> Locus:
-    """Return the poles for a parameter, by default the first gain, from a tenth to ten times its value.
+    """Return the poles at `fin_angle` [rad] under `aero_torque` [N.m] over a parameter, by default the first gain.
 
-    Values outside the parameter's limits, or for which the operating point does not exist, are omitted.
-    Raises EmcasError for a name that is not a number of the set, is zero, or moves no pole.
+    Its values are a tenth to ten times that of the set. Values outside its limits, or for which the operating point
+    does not exist, are omitted. Raises EmcasError for a name that is not a number of the set, is zero or moves no
+    pole.
     """
     model = parameters.model
     numbers = {v.name: v for v in get(model).file_entries if v.kind == "Real"}

@@ -137,7 +137,7 @@ def _refined(coarse: Sequence[Sweep], measure: Callable[[Sequence[tuple[int, Arr
 
 
 def shared(sweeps: Sequence[Sweep]) -> list[Array]:
-    """Return for each sweep the mask of frequencies that all sweeps have."""
+    """Return for each sweep the mask [frequencies] of those that all sweeps have."""
     common = reduce(np.intersect1d, (s.response.frequency for s in sweeps))
     return [np.isin(s.response.frequency, common) for s in sweeps]
 
