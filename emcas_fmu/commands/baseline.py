@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -51,8 +52,10 @@ def record(
             plan, left_out = (files.read(file, opened.model), []) if kept else comparison.first(opened)
             common.check_outputs(*(output / f"{name}.csv" for name, case in plan.case.items() if not case.sweeps),
                                  folders=(output,))
-            made = comparison.record(plan, opened, output, _command(subject, model, fin, parameters),
-                                    common.stepper(progress, "record"))
+            # Without folders: the same response gives the same bytes wherever the baseline is kept.
+            command = ["emcas", "baseline", "record",
+                       *_arguments(subject, model, fin, parameters, lambda path: Path(path).name)]
+            made = comparison.record(plan, opened, output, shlex.join(command), common.stepper(progress, "record"))
         written = files.write(made, output)
         size = sum(path.stat().st_size for path in written)
     common.warn(f"left out: {what}" for what in left_out)
@@ -60,14 +63,12 @@ def record(
                f"{len(made.case)} cases, limits and cases {'kept' if kept else 'as shipped'}")
 
 
-def _command(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:
-    """Return the command without folders: the same response gives the same bytes wherever the baseline is kept."""
-    def bare(path: Path) -> Path:
-        return Path(Path(as_given(path)).name)
-
-    which = [*([str(bare(subject))] if subject else []), *([] if model is None else ["--model", Path(model).name])]
-    return shlex.join(["emcas", "baseline", "record", *which, *(["--fin", str(fin)] if fin else []),
-                       *common.parameter_arguments(map(bare, parameters or ()))])
+def _arguments(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None,
+               shown: Callable[[str], str] = str) -> list[str]:
+    """Return the arguments that name an actuator, for a command that is written into a result."""
+    return [*([shown(as_given(subject))] if subject else []), *common.option("--model", model and shown(model)),
+            *common.option("--fin", fin), *(argument for file in parameters or () for argument in
+                                            ("--parameters", shown(as_given(file))))]
 
 
 @app.command(epilog=_CHECK)
@@ -96,8 +97,8 @@ def check(
         common.check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
         with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
             result = compare(read(baseline, opened.model), opened, baseline, common.stepper(progress, "check"))
-        which = [*([as_given(subject)] if subject else []), *([] if model is None else ["--model", model])]
-        advice = output.remedy(result, shlex.join([*which, *common.parameter_arguments(parameters)]), str(baseline))
+        advice = output.remedy(result, shlex.join(["emcas", "baseline", "record", *_arguments(
+            subject, model, fin, parameters), "--output", str(baseline)]), str(baseline))
         common.write_results(output.as_dict(result), (as_json, write_json))
         common.write_results(result, (junit, output.write_junit),
                              (markdown, lambda each, path: output.append_markdown(each, advice, path, everything)),

@@ -50,7 +50,7 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
               as_json: Path | None, **choice: Any) -> None:
     """Identify, write what is called for and print the estimates."""
     from ..bench.writers import write_json
-    from ..studies.identification.parameter_file import write_identified
+    from ..studies.identification.result import write_identified
 
     with common.failures():
         # The set may be written over: experiments chain through one file.

@@ -12,8 +12,8 @@ import pytest
 
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.studies.identification import backlash, parameter_file
-from emcas_fmu.studies.identification.result import Identification
+from emcas_fmu.studies.identification import backlash
+from emcas_fmu.studies.identification.result import Identification, write_identified
 
 from .conftest import BENCH, emcas, shipped
 
@@ -113,7 +113,7 @@ def test_values_without_sense_are_not_written(identified: Mapping[str, Identific
     bent = [replace(e, value=-1.0) if e.name == "friction.coulomb.positive[6]" else e for e in result.estimates]
     output = tmp_path / "x.toml"
     with pytest.raises(ParameterError, match=r"friction\.coulomb\.positive"):
-        parameter_file.write_identified(replace(result, estimates=bent), output)
+        write_identified(replace(result, estimates=bent), output)
     assert not output.exists()
 
 

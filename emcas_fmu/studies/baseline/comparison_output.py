@@ -30,19 +30,16 @@ HEADER = ("case", "figure", ">approved", ">now", ">change", ">limit", "verdict")
 _STYLES = {"ok": "green", "not judged": "dim", "DRIFT": "bold red"}
 
 
-def number(value: float) -> str:
-    """Return a number with five significant digits; `never` where a level is not reached."""
-    return f"{value + 0.0:.5g}" if isfinite(value) else NEVER
+def _number(value: float, form: str = ".5g", missing: str = NEVER) -> str:
+    return format(value + 0.0, form) if isfinite(value) else missing
 
 
 def cells(row: Row) -> tuple[str, ...]:
     """Return the cells of a row, in the order of HEADER."""
-    change = row.change
-    moved = f"{change + 0.0:+.3g}" if isfinite(change) else "-"
-    limit = "-" if row.limit is None else f"{row.limit:.3g}"
-    name = f"{row.name} [{row.unit}]" if row.at is None else f"{row.name}({row.at:g} s) [{row.unit}]"
+    name = row.name if row.at is None else f"{row.name}({row.at:g} s)"
     judged = "not judged" if row.limit is None else "ok" if row.passed else "DRIFT"
-    return row.case, name, number(row.approved), number(row.now), moved, limit, judged
+    return (row.case, f"{name} [{row.unit}]", _number(row.approved), _number(row.now),
+            _number(row.change, "+.3g", "-"), "-" if row.limit is None else f"{row.limit:.3g}", judged)
 
 
 def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
@@ -65,15 +62,11 @@ def verdict(comparison: Comparison) -> str:
     return " and ".join(parts)
 
 
-def remedy(comparison: Comparison, file: str, folder: str) -> str:
-    """Return the remedy for a drift from the baseline in `folder`; `file` is the subject's, empty for the shipped."""
-    fin = comparison.response.identification.fin or 1
-    which = f" --fin {fin}" if fin > 1 else ""
+def remedy(comparison: Comparison, command: str, folder: str) -> str:
+    """Return the remedy for a drift from the baseline in `folder`, which the `command` records anew."""
     was, now = comparison.baseline.recorded.get("file", ""), comparison.response.identification.file
     before = "" if was in ("", now) else f" (or of {was}, which the baseline was recorded of)"
-    record = " ".join(filter(None, ("emcas baseline record", file, "--output", folder)))
-    return (f"If this is intended: {record}{which}{before}, and commit {folder}. "
-            "If not, undo the change.")
+    return f"If this is intended: {command}{before}, and commit {folder}. If not, undo the change."
 
 
 def tables(comparison: Comparison, everything: bool) -> Iterator[tuple[Sequence[str], Sequence[Sequence[str]]]]:

@@ -35,9 +35,6 @@ def read(path: Path, model: str = NONLINEAR) -> Baseline:
     """
     plan = path.suffix == ".toml"
     file = path if plan else path / FILE
-    if not file.is_file():
-        raise EmcasError(f"{file}: there is no such file; record a baseline with `emcas baseline record MODEL "
-                         f"--output {path}`")
     try:
         _, written = schema.document(file, EmcasError)
     except EmcasError as error:

@@ -48,23 +48,18 @@ _STEP = 8.0  # deviations of its noise by which a reference changes level
 
 
 class _Run(NamedTuple):
-    """A record, the mask of its rows in the fit, and the index of its initial integral [V] in the fit's values."""
+    """A record with its reference [V] and current [A], the mask of its rows in the fit, and the index of its initial
+    integral [V] in the fit's values."""
 
     record: Record
+    reference: Array
+    current: Array
     used: NDArray[np.bool_]
     integral_index: int
 
     @property
     def fast(self) -> bool:
         return self.record.step <= _SLOWEST
-
-    @property
-    def reference(self) -> Array:
-        return self.record["drive_reference"]
-
-    @property
-    def current(self) -> Array:
-        return self.record["motor_current"]
 
     def modelled(self, x: Array, values: Mapping[str, Any]) -> Array:
         """Return the current [A] for the fit's values `x`."""
@@ -84,7 +79,8 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
             f"reference every {_rise(values) * 1e3:.2g} ms or less (a few L/(R + Kp), and a tenth of the delay)")
     start = _delay(fast, values)
     _require_rate(start + 2.0 * _rise(values), min(r.step for r in fast))
-    runs = [_Run(record, _used(record, start), 5 + k) for k, record in enumerate(records)]
+    runs = [_Run(record, record["drive_reference"], record["motor_current"], _used(record, start), 5 + k)
+            for k, record in enumerate(records)]
     _require(runs, start, values)
     fit = _fit(runs, start, values)
     parameters = estimates(fit, base)

@@ -123,24 +123,19 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str]) -> Rec
 def _located(path: Path, header: Sequence[str], required: Sequence[str],
              optional: Sequence[str]) -> dict[str, tuple[int, str]]:
     """Return index and unit of each column by name."""
-    located: dict[str, tuple[int, str]] = {}
-    names = []
-    for index, cell in enumerate(header):
-        match = _HEADER.fullmatch(cell)
-        name, unit = (match[1], match[2]) if match else (cell.strip(), None)
-        names.append(name)
-        if name not in (*required, *optional):
-            continue
-        require(name not in located, f"{path}: has two columns {name}; leave one of them out")
-        located[name] = index, QUANTITIES[name][0] if unit is None else unit.strip()
+    cells = [match.groups() if (match := _HEADER.fullmatch(cell)) else (cell.strip(), None) for cell in header]
+    names = [name for name, _ in cells]
     for name in required:
-        if name not in located:
+        if name not in names:
             unit, meaning = QUANTITIES[name]
             close = get_close_matches(name, names, 1)
             hint = f"; is {close[0]} meant? Call it {name}" if close else ""
             raise RecordError(f"{path}: has no column {name} ({meaning}, in {unit} or with its unit as in {name} "
                               f"[{unit}]); its columns are {', '.join(names)}{hint}")
-    return located
+    used = {name: (i, unit) for i, (name, unit) in enumerate(cells) if name in (*required, *optional)}
+    for name in used:
+        require(names.count(name) == 1, f"{path}: has two columns {name}; leave one of them out")
+    return {name: (i, QUANTITIES[name][0] if unit is None else unit.strip()) for name, (i, unit) in used.items()}
 
 
 def _values(path: Path, name: str, unit: str, cells: Sequence[str], head: str) -> Array:
