@@ -57,5 +57,5 @@ def validate(
         common.write_results(result, (junit, write_junit), (report, write_report))
     for part in summary(result):
         common.out.print(part)
-    if not (result.passed or result.unjudged):
+    if result.outcome is False:
         raise typer.Exit(1)

@@ -32,12 +32,23 @@ def panels(names: Sequence[str], columns: int = 1, **more: Any) -> tuple[Figure,
 
 
 def trace(axes: Axes, columns: Mapping[str, Any], name: str, window: tuple[float, float] = (-inf, inf), *,
-          zero: float = 0.0, unit: float = 1e3, every: int = 1, **look: Any) -> None:
+          zero: float = 0.0, unit: float = 1.0, every: int = 1, **look: Any) -> None:
     """Plot every nth point of a variable over the time after `zero` [s], within a `window` [s] of ``time``.
 
     `unit` is the number of units of the time axis in a second. A command is plotted in steps.
     """
-    at = np.flatnonzero((columns["time"] >= window[0] - 1e-9) & (columns["time"] <= window[1] + 1e-9))
+    at = _within(columns, window)
     at = at[::max(every, len(at) // _MOST_POINTS)]
     held = {"label": "command", "drawstyle": "steps-post", **plots.COMMAND} if name == "fin_command" else {}
     axes.plot((columns["time"][at] - zero) * unit, columns[name][at] * SHOWN[name][1], **{**held, **look})
+
+
+def shade(axes: Axes, columns: Mapping[str, Any], flag: str, window: tuple[float, float], label: str) -> None:
+    """Shade the times within a `window` [s] at which a flag is set."""
+    at = _within(columns, window)
+    plots.shade(axes, columns["time"][at], columns[flag][at] > 0.5, label)
+
+
+def _within(columns: Mapping[str, Any], window: tuple[float, float]) -> Any:
+    """Return the rows within a window [s], its ends included within rounding."""
+    return np.flatnonzero((columns["time"] >= window[0] - 1e-9) & (columns["time"] <= window[1] + 1e-9))

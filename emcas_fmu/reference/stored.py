@@ -64,7 +64,7 @@ class Stored:
 
     def with_supply(self, supply: float) -> Stored:
         """Return the case for an actuator whose supply starts at `supply` [V]; without a reference if that differs."""
-        if self.kind != "sag" or self.supply is None or isclose(self.supply, supply, rel_tol=10.0**-SIGNIFICANT_DIGITS):
+        if self.name != "sag" or self.supply is None or isclose(self.supply, supply, rel_tol=10.0**-SIGNIFICANT_DIGITS):
             return self
         case = sag(supply)
         return replace(self, title=case.title, inputs=case.inputs(), reference={})

@@ -56,10 +56,10 @@ def _steps(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
         begin, command = run.excitation.begin, run.excitation.moves[-1].level
         look: dict[str, Any] = {"color": plots.COLORS[number // 2 % len(plots.COLORS)], "label": group.label,
                                 "linestyle": "-" if command > 0.0 else (0, (5, 1.2)), "zero": begin}
-        traces.trace(angle, run.columns, "fin_angle", (0.0, begin + 0.4), **look)
+        traces.trace(angle, run.columns, "fin_angle", (0.0, begin + 0.4), unit=1e3, **look)
         angle.plot([0.0, 400.0], [degrees(command)] * 2, **LIMIT)
         traces.trace(error, {**run.columns, "error": run.columns["fin_angle"] - command}, "error", (begin, inf),
-                     unit=1.0, linewidth=1.0, **look)
+                     linewidth=1.0, **look)
     _limit(angle, limits, "ms", across=False)
     legend_above(angle, 8)
     angle.set(xlabel="time from the command [ms]", xlim=(-20, 400))
@@ -87,8 +87,8 @@ def _slew(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
             group = outcome.groups[f"{load}_{direction}"]
             begin = group.data.excitation.begin
             for name, axes in panels.items():
-                traces.trace(axes, group.data.columns, name, (begin, begin + 0.35), zero=begin, color=color,
-                             label=group.label.partition(",")[0])
+                traces.trace(axes, group.data.columns, name, (begin, begin + 0.35), zero=begin, unit=1e3,
+                             color=color, label=group.label.partition(",")[0])
         _limit(panels["fin_rate"], limits, "deg/s", sign)
         panels["fin_angle"].set_title(f"{direction} direction", pad=16)
         panels["fin_angle"].margins(x=0.0)
@@ -138,10 +138,10 @@ def _mission(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
               "supply_power": plots.GREEN}
     figure, (panels,) = traces.panels([name for name in colors if name in columns], height=1.5, x="time [s]")
     for name, axes in panels.items():
-        traces.trace(axes, columns, name, unit=1.0, color=colors[name], label="fin angle",
+        traces.trace(axes, columns, name, color=colors[name], label="fin angle",
                      linewidth=1.3 if name == "fin_angle" else 0.8)
         axes.margins(x=0.0)
-    traces.trace(panels["fin_angle"], columns, COMMAND, unit=1.0)
+    traces.trace(panels["fin_angle"], columns, COMMAND)
     legend_above(panels["fin_angle"])
     if "supply_power" not in panels:
         return figure, ""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import degrees, radians
+from math import degrees
 from pathlib import Path
 from typing import Any
 
 from ...actuators import NAMES, NONLINEAR, parts
 from ...bench import metrics, verdict
-from ...bench.excitation import Excitation, of_case, step_to, with_encoder
+from ...bench.excitation import Excitation, of_case, with_encoder
 from ...bench.requirements import Specification, load_requirements
 from ...bench.runs import Columns, Run
 from ...bench.subject import Identification, Subject
@@ -32,10 +32,7 @@ DISPLAY: Mapping[str, tuple[float, str]] = {
     "fin_angle": (degrees(1.0), "deg"), "fin_rate": (degrees(1.0), "deg/s"), "motor_current": (1.0, "A"),
     "motor_voltage": (1.0, "V"), "drive_reference": (1.0, "V")}
 RECORDED = (*DISPLAY, "saturated")
-# How references inside an FMU were made.
-_INTEGRATED = "integrated independently of its own parameters"
-_RECORDED = "recorded of the package's own stepping: this shows that it runs here as it did when it was built"
-_LINEAR_DURATION = 0.3  # s
+_REMEDY = "make its own with `emcas reference --parameters FILE --directory DIR` and validate with `--directory DIR`"
 
 
 @dataclass(frozen=True)
@@ -74,12 +71,9 @@ class CaseResult:
     @cached_property
     def errors(self) -> Mapping[str, metrics.Errors]:
         """The errors of the outputs that the reference has; empty without a reference."""
-        errors = {}
-        for name, (scale, unit) in DISPLAY.items():
-            if name in self.judged.columns and name in self.reference:
-                response, reference = self.compared(name)
-                errors[name] = metrics.errors(response * scale, reference * scale, unit)
-        return errors
+        return {name: metrics.errors(response * scale, reference * scale, unit)
+                for name, (scale, unit) in DISPLAY.items() if name in self.judged.columns and name in self.reference
+                for response, reference in [self.compared(name)]}
 
     @property
     def trajectory(self) -> Judged:
@@ -94,27 +88,21 @@ class CaseResult:
 class Result:
     """The result of a validation.
 
-    `reference` is the folder of the references, or the FMU where they are `inside` it; empty where nothing was
-    compared. References that are not `independent` were recorded of the package's own stepping. `linear_series` has by
-    amplitude [deg] the run of a step and the linear model's angles [rad]. `origin` is the source of the actuator's
-    equations, empty where it does not say. `foreign` is true where the references of its actuator are of other
-    parameters, and nothing was compared with them.
+    `folder` is that of the references, or the FMU where they are `inside` it. `linear_series` has by amplitude [deg]
+    the run of a step and the linear model's angles [rad]. `origin` is the source of the actuator's equations, empty
+    where it does not say.
     """
 
     about: Identification
     parameters: Mapping[str, Any]
     differences: tuple[Mapping[str, Any], ...]
-    reference: str
+    folder: str
     inside: bool
-    independent: bool
     cases: tuple[CaseResult, ...]
-    trajectory: tuple[Judged, ...]
     requirements: tuple[Judged, ...]
-    comparisons: tuple[claims.Comparison, ...]
-    notes: tuple[str, ...]
     linear_series: Mapping[float, tuple[Run, Any]] = field(repr=False)
     origin: str = ""
-    foreign: bool = False
+    notes: tuple[str, ...] = ()
 
     @property
     def series(self) -> Mapping[str, CaseResult]:
@@ -122,9 +110,36 @@ class Result:
         return {case.name: case for case in self.cases}
 
     @property
-    def findings(self) -> tuple[claims.Finding, ...]:
+    def compared(self) -> list[stored.Stored]:
+        """The cases that are compared with their references."""
+        return [result.case for result in self.cases if result.exact]
+
+    @property
+    def independent(self) -> bool:
+        """Whether no reference was recorded of the package's own stepping."""
+        return all(case.independent for case in self.compared)
+
+    @property
+    def foreign(self) -> bool:
+        """Whether the references of the actuator are of other parameters, so that nothing was compared with them."""
+        return not self.compared and any(result.case.model == self.about.model and result.case.reference
+                                         for result in self.cases)
+
+    @property
+    def trajectory(self) -> tuple[Judged, ...]:
+        """The trajectories, judged by the references."""
+        return tuple(case.trajectory for case in self.cases if case.errors)
+
+    @property
+    def comparisons(self) -> list[claims.Comparison]:
+        """The comparisons with the linear model."""
+        return [claims.compare(amplitude, run, linear) for amplitude, (run, linear) in self.linear_series.items()
+                if run.stopped is None]
+
+    @property
+    def findings(self) -> list[claims.Finding]:
         """The comparison with the linear model in words."""
-        return tuple(claims.claims(self.comparisons))
+        return claims.claims(self.comparisons)
 
     @property
     def of_thesis(self) -> bool:
@@ -152,10 +167,15 @@ class Result:
         return verdict.all_passed(self.criteria)
 
     @property
-    def unjudged(self) -> bool:
-        """Whether all cases ran to their end and there is no criterion for them."""
+    def short(self) -> list[str]:
+        """The names of the cases that did not run to their end."""
+        return [case.name for case in self.cases if case.judged.stopped is not None]
+
+    @property
+    def outcome(self) -> bool | None:
+        """Whether it passed; None where all cases ran to their end and there is no criterion for them."""
         criteria = self.judged or self.foreign or self.requirements
-        return not criteria and bool(self.cases) and all(case.judged.stopped is None for case in self.cases)
+        return None if self.cases and not criteria and not self.short else self.passed
 
     @property
     def compared_with(self) -> str:
@@ -167,13 +187,12 @@ class Result:
     @property
     def verdict(self) -> str:
         """The verdict, in words."""
-        if not self.judged:
-            short = [case.name for case in self.cases if case.judged.stopped is not None]
-            ended = f" and {', '.join(short)} did not run to the end" if short else ""
-            why = (f"no requirement can be measured of {self.about.model}" if self.requirements else
-                   f"what was run has no reference of {'these parameters' if self.foreign else self.about.model}")
-            return f"nothing was judged{ended}: {why}"
-        return verdict.in_words(self.criteria, "criterion", "criteria")
+        if self.judged:
+            return verdict.in_words(self.criteria, "criterion", "criteria")
+        ended = f" and {', '.join(self.short)} did not run to the end" if self.short else ""
+        why = (f"no requirement can be measured of {self.about.model}" if self.requirements else
+               f"what was run has no reference of {'these parameters' if self.foreign else self.about.model}")
+        return f"nothing was judged{ended}: {why}"
 
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
@@ -189,67 +208,49 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     """
     folder = directory or models_directory() / "reference"
     available, inside = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
-    where = subject.identification.file if inside else str(folder)
-    supply = files.supply_start(subject.model, subject.values)
-    cases, left_out, resupplied = [], [], []
+    supply, cases, notes = files.supply_start(subject.model, subject.values), [], []
     for each in available:
         case = each.with_supply(supply)
         if why := subject.obstacle(with_encoder(_excitation(case))):
-            left_out.append(f"{case.name} is left out: {why}")
+            notes.append(f"{case.name} is left out: {why}")
             continue
         cases.append(case)
-        if case is not each and each.reference:
-            resupplied.append(f"{case.name} is run at the subject's own supply of {supply:.4g} V and not compared: its "
-                              f"reference is of {each.supply:.4g} V")
-    notes = [*left_out, *resupplied]
+        if each.reference and not case.reference:
+            notes.append(f"{case.name} is run at the subject's own supply of {supply:.4g} V and not compared: its "
+                         f"reference is of {each.supply:.4g} V")
     steps: Mapping[float, Excitation] = {}
     if not names and parts(subject.model)[0] == NONLINEAR:
         if why := obstacle(subject.values):
             notes.append(f"The comparison with the linear model is left out: {why}")
         else:
-            steps = _linear_steps(subject)
-    total, results = len(cases) + len(steps), list[CaseResult]()
+            steps = claims.steps(subject.values)
+    total, results, linear = len(cases) + len(steps), list[CaseResult](), dict[float, tuple[Run, Any]]()
     outputs = [name for name in RECORDED if name in subject.outputs]
     for case in cases:
         progress(case.name, len(results), total)
         results.append(_run(subject, case, inside or directory is not None, outputs))
-    linear = dict[float, tuple[Run, Any]]()
     for amplitude, step in steps.items():
-        progress(_linear_name(amplitude), len(results) + len(linear), total)
-        run = subject.run(step, outputs=outputs)
-        linear[amplitude] = run, LinearModel(subject.values).simulate(step.command)
+        progress(_step_name(amplitude), len(results) + len(linear), total)
+        linear[amplitude] = subject.run(step, outputs=outputs), LinearModel(subject.values).simulate(step.command)
     required: list[Judged] = []
     if not names:
         required = verdict.judge(subject, specification or load_requirements(None, subject.parameters), progress)
     progress("done", total, total)
-    compared = [result.case for result in results if result.exact]
-    foreign = not compared and any(case.model == subject.actuator.name for case in cases if case.reference)
-    runs = {**{result.name: result.run for result in results},
-            **{_linear_name(amplitude): run for amplitude, (run, _) in linear.items()}}
-    notes = [*_origin(subject, where, inside, foreign, compared), *notes, *_notes(subject, compared, runs)]
-    comparisons = tuple(claims.compare(a, *pair) for a, pair in linear.items() if pair[0].stopped is None)
-    trajectory = tuple(result.trajectory for result in results if result.errors)
-    return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
-                  where if trajectory else "", inside, all(case.independent for case in compared), tuple(results),
-                  trajectory, tuple(required), comparisons, tuple(notes), linear, subject.actuator.origin, foreign)
+    defaults = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
+    differences = tuple({"name": name, "value": subject.values[name], "default": defaults[name].value,
+                         "unit": defaults[name].variable.unit} for name in subject.identification.differences)
+    result = Result(subject.identification, dict(subject.values), differences,
+                    subject.identification.file if inside else str(folder), inside, tuple(results), tuple(required),
+                    linear, subject.actuator.origin)
+    return replace(result, notes=tuple(_notes(subject, result, notes)))
 
 
 def _excitation(case: stored.Stored) -> Excitation:
     return of_case(case.title, case.inputs, case.step, case.start_values)
 
 
-def _run(subject: Subject, case: stored.Stored, any_parameters: bool, outputs: Sequence[str]) -> CaseResult:
-    """Run a case, and compare it with its reference where that is of the subject.
-
-    With `any_parameters` a reference of the subject's actuator is compared, whatever its parameters are.
-    """
-    # The encoder's chatter hides small errors: references are without it, performance is judged with it.
-    exact, shipped = _excitation(case), with_encoder(_excitation(case))
-    comparable = case.reference and (
-        _made_of(subject, case) or (any_parameters and case.model == subject.actuator.name))
-    compared = subject.run(exact, outputs=outputs) if comparable else None
-    same = compared if exact.start_values == shipped.start_values else None
-    return CaseResult(case, same or subject.run(shipped, outputs=outputs), compared)
+def _step_name(amplitude: float) -> str:
+    return f"linear_{amplitude:g}deg"
 
 
 def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, embedded: Sequence[stored.Stored],
@@ -272,54 +273,46 @@ def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, embedde
     return cases, False
 
 
+def _run(subject: Subject, case: stored.Stored, any_parameters: bool, outputs: Sequence[str]) -> CaseResult:
+    """Run a case, and compare it with its reference where that is of the subject.
+
+    With `any_parameters` a reference of the subject's actuator is compared, whatever its parameters are.
+    """
+    # The encoder's chatter hides small errors: references are without it, performance is judged with it.
+    exact, shipped = _excitation(case), with_encoder(_excitation(case))
+    comparable = case.reference and (
+        _made_of(subject, case) or (any_parameters and case.model == subject.actuator.name))
+    compared = subject.run(exact, outputs=outputs) if comparable else None
+    same = compared if exact.start_values == shipped.start_values else None
+    return CaseResult(case, same or subject.run(shipped, outputs=outputs), compared)
+
+
 def _made_of(subject: Subject, case: stored.Stored) -> bool:
     """Return whether a reference is of the subject's actuator and parameters."""
     made = files.response_hash({**subject.values, **case.start_values})
     return case.model == subject.actuator.name and case.parameters_hash in ("", made)
 
 
-def _origin(subject: Subject, where: str, inside: bool, foreign: bool, compared: Sequence[stored.Stored]) -> list[str]:
-    """Return a note on the references' origin; none where they are those of a folder."""
-    if foreign:
-        return [f"Trajectories are not compared: the references in {where} are of other parameters than the subject's; "
-                "make its own with `emcas reference --parameters FILE --directory DIR` and validate with "
-                "`--directory DIR`"]
-    if not compared:
-        none = (f"None of these cases has a reference inside {where}" if inside else
-                f"There is no independent reference of {subject.actuator.name} in {where}")
-        return [f"{none}: trajectories are not judged, performance is"]
-    made = _RECORDED if any(not case.independent for case in compared) else _INTEGRATED
-    return [f"{', '.join(case.name for case in compared)}: compared with what is inside {where}, {made}"] * inside
-
-
-def _linear_name(amplitude: float) -> str:
-    return f"linear_{amplitude:g}deg"
-
-
-def _linear_steps(subject: Subject) -> dict[float, Excitation]:
-    """Return steps to compare with the linear model, at its sample times, by amplitude [deg]."""
-    period = LinearModel(subject.values).sample_time
-    return {amplitude: step_to(radians(amplitude), _LINEAR_DURATION, step=period) for amplitude in claims.AMPLITUDES}
-
-
-def _differences(subject: Subject) -> Iterator[Mapping[str, Any]]:
-    """Yield the parameters that differ from the defaults."""
-    defaults = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
-    for name in subject.identification.differences:
-        yield {"name": name, "value": subject.values[name], "default": defaults[name].value,
-               "unit": defaults[name].variable.unit}
-
-
-def _notes(subject: Subject, compared: Sequence[stored.Stored], runs: Mapping[str, Run]) -> Iterator[str]:
-    """Yield notes on parameters, on references of other parameters, and on the runs by name."""
-    if differences := subject.identification.differences:
-        yield f"The parameters differ from the defaults: {', '.join(differences)}"
-    foreign = [case.name for case in compared if not _made_of(subject, case)]
-    if foreign:
+def _notes(subject: Subject, result: Result, further: Sequence[str]) -> Iterator[str]:
+    """Yield notes: on the origin of references that are not those of a folder, `further` ones, and on the runs."""
+    compared, runs = result.compared, {case.name: case.run for case in result.cases}
+    if result.foreign:
+        yield (f"Trajectories are not compared: the references in {result.folder} are of other parameters than the "
+               f"subject's; {_REMEDY}")
+    elif not compared:
+        none = (f"None of these cases has a reference inside {result.folder}" if result.inside else
+                f"There is no independent reference of {result.about.model} in {result.folder}")
+        yield f"{none}: trajectories are not judged, performance is"
+    elif result.inside:
+        made = ("integrated independently of its own parameters" if result.independent else "recorded of the package's "
+                "own stepping: this shows that it runs here as it did when it was built")
+        yield f"{', '.join(case.name for case in compared)}: compared with what is inside {result.folder}, {made}"
+    yield from further
+    if result.differences:
+        yield f"The parameters differ from the defaults: {', '.join(each['name'] for each in result.differences)}"
+    if foreign := [case.name for case in compared if not _made_of(subject, case)]:
         which = "all cases" if len(foreign) == len(compared) else ", ".join(foreign)
-        yield (f"The references of {which} were made with other parameters than the subject's; make its own with "
-               "`emcas reference --parameters FILE --directory DIR` and validate with `--directory DIR`")
+        yield f"The references of {which} were made with other parameters than the subject's; {_REMEDY}"
+    runs |= {_step_name(amplitude): run for amplitude, (run, _) in result.linear_series.items()}
     for name, run in runs.items():
-        if run.reason:
-            yield f"{name}: {run.reason}"
-        yield from (f"{name}: log: {message}" for message in run.messages)
+        yield from (f"{name}: {each}" for each in (run.reason, *(f"log: {each}" for each in run.messages)) if each)

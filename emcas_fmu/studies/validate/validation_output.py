@@ -15,13 +15,12 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Column, Table
 
-from ...bench import writers
-from ...bench.verdict import remarks, summary_table
+from ...bench import verdict, writers
 from ...figures.plots import pictures
 from ...pages import numbers
 from ...pages.page import write_page
 from .pictures import drawings
-from .validation import TRAJECTORY_LIMIT, CaseResult, Result
+from .validation import TRAJECTORY_LIMIT, Result
 
 SCHEMA = "emcas-validation/2"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
@@ -42,57 +41,46 @@ def _cases(result: Result) -> Table:
 
 def summary(result: Result) -> Iterator[RenderableType]:
     """Yield the criteria as a table, then findings, notes and the verdict."""
-    about = result.about
-    yield escape(f"{about.name}  {'GUID ' + about.guid if about.guid else about.file}  {about.model}")
-    yield summary_table("criterion", result.criteria)
-    if any(case.errors for case in result.cases):
-        yield _cases(result)
-    for finding in result.findings:
-        held = {True: " Confirmed.", False: " Not confirmed.", None: ""}[finding.holds]
-        yield escape(f"{finding.text}.{held}")
-    for note in (*remarks(result.criteria), *result.notes):
-        yield f"[yellow]note:[/] {escape(note)}"
-    color = "green" if result.passed else "yellow" if result.unjudged else "bold red"
-    yield f"[{color}]{escape(result.verdict)}[/]"
+    findings = [escape(f"{each.text}. {'Confirmed' if each.holds else 'Not confirmed'}.") for each in result.findings]
+    return verdict.summary(result.about, "criterion", result.criteria,
+                           [*([_cases(result)] if result.trajectory else ()), *findings], result.notes, result.outcome,
+                           result.verdict)
 
 
 def as_dict(result: Result) -> dict[str, Any]:
     """Return everything but the time series."""
-    about = result.about
+    about, compared = result.about, bool(result.trajectory)
     name, _, version = about.name.partition(" ")
-    subject = {"path": about.file, "name": name, "guid": about.guid, "version": version,
-               "generation_tool": about.generation_tool, "sha256": about.sha256, "platform": fmpy.platform,
-               "fmpy": fmpy.__version__, "parameters": result.parameters,
-               "differences": result.differences, "estimates": about.estimates,
-               "kind": about.kind, "model": about.model, "fin": about.fin}
-    criteria = [{"group": group, **j.as_dict()} for group in ("trajectory", "requirements")
-                for j in getattr(result, group)]
-    return {"schema": SCHEMA, "passed": None if result.unjudged else result.passed, "fmu": subject,
-            "reference": result.reference, "reference_inside": result.inside,
-            "reference_independent": result.independent if result.reference else None, "notes": result.notes,
-            "cases": [_case(case) for case in result.cases],
-            **{key: [asdict(item) for item in getattr(result, key)] for key in ("comparisons", "findings")},
-            "criteria": criteria}
-
-
-def _case(result: CaseResult) -> dict[str, Any]:
-    case, run = result.case, result.judged
-    return {"name": case.name, "title": case.title, "kind": case.kind, "stop_time": case.stop_time,
-            "stopped": run.stopped, "wall_time": run.wall_time, "messages": run.messages,
-            "errors": {name: asdict(errors) for name, errors in result.errors.items()}}
+    fields = ("guid", "generation_tool", "sha256", "estimates", "kind", "model", "fin")
+    return {
+        "schema": SCHEMA, "passed": result.outcome,
+        "fmu": {"path": about.file, "name": name, "version": version, "platform": fmpy.platform,
+                "fmpy": fmpy.__version__, "parameters": result.parameters, "differences": result.differences,
+                **{field: getattr(about, field) for field in fields}},
+        "reference": result.folder if compared else "", "reference_inside": result.inside,
+        "reference_independent": result.independent if compared else None, "notes": result.notes,
+        "cases": [{"name": each.name, "title": each.case.title, "kind": each.case.kind,
+                   "stop_time": each.case.stop_time, "stopped": each.judged.stopped,
+                   "wall_time": each.judged.wall_time, "messages": each.judged.messages,
+                   "errors": {name: asdict(errors) for name, errors in each.errors.items()}} for each in result.cases],
+        "comparisons": [{"rise_time_fmu" if key == "rise_time" else key: value for key, value in asdict(each).items()}
+                        for each in result.comparisons],
+        "findings": [asdict(each) for each in result.findings],
+        "criteria": [{"group": group, **j.as_dict()} for group in ("trajectory", "requirements")
+                     for j in getattr(result, group)]}
 
 
 def write_junit(result: Result, path: Path) -> None:
     """Write one test case per criterion."""
     wall = {case.name: case.judged.wall_time for case in result.cases}
     writers.write_junit("emcas validate", {
-        title: [j.junit_case(f"emcas.{group}", wall.get(j.name, 0.0)) for j in judged]
-        for group, title, judged in (("trajectory", f"trajectory against {result.compared_with}", result.trajectory),
-                                     ("requirements", "requirements", result.requirements))}, path)
+        f"trajectory against {result.compared_with}": [
+            j.junit_case("emcas.trajectory", wall[j.name]) for j in result.trajectory],
+        "requirements": [j.junit_case("emcas.requirements") for j in result.requirements]}, path)
 
 
 def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
+    verdicts = verdict.named(result.criteria, "criterion", "criteria") if result.judged else result.verdict
     write_page(path, "studies/validate/page.html.j2", [result.about.source], result=result, about=result.about,
-                       trajectory={j.name: j for j in result.trajectory}, trajectory_limit=TRAJECTORY_LIMIT,
-                       pictures=pictures(drawings(result)))
+               trajectory_limit=TRAJECTORY_LIMIT, verdict=verdicts, pictures=pictures(drawings(result)))
