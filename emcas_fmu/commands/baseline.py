@@ -49,7 +49,7 @@ def record(
         common.check_outputs(file, folders=(output,), inputs=(subject, *(parameters or ())))
         with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
             kept = file.exists() and not fresh
-            plan, left_out = (files.read(file, opened.model), []) if kept else comparison.first(opened)
+            plan, left_out = (files.read_plan(file, opened.model), []) if kept else comparison.first(opened)
             common.check_outputs(*(output / f"{name}.csv" for name, case in plan.case.items() if not case.sweeps),
                                  folders=(output,))
             # Without folders: the same response gives the same bytes wherever the baseline is kept.

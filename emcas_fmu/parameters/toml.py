@@ -22,13 +22,15 @@ def value(written: Any) -> str:
         return f"{{ {', '.join(entry(*each) for each in written.items())} }}"
     if isinstance(written, (list, tuple)):
         return f"[{', '.join(map(value, written))}]"
-    # As in JSON, where only characters that can be read stay unescaped.
-    return json.dumps(written, ensure_ascii=not (isinstance(written, str) and written.isprintable()))
+    if isinstance(written, str):  # as in JSON, where DEL may stay; half a surrogate pair is in no file in UTF-8
+        text = json.dumps(written.encode(errors="replace").decode(), ensure_ascii=False)
+        return text.replace("\x7f", "\\u007f")
+    return json.dumps(written)
 
 
 def entry(name: str, written: Any) -> str:
     """Return the line of a key, quoted where it needs to be, and its value."""
-    return f"{name if _BARE.fullmatch(name) else json.dumps(name)} = {value(written)}"
+    return f"{name if _BARE.fullmatch(name) else value(name)} = {value(written)}"
 
 
 def table(name: str, entries: Mapping[str, Any]) -> str:

@@ -31,6 +31,7 @@ from .conftest import check, edit, emcas, record
     ('duration = "0.3 s"', 'duration = "0.3 s"\nstart = { "friction.temperature" = "-500 degC" }',
      "case.only.start.friction.temperature = -500 degC: must be within -100 .. 200 degC"),
     ("[recorded]", "[recorded", "is not valid TOML: Expected"),
+    ("[recorded]", '[case."Größe"]\nkind = "step"\n[recorded]', "a case is named by letters a to z"),
     ("[recorded]", "[remembered]", "unknown key 'remembered'"),
 ])
 def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:
@@ -67,6 +68,8 @@ def test_missing_files(short: Path) -> None:
     printed = emcas("check", short / "actuator.toml", "-b", short / "nowhere", code=2)
     assert "emcas baseline record" in printed
     assert "is a folder" in check(short, "--junit", short, code=2)
+    assert "baseline.toml/baseline.toml: cannot be read" in emcas(
+        "check", short / "actuator.toml", "-b", short / "baseline/baseline.toml", code=2)
 
 
 def test_inputs_are_not_written_over(short: Path) -> None:

@@ -11,7 +11,7 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.baseline.comparison import TEMPLATE
-from emcas_fmu.studies.baseline.files import read
+from emcas_fmu.studies.baseline.files import read, read_plan
 
 from .conftest import SHORT, check, edit, record
 
@@ -51,7 +51,7 @@ def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool,
 
 
 def test_a_sag_is_a_share_of_the_supply(base: Path) -> None:
-    case = read(TEMPLATE).case["supply_sag"]
+    case = read_plan(TEMPLATE).case["supply_sag"]
     small = ParameterSubject(load_parameters().with_values({"drive.supply_voltage": 28.0}))
     lower = case.model_copy(update={"start": {"drive.supply_voltage": 19.5}})
     assert set(case.excitation(base, small).columns["supply_voltage"]) == {28.0, 20.1025641}

@@ -16,7 +16,7 @@ from ...bench.metrics import FIGURES
 from ...bench.subject import Identification, Subject, left_out
 from ...errors import EmcasError
 from ...support.progress import Progress, silent
-from .files import parsed, read
+from .files import parsed, read_plan
 from .model import ALL, Baseline, output_units, rounded, start_entries, unit_of
 
 TEMPLATE = Path(__file__).parent / "default.toml"
@@ -38,7 +38,7 @@ class Response:
 
 def first(subject: Subject) -> tuple[Baseline, list[str]]:
     """Return the template for a subject, with commands within its range, and the parts left out with their reasons."""
-    template = read(TEMPLATE)
+    template = read_plan(TEMPLATE)
     written = deepcopy(dict(template.written))
     most = round(degrees(subject.command_limit), 9)
     without = []

@@ -28,13 +28,33 @@ _HEAD = """# The approved response of an actuator. Limits and cases may be edite
 """
 
 
-def read(path: Path, model: str = NONLINEAR) -> Baseline:
-    """Return the baseline of an actuator in a folder, or of a file its limits and cases, for recording.
+def read(folder: Path, model: str = NONLINEAR) -> Baseline:
+    """Return the baseline of an actuator in a folder. Raises EmcasError."""
+    file = folder / FILE
+    baseline = parsed(written := _tables(file, model), file, model)
+    missing = [*(key for key in ("recorded", "parameters") if key not in written),
+               *(f"case.{key}.figures" for key, case in written["case"].items() if "figures" not in case)]
+    if missing:
+        raise EmcasError(f"{file}: {', '.join(missing)} is missing; {REMEDY}")
+    return baseline.model_copy(update={"traces": {key: _traces(folder / f"{key}.csv", baseline.limits, model)
+                                                  for key, case in baseline.case.items() if not case.sweeps}})
+
+
+def read_plan(file: Path, model: str = NONLINEAR) -> Baseline:
+    """Return the limits and cases of a baseline's file, for recording: the rest may be incomplete or wrong.
 
     Raises EmcasError.
     """
-    plan = path.suffix == ".toml"
-    file = path if plan else path / FILE
+    written = {key: table for key, table in _tables(file, model).items() if key not in ("recorded", "parameters")}
+    cases = written.get("case")
+    for case in cases.values() if isinstance(cases, dict) else ():
+        if isinstance(case, dict):
+            case.pop("figures", None)
+    return parsed(written, file, model)
+
+
+def _tables(file: Path, model: str) -> dict[str, Any]:
+    """Return the tables of a file as they are written. Raises EmcasError if it is not a baseline of this actuator."""
     try:
         _, written = schema.document(file, EmcasError)
     except EmcasError as error:
@@ -46,30 +66,13 @@ def read(path: Path, model: str = NONLINEAR) -> Baseline:
     if (of := written.pop("model", NONLINEAR)) != name:
         raise EmcasError(f"{file}: is of the actuator {of}, not of {name}; say with --model what a parameter file is "
                          "of, or keep the baseline of each actuator in a folder of its own")
-    if plan:
-        return parsed(_unrecorded(written), file, model)
-    baseline = parsed(written, file, model)
-    missing = [*(key for key in ("recorded", "parameters") if key not in written),
-               *(f"case.{key}.figures" for key, case in written["case"].items() if "figures" not in case)]
-    if missing:
-        raise EmcasError(f"{file}: {', '.join(missing)} is missing; {REMEDY}")
-    return baseline.model_copy(update={"traces": {key: _traces(path / f"{key}.csv", baseline.limits, model)
-                                                  for key, case in baseline.case.items() if not case.sweeps}})
+    return written
 
 
 def parsed(written: Mapping[str, Any], file: Path, model: str) -> Baseline:
     """Return the baseline that the tables of a file describe, without trajectories. Raises EmcasError."""
     tables = schema.read(Tables, written, file, EmcasError, model)
     return Baseline.model_construct(**dict(tables), model=model, written=written, traces={})
-
-
-def _unrecorded(written: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a file without what recording writes, which may be incomplete or wrong."""
-    kept = {key: table for key, table in written.items() if key not in ("recorded", "parameters")}
-    if isinstance(cases := kept.get("case"), dict):
-        kept["case"] = {key: {name: entry for name, entry in case.items() if name != "figures"}
-                        if isinstance(case, dict) else case for key, case in cases.items()}
-    return kept
 
 
 def _header(limits: Limits, model: str) -> list[str]:

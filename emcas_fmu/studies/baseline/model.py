@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -244,8 +245,8 @@ KINDS: Mapping[str, type[Case]] = {**{name: motions.schema(name, _FIELDS, Motion
 
 def _cases(written: Any, info: ValidationInfo) -> dict[str, Case]:
     def read(name: str, entry: Any) -> Case:
-        if not name.replace("_", "").replace("-", "").isalnum():
-            raise ValueError("a case is named by letters, digits, - and _, because a file is named after it")
+        if not re.fullmatch(r"[\w-]+", name, re.ASCII):
+            raise ValueError("a case is named by letters a to z, digits, - and _, because a file is named after it")
         return KINDS[kind_of(entry, KINDS)].model_validate(entry, context=info.context)
 
     cases = each(written, read)
