@@ -51,7 +51,7 @@ def write(
     if context.invoked_subcommand:
         return
     from ..fmi.interface import fin_files
-    from ..ssp.schema import DEFAULT, NOMINAL
+    from ..ssp.archive import DEFAULT, NOMINAL
     from ..ssp.variants import variant_files
     from ..ssp.write import write_ssp
 
@@ -64,7 +64,7 @@ def write(
     common.say(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, "
                f"FMU {written.guid}")
     common.warn((*(f"left out: {what}" for what in written.left_out), *written.warnings))
-    files = ", ".join(f"{name} ({DEFAULT if name == NOMINAL else f'{name}.ssd'})" for name in written.variants)
+    files = ", ".join(f"{name} ({DEFAULT if name == NOMINAL else f'{name}.ssd'})" for name in written.report.variants)
     common.say(f"variants {files}; schema and wiring checked")
     for finding in written.report.warnings:
         common.say(f"[yellow]warning:[/] {escape(str(finding))}")
@@ -105,5 +105,8 @@ def check(
     common.say(f"{verdict}, {len(report.warnings)} warnings: {escape(str(ssp))}, variants "
               f"{', '.join(map(escape, report.variants)) or 'none'}, {report.connections} connections, "
               f"{report.parameters} parameters")
+    if report.unchecked:
+        common.say(f"[yellow]not checked[/] until that is corrected: wiring and parameters of "
+                   f"{', '.join(map(escape, report.unchecked))}")
     if report.errors:
         raise typer.Exit(1)

@@ -1,53 +1,80 @@
-"""SSP archives as files: read with checks, written with the same bytes for the same contents."""
+"""SSP 1.0: names, documents made from templates and validated by the schemas shipped with fmpy, and archives."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
-from ..errors import unreadable
+import fmpy
+from lxml import etree
+
+from ..errors import EmcasError
+from ..pages.page import page
 from ..support.archives import reading
 from ..support.writing import write_zip
-from .schema import DEFAULT, SspError
+
+_BASE = "http://ssp-standard.org/SSP1/SystemStructure"
+SSD, SSC, SSV = f"{_BASE}Description", f"{_BASE}Common", f"{_BASE}ParameterValues"
+NAMESPACES = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
+              "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
+              "emcas": "urn:emcas-fmu:ssp"}  # the last is of the annotation that records an FMU's GUID
+ANNOTATION = "emcas-fmu"  # its type
+DEFAULT = "SystemStructure.ssd"  # the structure a host opens by default
+NOMINAL = "nominal"
+FMU = "application/x-fmu-sharedlibrary"  # the type of a component
 
 
-class Archive:
-    """The files of an SSP by name, unpacked on demand.
-
-    Raises SspError if the file is not a readable and sound archive.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        with reading(path, str(path), "an SSP", SspError) as archive:
-            self.names = tuple(name for name in archive.namelist() if not name.endswith("/"))
-
-    def read(self, name: str) -> bytes:
-        """Return the contents of a file. Raises SspError if it is missing or damaged."""
-        if name not in self.names:
-            raise SspError(f"{name}: is not in {self.path.name}")
-        with reading(self.path, f"{self.path.name}/{name}", "an SSP", SspError) as archive:
-            return archive.read(name)
-
-    @property
-    def structures(self) -> tuple[str, ...]:
-        """The SSD files at the root, the default one first; the others are variants."""
-        files = (n for n in self.names if "/" not in n and n.endswith(".ssd"))
-        return tuple(sorted(files, key=lambda name: (name != DEFAULT, name)))
-
-    def contents(self) -> dict[str, bytes]:
-        """Return all files by name. Raises SspError as `read` does."""
-        return {name: self.read(name) for name in self.names}
+class SspError(EmcasError):
+    """An SSP that cannot be read or written; the message names file and remedy."""
 
 
-def file_content(path: Path) -> bytes:
-    """Return the contents of a file. Raises SspError if it cannot be read."""
+def parse(content: bytes, name: str) -> Any:
+    """Return the root element of an XML document. Raises SspError naming the file and the line."""
+    # Nothing outside the archive is read, whatever the document refers to.
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True,
+                             remove_pis=True)
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise SspError(unreadable(path, error)) from error
+        root = etree.fromstring(content, parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise SspError(f"{name}: is not XML: {error}") from error
+    if root.getroottree().docinfo.doctype:
+        raise SspError(f"{name}: has a DOCTYPE, which SSP does not use; remove it, and write entities as text")
+    return root
+
+
+def render(template: str, **context: Any) -> bytes:
+    """Return the document of a template in this folder, indented; the same context gives the same bytes."""
+    root = parse(page(f"ssp/{template}", namespaces=NAMESPACES, **context).encode(), template)
+    etree.indent(root)
+    document: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
+    return document + b"\n"
+
+
+@cache
+def _schema(namespace: str) -> Any:
+    file = f"{namespace.rpartition('/')[2]}.xsd"
+    return etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "ssp" / "schema" / file))
+
+
+def violations(root: Any, namespace: str) -> list[str]:
+    """Return violations of the schema of a namespace (SSD or SSV); empty if the document is valid."""
+    schema = _schema(namespace)
+    return [] if schema.validate(root) else [f"line {entry.line}: {entry.message}" for entry in schema.error_log]
+
+
+def read_archive(path: Path) -> dict[str, bytes]:
+    """Return the files of an SSP by name. Raises SspError if it is not a readable and sound archive."""
+    with reading(path, str(path), "an SSP", SspError) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
 
 
 def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
-    """Write files to a ZIP archive. Raises EmcasError if it cannot be written."""
+    """Write files to an SSP; the same contents give the same bytes. Raises EmcasError if it cannot be written."""
     write_zip(contents, target, lambda name: (name != DEFAULT, "/" in name, name))
+
+
+def structure_files(names: Iterable[str]) -> list[str]:
+    """Return the system structures at the root of an SSP, the default one first; the others are variants."""
+    return sorted((n for n in names if "/" not in n and n.endswith(".ssd")), key=lambda name: (name != DEFAULT, name))

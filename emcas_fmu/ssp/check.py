@@ -2,15 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from .archive import Archive, file_content
-from .findings import Report
-from .interface import Interface, read_interface
-from .schema import DEFAULT, SspError
-from .settings import check_settings
-from .structure import Element, read_structure
-from .wiring import check_wiring
+from ..actuators import NONLINEAR, get
+from ..bench.fmu import model_of
+from ..parameters import check_parameters
+from .archive import DEFAULT, SspError, read_archive, structure_files
+from .structure import End, Finding, Structure, label, nearest, read_interface, read_structures
+
+_SOURCES = ("output", "calculatedParameter", "local", "independent")
+
+
+@dataclass(frozen=True)
+class Report:
+    """The findings about an archive and what was checked: the variants, numbers of connections and parameters.
+
+    `unchecked` are structures that could not be read, so that their wiring and parameters were not checked.
+    """
+
+    path: Path
+    findings: tuple[Finding, ...]
+    variants: tuple[str, ...] = ()
+    unchecked: tuple[str, ...] = ()
+    connections: int = 0
+    parameters: int = 0
+
+    @property
+    def errors(self) -> list[Finding]:
+        """The findings that make the check fail."""
+        return [f for f in self.findings if f.level == "error"]
+
+    @property
+    def warnings(self) -> list[Finding]:
+        """The findings that do not make the check fail."""
+        return [f for f in self.findings if f.level == "warning"]
+
+    def document(self) -> dict[str, Any]:
+        """Return the report for JSON."""
+        return {"file": str(self.path), "passed": not self.errors, "variants": self.variants,
+                "not_checked": self.unchecked, "connections": self.connections, "parameters": self.parameters,
+                "findings": [asdict(f) for f in self.findings]}
 
 
 def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: str | None = None) -> Report:
@@ -21,62 +55,110 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
     cannot be opened, SspError if `fmu` is not an FMU.
     """
     if fmu is not None:
-        guid = read_interface(file_content(fmu), str(fmu)).guid
-    report = Report(path)
+        guid = read_interface(fmu, str(fmu)).guid
     try:
-        archive = Archive(path)
+        contents = read_archive(path)
     except SspError as error:
-        report.error(path.name, "", str(error), "choose a file that emcas ssp, or another tool, has written")
-        return report
-    if DEFAULT not in archive.structures:
-        report.error(path.name, "", f"has no {DEFAULT} at its root", "add one: it is what a host opens")
-    interfaces: dict[str, Interface | None] = {}
-    for file in archive.structures:
-        try:
-            structure = read_structure(archive, file)
-        except SspError as error:
-            report.error(file, "", str(error).removeprefix(f"{file}: "), "correct the file, or write the archive anew")
+        finding = Finding("error", path.name, "", str(error), "choose an archive as emcas ssp writes it")
+        return Report(path, (finding,), unchecked=(path.name,))
+    files = structure_files(contents)
+    structures, findings = read_structures(contents)
+    if DEFAULT not in files:
+        findings.append(Finding("error", path.name, "", f"has no {DEFAULT} at its root", "add one: hosts open it"))
+    for structure in structures:
+        found = [*_guids(structure, guid), *_wiring(structure), *_values(structure)]
+        # Combinations of wrong numbers say nothing.
+        findings += found if any(f.level == "error" for f in found) else [*found, *_combinations(structure, model)]
+    checked = {structure.file: structure.name for structure in structures}
+    return Report(path, tuple(dict.fromkeys(findings)), tuple(checked.values()),
+                  tuple(file for file in files if file not in checked), sum(len(s.connections) for s in structures),
+                  sum(len(s.parameters) for s in structures))
+
+
+def _guids(structure: Structure, required: str | None) -> Iterator[Finding]:
+    """Compare the GUIDs of FMUs with that for which the structure was written, and with the required one."""
+    for name, fmu in structure.fmus.items():
+        source, written = structure.sources[name], structure.guids.get(structure.sources[name], "")
+        # FMUs of other makers need not have the required GUID.
+        of_actuator = written or fmu.model.startswith("EMCAS")
+        for wanted, why in ((written, "the archive was written for"), (of_actuator and required, "wanted is")):
+            if wanted and wanted.strip().strip("{}").lower() != fmu.guid.strip().strip("{}").lower():
+                yield Finding("error", structure.file, f"component {name}", f"{source} has GUID {fmu.guid}, {why} "
+                              f"{wanted}", "put that FMU there, or write the archive anew: emcas ssp --fmu FILE")
+
+
+def _wiring(structure: Structure) -> Iterator[Finding]:
+    """Check each connection: ends that exist, a source and an input that nothing else feeds, one type and one unit."""
+    variables = structure.variables
+    signals = {**structure.connectors, **variables}
+    fed: dict[End, str] = {}
+    for connection in structure.connections:
+        place, (start, end) = f"connection {label(*connection)}", connection
+        if unknown := [each for each in connection if each not in structure.connectors]:
+            for each in unknown:
+                yield Finding("error", structure.file, place, f"there is no connector {label(each)}",
+                              "declare it in the Connectors of its component" if each in variables else nearest(
+                                  label(each), map(label, structure.connectors), "remove the connection"))
             continue
-        report.variants += (structure.name,)
-        if structure.problems:
-            report.add(structure.problems)
+        # Seen from within, values come from a system's input.
+        sources = [(signals[each].kind in _SOURCES) is bool(each[0]) for each in connection]
+        sink = connection[sources[0]]
+        if sources[0] == sources[1]:
+            yield Finding("error", structure.file, place, f"both ends are {'sources' if sources[0] else 'inputs'}",
+                          "connect an output to an input, or a connector of the system to one of its own kind")
+        elif sink in fed:
+            yield Finding("error", structure.file, place, f"{label(sink)} is fed twice, first by {fed[sink]}",
+                          "remove one of the two")
+        else:
+            fed[sink] = label(*connection)
+            if sources[1]:
+                yield Finding("warning", structure.file, place, "runs from its end to its start, which libcosim and "
+                              "Ecos do not read", "exchange start and end")
+        if differs := signals[start].mismatch(signals[end], label(end)):
+            yield Finding("error", structure.file, place, f"{label(start)} {differs[0]}", differs[1])
+    used = {end for connection in structure.connections for end in connection}
+    for end, signal in variables.items() if used else ():  # a host feeds the inputs of components alone
+        if end not in used and (signal.kind == "input" or (signal.kind == "output" and not end[0])):
+            yield Finding("warning", structure.file, f"{signal.kind} {label(end)}", "is not wired, while others are",
+                          "wire it, or drop its connector: fmpy feeds it from some other signal, or fails")
+
+
+def _values(structure: Structure) -> Iterator[Finding]:
+    """Compare connectors of components, and parameters of sets, with the variables of the FMUs."""
+    variables = structure.variables
+    ends = [(near, far) for start, end in reversed(structure.connections) for near, far in ((start, end), (end, start))]
+    # A connector of the system has the limits of the first variable that it is wired to.
+    variables |= {near: variables[far] for near, far in ends if not near[0] and far in variables}
+    claims = [(structure.file, f"connector {label(end)}", end, connector)
+              for end, connector in structure.connectors.items() if end[0]]
+    claims += [(file, f"parameter {parameter.name}", end, parameter) for file, end, parameter in structure.parameters]
+    for file, place, end, signal in claims:
+        variable = variables.get(end)
+        if variable is None:
+            names = [name for component, name in variables if component == end[0]]
+            problem = ("the FMU has no such variable" if end[0] else "is not a connector of the system",
+                       nearest(end[1], names, "remove it"))
+        elif signal.kind not in ("", "inout", variable.kind):
+            problem = f"is declared {signal.kind}, but is {variable.kind} of the FMU", f'write kind="{variable.kind}"'
+        elif not signal.kind and not variable.settable:
+            problem = f"is {variable.kind} of the FMU and cannot be set", "remove it"
+        elif differs := signal.mismatch(variable, "the FMU's variable"):
+            problem = differs
+        elif isinstance(signal.value, (int, float)) and not variable.minimum <= signal.value <= variable.maximum:
+            problem = (f"is {signal.value:.12g} {signal.unit}, outside {variable.minimum:g} .. {variable.maximum:g}",
+                       "write a value within the limits")
+        else:
             continue
-        for name, component in structure.system.elements.items():
-            place = f"component {name}"
-            component.interface = _interface(archive, file, place, component.source, interfaces, report)
-            if component.interface is not None:
-                _check_guid(file, place, component, component.interface, guid, report)
-        check_wiring(structure, report)
-        check_settings(structure, report, model)
-    return report
+        yield Finding("error", file, place, *problem)
 
 
-def _interface(archive: Archive, file: str, place: str, source: str, interfaces: dict[str, Interface | None],
-               report: Report) -> Interface | None:
-    """Return the FMU `source`, from `interfaces` if read before; None, reported, if it cannot be read."""
-    if source not in archive.names:
-        report.error(file, place, f"its FMU {source} is not in the archive",
-                     f"the archive has {', '.join(n for n in archive.names if n.endswith('.fmu')) or 'no FMU'}")
-        return None
-    if source not in interfaces:
-        try:
-            interfaces[source] = read_interface(archive.read(source), source)
-        except SspError as error:
-            interfaces[source] = None
-            report.error(source, "", str(error), "replace it by a sound FMU")
-    return interfaces[source]
-
-
-def _check_guid(file: str, place: str, component: Element, interface: Interface, required: str | None,
-                report: Report) -> None:
-    def bare(guid: str) -> str:
-        return guid.strip().strip("{}").lower()
-
-    if component.guid and bare(component.guid) != bare(interface.guid):
-        report.error(file, place, f"was written for {component.source} with GUID {component.guid}, but the one in the "
-                     f"archive has {interface.guid}", "put that FMU back, or write the archive anew for this one")
-    # FMUs of other makers need not have the required GUID.
-    actuator = component.guid or interface.model.startswith("EMCAS")
-    if required is not None and actuator and bare(required) != bare(interface.guid):
-        report.error(file, place, f"{component.source} has GUID {interface.guid}, wanted is {required}",
-                     "write the archive anew with the FMU you mean: emcas ssp --fmu FILE")
+def _combinations(structure: Structure, otherwise: str | None) -> Iterator[Finding]:
+    """Check for combinations of parameters that an actuator of this package refuses when it is initialized."""
+    parameters = structure.values
+    for name, fmu in structure.fmus.items():
+        model = model_of(fmu.model) or otherwise or NONLINEAR
+        names = [v.name for v in get(model).parameters]
+        if fmu.variables.keys() >= set(names):
+            values = {of: parameters.get((name, of), fmu.variables[of].value or 0) for of in names}
+            for problem in check_parameters(values, model):
+                yield Finding("error", structure.file, f"component {name}", problem, "change one of them")

@@ -1,226 +1,287 @@
 """System structures of an archive, with the parameter sets bound in them.
 
-Read are systems of FMUs with their parameter sets in files, as this package writes them. Anything else that SSP allows,
-such as a system within a system, is refused as a problem of the structure.
+Read are systems of FMUs with their parameter sets in files, as this package writes them. A structure that is not valid,
+or of another form that SSP allows, is not read; findings say why.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from io import BytesIO
+from math import inf
 from pathlib import Path
 from posixpath import normpath
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import unquote
 
-from .archive import Archive
-from .findings import Finding
-from .interface import Interface, Value, typed
-from .schema import ANNOTATION, FMU, NAMESPACES, SSD, SSV, SspError, parse, violations
-from .units import Unit
+from fmpy import read_model_description
 
-_TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
-_TRANSFORMATIONS = ("LinearTransformation", "BooleanMappingTransformation", "IntegerMappingTransformation",
-                    "EnumerationMappingTransformation")
+from ..errors import hint
+from ..support.archives import reading
+from ..units import UnitError, convert
+from . import archive
+from .archive import ANNOTATION, FMU, NAMESPACES, SSC, SSD, SSV, SspError
+
+Value = float | int | bool | str
+End = tuple[str, str]  # component (empty: the system itself), and connector, variable or parameter
+
+_COMPONENT, _BINDING = f"{{{SSD}}}Component", f"{{{SSD}}}ParameterBinding"
 _CORRECT = "correct the file, or write the archive anew"
+# Level, the nodes that it is about, the problem and the remedy. Errors are forms that are not read.
+_RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
+    ("error", f"//ssd:Elements/*[not(self::ssd:Component) or (@type and @type != '{FMU}')] | //ssd:ParameterBinding"
+     "[string(@prefix) or not(@source) or ssd:ParameterValues or ssd:ParameterMapping] | "
+     "//ssd:Connection[ssc:*[contains(local-name(), 'Transformation')]]", "is of a form that emcas does not read",
+     "have only FMUs in one system, connected without transformation or signal dictionary, each with its parameter "
+     "set in a file, without prefix or mapping"),
+    ("warning", "//ssd:Connections[ssd:Connection[not(@startElement and @endElement)]]",
+     "has connections of the system's own connectors, with which libcosim and Ecos refuse the file",
+     "run it with examples/ssp_hosts for these, or wire components only"),
+    ("warning", "//ssd:Component//ssd:Connector[name() = 'ssd:Connector' and ssc:Enumeration]",
+     "is of an enumeration, over which libcosim ends the process",
+     "run it with examples/ssp_hosts for libcosim, or write another prefix for the same namespace"),
+    ("warning", "//ssv:Parameter[ssv:Boolean[@value = 'false' or @value = '0']]",
+     "is false, which fmpy's read_ssv and simulate_ssp read as true",
+     "make it the FMU's start value instead: emcas build --parameters FILE"))
 
 
 @dataclass(frozen=True)
-class Connector:
-    """A declared connector and its XML prefix. The type is empty, the unit nameless, where left to the FMU."""
+class Finding:
+    """One finding: in which file of the archive, at which connection or parameter, and its remedy.
+
+    Errors make hosts fail or compute something else; warnings are allowed and may be intended.
+    """
+
+    level: Literal["error", "warning"]
+    file: str
+    place: str
+    message: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{': '.join(filter(None, (self.file, self.place, self.message)))}; {self.remedy}"
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A variable of an FMU, a connector, or a parameter of a set.
+
+    `kind` is the causality or the kind of connector, empty for a parameter of a set. A connector without type or unit
+    has those of the FMU. `value` is the start value of a variable, or the value of a parameter.
+    """
 
     name: str
     kind: str
     type: str
-    unit: Unit
-    prefix: str
+    unit: str
+    value: Value | None = None
+    minimum: float = -inf
+    maximum: float = inf
+    settable: bool = True
+
+    def mismatch(self, other: Signal, label: str) -> tuple[str, str] | None:
+        """Return how type or unit differ from those of another signal, called `label`, and the remedy; or None."""
+        if self.type and other.type and self.type != other.type:
+            return f"is {self.type}, but {label} is {other.type}", f"make it {other.type}"
+        if self.unit == other.unit or not self.unit or not other.unit:
+            return None
+        message = f"is in {self.unit}, but {label} is in {other.unit}"
+        try:
+            zero, one = (convert(Decimal(number), self.unit, other.unit) for number in (0, 1))
+        except UnitError:
+            return message, f"use a quantity in {other.unit}"
+        if (zero, one) == (0.0, 1.0):
+            return None
+        if not self.kind:
+            return message, f"write {(one - zero) * float(self.value or 0) + zero:.12g} {other.unit}: no host converts"
+        return message, f"multiply by {one - zero:.12g} and add {zero:.12g} where it is computed: no host converts"
 
 
 @dataclass(frozen=True)
-class Connection:
-    """Two ends, each element (empty: the system itself) and connector."""
+class Interface:
+    """An FMU: name, GUID and variables by name."""
 
-    start: tuple[str, str]
-    end: tuple[str, str]
-
-    def __str__(self) -> str:
-        return " -> ".join(".".join(filter(None, end)) for end in (self.start, self.end))
+    model: str
+    guid: str
+    variables: Mapping[str, Signal]
 
 
 @dataclass(frozen=True)
-class Setting:
-    """A parameter of a set: name, type, value as in the file, and unit."""
+class Structure:
+    """A system structure: file in the archive, name, components with their FMUs, and what it was written for.
 
-    name: str
-    type: str
-    value: str
-    unit: Unit
-
-    @property
-    def typed(self) -> Value:
-        """The value as Python's. Raises ValueError if it is not of its type."""
-        return typed(self.type, self.value)
-
-
-@dataclass(frozen=True)
-class Binding:
-    """A bound parameter set: its file, name and settings."""
-
-    file: str
-    name: str
-    settings: list[Setting]
-
-
-@dataclass
-class Element:
-    """The system, or a component of it.
-
-    `guid` is the GUID, as the system records it, of the FMU that the archive was written for. `annotations` are types.
-    A check sets `interface`, that of a component's FMU.
+    `sources` are the paths of the components' FMUs, `guids` those recorded in the structure by path, `sets` the names
+    of the components' parameter sets. Of `parameters`, with their files, a later one counts more than one before.
     """
 
-    name: str
-    source: str
-    connectors: dict[str, Connector] = field(default_factory=dict)
-    bindings: list[Binding] = field(default_factory=list)
-    annotations: list[str] = field(default_factory=list)
-    guid: str = ""
-    elements: dict[str, Element] = field(default_factory=dict)
-    connections: list[Connection] = field(default_factory=list)
-    connections_prefix: str = ""
-    interface: Interface | None = None
-
-
-@dataclass
-class Structure:
-    """A system structure: file in the archive, name, system, and what is wrong with the documents read."""
-
     file: str
     name: str
-    system: Element
-    problems: list[Finding]
+    sources: Mapping[str, str]
+    fmus: Mapping[str, Interface]
+    guids: Mapping[str, str]
+    connectors: Mapping[End, Signal]
+    connections: list[tuple[End, End]]
+    sets: list[tuple[str, str]]
+    parameters: list[tuple[str, End, Signal]]
 
+    @property
+    def values(self) -> dict[End, Any]:
+        """The values of all parameter sets together."""
+        return {end: parameter.value for _, end, parameter in self.parameters}
 
-def read_structure(archive: Archive, file: str) -> Structure:
-    """Read a structure and its parameter sets. Raises SspError if the file is not XML or has no system."""
-    return _Reader(archive, file).structure()
+    @property
+    def variables(self) -> dict[End, Signal]:
+        """The variables of the components' FMUs, and the connectors of the system."""
+        return {(name, v.name): v for name, fmu in self.fmus.items() for v in fmu.variables.values()} | {
+            end: connector for end, connector in self.connectors.items() if not end[0]}
 
 
 def read_variant(ssp: Path, name: str) -> Structure:
-    """Return the structure of a variant. Raises SspError if the archive has none, or anything wrong in any of them."""
-    archive = Archive(ssp)
-    structures = {s.name: s for s in (read_structure(archive, file) for file in archive.structures)}
-    for problem in (problem for structure in structures.values() for problem in structure.problems):
-        raise SspError(f"{ssp}: {problem}; see emcas ssp check")
-    if name not in structures:
-        raise SspError(f"{ssp}: has no variant {name!r}; it has {', '.join(structures) or 'none'}")
-    return structures[name]
+    """Return the structure of a variant. Raises SspError if the archive has none, or an error in any document."""
+    structures, findings = read_structures(archive.read_archive(ssp))
+    for error in (f for f in findings if f.level == "error"):
+        raise SspError(f"{ssp}: {error}; see emcas ssp check")
+    by_name = {structure.name: structure for structure in structures}
+    if name not in by_name:
+        raise SspError(f"{ssp}: has no variant {name!r}; it has {', '.join(by_name) or 'none'}")
+    return by_name[name]
 
 
-def _path(source: str) -> str:
-    """Return the path in the archive that a source names; a source that names none is returned as it is."""
-    path = unquote(source)
-    return normpath(path) if path and "://" not in path else path
+def nearest(name: str, names: Iterable[str], otherwise: str) -> str:
+    """Return the remedy for a name that does not exist: the nearest among `names`, or `otherwise` if none is near."""
+    return hint(name, names).removeprefix("; ") or otherwise
 
 
-
-class _Reader:
-    """Reads one structure; collects what is wrong with it and goes on."""
-
-    def __init__(self, archive: Archive, file: str) -> None:
-        self.archive, self.file = archive, file
-        self.problems: list[Finding] = []
-
-    def problem(self, message: str, remedy: str = _CORRECT, file: str = "", place: str = "") -> None:
-        self.problems.append(Finding("error", file or self.file, place, message, remedy))
-
-    def structure(self) -> Structure:
-        root = parse(self.archive.read(self.file), self.file)
-        units = self.checked(root, SSD, self.file)
-        top = root.find("ssd:System", NAMESPACES)
-        if top is None:
-            raise SspError(f"{self.file}: has no System")
-        system = self.element(top, units)
-        recorded = {fmu.get("source"): fmu.get("guid", "") for fmu in top.iterfind(
-            f"ssd:Annotations/ssc:Annotation[@type='{ANNOTATION}']/emcas:Fmu", NAMESPACES)}
-        for node in top.iterfind("ssd:Elements/*", NAMESPACES):
-            element = self.element(node, units)
-            element.guid = recorded.get(element.source, "")
-            if (kind := node.get("type", FMU) if _tag(node) == "Component" else _tag(node)) != FMU:
-                self.problem(f"is of the type {kind}, and emcas reads FMUs in one system only",
-                             "put FMUs into the outermost system, as libcosim and Ecos need it, too",
-                             place=f"element {element.name}")
-            if element.name in system.elements:
-                self.problem(f"{system.name}: there are two elements named {element.name}")
-            system.elements[element.name] = element
-        connections = top.find("ssd:Connections", NAMESPACES)
-        if connections is not None:
-            system.connections_prefix = connections.prefix or ""
-            system.connections = [self.connection(node) for node in connections]
-        return Structure(self.file, root.get("name", ""), system, self.problems)
-
-    def element(self, node: Any, units: Mapping[str, Unit]) -> Element:
-        element = Element(node.get("name", ""), _path(node.get("source", "")))
-        element.annotations = [a.get("type", "") for a in node.iterfind("ssd:Annotations/ssc:Annotation", NAMESPACES)]
-        for child in node.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
-            kind, unit, _ = _typed(child, units)
-            connector = Connector(child.get("name", ""), child.get("kind", ""), kind, unit, child.prefix or "")
-            if connector.name in element.connectors:
-                self.problem(f"{element.name}: connector {connector.name} is declared twice")
-            element.connectors[connector.name] = connector
-        for child in node.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
-            try:
-                element.bindings.append(self.binding(child))
-            except SspError as error:
-                self.problem(f"parameter binding of {element.name}: {error}")
-        return element
-
-    def connection(self, node: Any) -> Connection:
-        start, end = ((node.get(f"{side}Element", ""), node.get(f"{side}Connector", "")) for side in ("start", "end"))
-        connection = Connection(start, end)
-        if any(node.find(f"ssc:{kind}", NAMESPACES) is not None for kind in _TRANSFORMATIONS):
-            self.problem("has a transformation, which emcas does not read", "convert where the value is computed",
-                         place=f"connection {connection}")
-        return connection
-
-    def binding(self, node: Any) -> Binding:
-        """Read a parameter set from its file. Raises SspError if it cannot be read or is not in a file as it is."""
-        if node.get("prefix") or not node.get("source") or any(
-                node.find(f"ssd:{kind}", NAMESPACES) is not None for kind in ("ParameterValues", "ParameterMapping")):
-            raise SspError("emcas reads sets from files, without prefix or mapping; bind one such file to each "
-                           "component, which every host reads")
-        file = normpath(unquote(node.get("source")))
-        root = parse(self.archive.read(file), file)
-        if root.tag != f"{{{SSV}}}ParameterSet":
-            raise SspError(f"{file}: is not a parameter set")
-        units, settings = self.checked(root, SSV, file), []
-        for parameter in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
-            kind, unit, value = _typed(parameter, units)
-            settings.append(Setting(parameter.get("name", ""), kind, value, unit))
-        return Binding(file, root.get("name", ""), settings)
-
-    def checked(self, root: Any, namespace: str, file: str) -> dict[str, Unit]:
-        """Check a document against its schema. Returns the units that it defines."""
-        for violation in violations(root, namespace):
-            self.problem(violation, file=file)
-        units = {}
-        for node in root.iterfind(f"{{{namespace}}}Units/ssc:Unit", NAMESPACES):
-            name, base = node.get("name", ""), node.find("ssc:BaseUnit", NAMESPACES)
-            try:
-                units[name] = Unit.defined(name, {} if base is None else base.attrib)
-            except ValueError as error:
-                self.problem(f"unit {name}: {error}", file=file)
-        return units
+def label(*ends: End) -> str:
+    """Return an end, or those of a connection, as messages name it: ``fin1.fin_angle -> fin1_fin_angle``."""
+    return " -> ".join(".".join(filter(None, end)) for end in ends)
 
 
-def _tag(node: Any) -> str:
-    return str(node.tag).rpartition("}")[2]
+def read_structures(contents: Mapping[str, bytes]) -> tuple[list[Structure], list[Finding]]:
+    """Return the structures of an archive that can be read, and findings about all its documents and FMUs."""
+    documents: dict[str, Any] = {}  # root elements and interfaces
+    findings: list[Finding] = []
+    structures = archive.structure_files(contents)
+    for file in (*structures, *(name for name in contents if name.endswith((".ssv", ".fmu")))):
+        found: list[Finding] = []
+        try:
+            if file.endswith(".fmu"):
+                document = read_interface(contents[file], file)
+            else:
+                document = archive.parse(contents[file], file)
+                found = list(_findings(file, document, contents))
+        except SspError as error:
+            message, _, remedy = str(error).removeprefix(f"{file}: ").partition("; ")
+            found = [Finding("error", file, "", message, remedy or _CORRECT)]
+        if all(f.level == "warning" for f in found):
+            documents[file] = document
+        findings += found
+    return [_structure(documents, file) for file in structures if file in documents and documents.keys() >= {
+        _path(node) for node in documents[file].iter(_COMPONENT, _BINDING)}], findings
 
 
-def _typed(node: Any, units: Mapping[str, Unit]) -> tuple[str, Unit, str]:
-    """Return type, unit and value of a connector or parameter from the element for its type; empty without one."""
-    for child in node:
-        if _tag(child) in _TYPES:
-            unit = child.get("unit", "")
-            return _tag(child), units.get(unit, Unit(unit)), child.get("value", "")
-    return "", Unit(""), ""
+def _findings(file: str, root: Any, contents: Mapping[str, bytes]) -> Iterator[Finding]:
+    """Yield what is wrong with a document."""
+    for violation in archive.violations(root, SSD if file.endswith(".ssd") else SSV):
+        yield Finding("error", file, "", violation, _CORRECT)
+    for level, path, message, remedy in _RULES:
+        for node in root.xpath(path, namespaces=NAMESPACES):
+            yield Finding(level, file, _name(node), message, remedy)
+    for parent in root.xpath("//ssd:Elements | //ssd:Connectors | //ssv:Parameters", namespaces=NAMESPACES):
+        for place, count in Counter(map(_name, parent)).items():
+            if count > 1:
+                yield Finding("error", file, place, "is declared twice", "rename one of them")
+    for node in root.iter(_COMPONENT, _BINDING):
+        ending = ".fmu" if node.tag == _COMPONENT else ".ssv"
+        files = [name for name in contents if name.endswith(ending)]
+        if node.get("source") and _path(node) not in files:
+            yield Finding("error", file, _name(node), f"the archive has no {ending} file {_path(node)}",
+                          nearest(_path(node), files, "add it, or write the archive anew"))
+
+
+def _structure(documents: Mapping[str, Any], file: str) -> Structure:
+    """Return the structure of a valid document."""
+    top = documents[file].find("ssd:System", NAMESPACES)
+    components = {node.get("name"): node for node in top.iter(_COMPONENT)}
+    sources = {name: _path(node) for name, node in components.items()}
+    nodes = {**components, "": top}
+    guids = top.iterfind(f"ssd:Annotations/ssc:Annotation[@type='{ANNOTATION}']/emcas:Fmu", NAMESPACES)
+    # The system is last: its sets count more than those of its components.
+    sets = [(name, _path(node)) for name, element in nodes.items()
+            for node in element.iterfind("ssd:ParameterBindings/*", NAMESPACES)]
+    return Structure(
+        file, documents[file].get("name"), sources, {name: documents[path] for name, path in sources.items()},
+        {_path(node): node.get("guid", "") for node in guids},
+        {(name, node.get("name")): _signal(node) for name, element in nodes.items()
+         for node in element.iterfind("ssd:Connectors/*", NAMESPACES)},
+        [_connection(node) for node in top.iterfind("ssd:Connections/*", NAMESPACES)],
+        [(name, documents[path].get("name")) for name, path in sets],
+        [(path, (name, node.get("name")), _signal(node)) for name, path in sets
+         for node in documents[path].iterfind("ssv:Parameters/*", NAMESPACES)])
+
+
+def _path(node: Any) -> str:
+    """Return the path in the archive that the source of a node names."""
+    return normpath(unquote(node.get("source", "")))
+
+
+def _name(node: Any) -> str:
+    """Return tag and name of a node, with that of its component if it is in one; of a connection, its ends."""
+    names = node.xpath("(ancestor::ssd:Component | .)/@name", namespaces=NAMESPACES)
+    of = label(*_connection(node)) if node.get("startConnector") else ".".join(names)
+    return f"{re.sub('(?<=[a-z])(?=[A-Z])', ' ', node.tag.rpartition('}')[2]).lower()} {of}".strip()
+
+
+def _connection(node: Any) -> tuple[End, End]:
+    return ((node.get("startElement", ""), node.get("startConnector", "")),
+            (node.get("endElement", ""), node.get("endConnector", "")))
+
+
+def _signal(node: Any) -> Signal:
+    """Return a connector or parameter; the element for its type has the unit and the value."""
+    typed = next(node.iterchildren(f"{{{SSC}}}*", f"{{{SSV}}}*"), None)
+    if typed is None:
+        return Signal(node.get("name"), node.get("kind", ""), "", "")
+    kind = typed.tag.rpartition("}")[2]
+    return Signal(node.get("name"), node.get("kind", ""), kind, typed.get("unit", ""), _value(kind, typed.get("value")))
+
+
+def read_interface(source: Path | bytes, name: str) -> Interface:
+    """Return the interface of an FMU of FMI 2.0, a file or its contents.
+
+    Raises SspError, naming the file `name`, if it is not one; EmcasError if it cannot be opened.
+    """
+    with reading(source, name, "an FMU", SspError):
+        pass
+    try:
+        description = read_model_description(source if isinstance(source, Path) else BytesIO(source), validate=False)
+        variables = {v.name: _variable(v) for v in description.modelVariables}
+    except Exception as error:  # fmpy raises what its parsers raise: of zipfile, lxml, float and its own
+        raise SspError(f"{name}: is not an FMU that can be read: {error}") from error
+    if description.fmiVersion != "2.0":
+        raise SspError(f"{name}: is of FMI {description.fmiVersion}; hosts of SSP 1.0 know FMUs of FMI 2.0: build "
+                       "it without --fmi 3")
+    return Interface(description.modelName, str(description.guid), variables)
+
+
+def _variable(v: Any) -> Signal:
+    def attribute(name: str) -> str:
+        return getattr(v, name) or getattr(v.declaredType, name, None) or ""
+
+    minimum, maximum = (attribute("min"), attribute("max")) if v.type in ("Real", "Integer") else ("", "")
+    settable = v.causality in ("input", "parameter") or (
+        v.initial in ("exact", "approx") and v.variability != "constant")
+    return Signal(v.name, v.causality or "local", v.type, attribute("unit"), _value(v.type, v.start),
+                  float(minimum or -inf), float(maximum or inf), settable)
+
+
+def _value(kind: str, text: str | None) -> Value | None:
+    """Return a value of a type of FMI 2.0 from its text. Raises ValueError if the text is not of that type."""
+    if kind == "Boolean" and text is not None:
+        return text.strip().lower() in ("true", "1")
+    numeric = {"Real": float, "Integer": int}.get(kind)
+    return text if text is None or numeric is None else numeric(text)

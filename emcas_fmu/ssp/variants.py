@@ -12,11 +12,10 @@ from ..fmi.interface import require_shared
 from ..parameters import ParameterError, ParameterSet
 from ..parameters.schema import In, document, leaves
 from ..support.files import models_directory
-from .schema import DEFAULT, NOMINAL, SspError
+from .archive import DEFAULT, NOMINAL, SspError
 
 SHIPPED = ("cold", "degraded")  # variants, each a file among the models
 EVERY_FIN = "every_fin"
-_NAME = re.compile(r"[A-Za-z]\w*")
 
 
 @dataclass(frozen=True)
@@ -39,52 +38,35 @@ def variant_files(arguments: Sequence[str]) -> dict[str, Path]:
         name, separator, file = text.partition("=")
         if not separator or not file:
             raise SspError(f"--variant {text}: expected NAME=FILE, such as --variant hot=hot.toml")
-        if not _NAME.fullmatch(name) or f"{name}.ssd" in (f"{NOMINAL}.ssd", DEFAULT):
-            raise SspError(f"--variant {text}: {name!r} cannot name a variant; choose a word other than {NOMINAL} and "
-                           f"{DEFAULT.removesuffix('.ssd')}")
+        if not re.fullmatch(r"[A-Za-z]\w*", name) or f"{name}.ssd" in (f"{NOMINAL}.ssd", DEFAULT):
+            raise SspError(f"--variant {text}: {name!r} cannot name a variant; choose another word")
         files[name] = Path(file)
     return files
 
 
-def without_shipped(files: Mapping[str, Path], base: ParameterSet) -> tuple[dict[str, Path], list[str]]:
-    """Return the variants without shipped ones whose parameters the actuator lacks, and why those are left out."""
-    chosen, left_out = dict(files), []
-    for name in SHIPPED:
-        if files.get(name) != models_directory() / f"{name}.toml":
-            continue
-        changes = {entry for table in _document(files[name]).values() for entry, _ in leaves(table, _is_group)}
-        if lacking := sorted(changes - base.values.keys()):
-            left_out.append(f"variant {name}: this actuator has no {', '.join(lacking)}")
-            del chosen[name]
-    return chosen, left_out
+def derived(files: Mapping[str, Path], origin: Variant) -> tuple[list[Variant], list[str]]:
+    """Return variants of the system `origin` by files such as models/cold.toml, and which are left out and why.
 
-
-def derived(name: str, file: Path, origin: Variant) -> Variant:
-    """Return a variant of the system `origin` from a file such as models/cold.toml.
-
-    Raises SspError or ParameterError.
+    Left out are shipped ones whose parameters the actuator lacks. Raises SspError or ParameterError.
     """
-    tables = _document(file)
-    for scope, table in tables.items():
-        scopes = (EVERY_FIN, *origin.names)
-        if not isinstance(table, dict) or (scope not in scopes and not re.fullmatch(r"fin[1-9]", scope)):
-            raise SspError(f"{file}: {scope}: expected tables {EVERY_FIN}, fin1, fin2 ... of parameters, such as "
-                           f"[{EVERY_FIN}.friction]")
-    changes = {scope: dict(leaves(table, _is_group)) for scope, table in tables.items()}
-    fins = tuple(_changed(fin, {**changes.get(EVERY_FIN, {}), **changes.get(scope, {})}, f"{file}: {scope}")
-                 for scope, fin in zip(origin.names, origin.fins))
-    require_shared(fins, str(file))
-    return Variant(name, fins)
-
-
-def _document(file: Path) -> dict[str, Any]:
-    # Numbers stay text, as parameter files are read.
-    return document(file, SspError, number=str)[1]
-
-
-def _is_group(name: str, table: Mapping[str, Any]) -> bool:
-    """Return whether a table contains entries, and is not itself an entry with its value."""
-    return "value" not in table
+    variants, left_out = [], []
+    for name, file in files.items():
+        tables = document(file, SspError, number=str)[1]  # numbers stay text, as parameter files are read
+        for scope, table in tables.items():
+            if not isinstance(table, dict) or not re.fullmatch(rf"{EVERY_FIN}|fin[1-9]", scope):
+                raise SspError(f"{file}: {scope}: expected tables {EVERY_FIN}, fin1, fin2 ... of parameters, such as "
+                               f"[{EVERY_FIN}.friction]")
+        changes = {scope: dict(leaves(table, lambda name, written: "value" not in written))
+                   for scope, table in tables.items()}
+        lacking = sorted({entry for each in changes.values() for entry in each} - origin.fins[0].values.keys())
+        if lacking and file == models_directory() / f"{name}.toml" and name in SHIPPED:
+            left_out.append(f"variant {name}: this actuator has no {', '.join(lacking)}")
+            continue
+        fins = tuple(_changed(fin, {**changes.get(EVERY_FIN, {}), **changes.get(scope, {})}, f"{file}: {scope}")
+                     for scope, fin in zip(origin.names, origin.fins))
+        require_shared(fins, str(file))
+        variants.append(Variant(name, fins))
+    return variants, left_out
 
 
 def _changed(base: ParameterSet, entries: Mapping[str, Any], where: str) -> ParameterSet:

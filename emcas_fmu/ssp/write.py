@@ -7,36 +7,34 @@ refuses any other prefix, so that connections cannot be hidden from them. fmpy's
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ..actuators import NONLINEAR, full_name, get
+from ..actuators.fin_port import ENABLE
 from ..bench.fmu import chosen_model
 from ..fmi.description import STEP_SIZE, STOP_TIME, describe
-from ..fmi.interface import FmuInterface, fin_sets
+from ..fmi.interface import FmuInterface, fin_sets, flat
 from ..fmi.package import build
-from ..parameters import Value, load_parameters
+from ..fmi.units import Unit, fmi_unit
+from ..parameters import Entry, Value, load_parameters
 from ..support.progress import Progress
 from ..support.writing import check_target, write
-from .archive import file_content, write_archive
-from .check import check
-from .findings import Report
-from .interface import Interface, read_interface, typed
-from .schema import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render
-from .sets import fmi_units, inputs_by_entry, parameter_sets, wires
-from .variants import Variant, derived, without_shipped
+from ..variables import Variable
+from .archive import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render, write_archive
+from .check import Report, check
+from .structure import Interface, read_interface
+from .variants import Variant, derived
 
 
 @dataclass(frozen=True)
 class Written:
-    """A written archive: file, GUID of the FMU, variants, those left out and why, warnings about parameters, and the
-    report of its check."""
+    """A written archive: file, GUID of the FMU, variants left out and why, warnings about parameters, and its check."""
 
     path: Path
     guid: str
-    variants: tuple[str, ...]
     left_out: tuple[str, ...]
     warnings: tuple[str, ...]
     report: Report
@@ -55,33 +53,36 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     """
     check_target(output, ".ssp", SspError)
     if fmu is not None:
-        content = file_content(fmu)
-        interface = read_interface(content, str(fmu))
+        interface, content = read_interface(fmu, str(fmu)), fmu.read_bytes()
         model = chosen_model(str(fmu), interface.model, None if model is None else full_name(model), SspError)
     base = load_parameters(parameters, model=model or NONLINEAR)
-    if fmu is not None and not parameters:
+    if fmu is not None:
         starts = _starts(interface, str(fmu), base.model)
-        base = base.with_values({name: value for name, value in starts.items() if value != base.values[name]})
+        base = base if parameters else base.with_values({n: v for n, v in starts.items() if v != base.values[n]})
     built = Variant(NOMINAL, fin_sets(base, fins, layout, fin_files or {}))
-    files, left_out = without_shipped(variant_files or {}, base)
-    variants = [built, *(derived(name, file, built) for name, file in files.items())]
+    others, left_out = derived(variant_files or {}, built)
+    variants = [built, *others]
     if fmu is None:  # Compiling takes longest: all other mistakes are reported before.
         with TemporaryDirectory() as folder:
             content = build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress).path.read_bytes()
         interface = read_interface(content, "EMCAS.fmu")
-    name = f"{interface.model}.fmu"
-    sets = parameter_sets(variants, _starts(interface, str(fmu), base.model), border=border)
-    contents = {f"resources/{file}": data for file, data in {**sets, name: content}.items()}
+    contents = {f"resources/{interface.model}.fmu": content}
     single = FmuInterface(1, base.model)
-    variables = single.inputs + single.outputs
-    outside = list(wires(base.model, built.names)) if border else []
+    variables = {v.name: v for v in single.inputs + single.outputs}
+    shared = (*single.shared, ENABLE.name)
+    # OMSimulator accepts no dot in a connector of the system; fmpy distinguishes it from others by its path alone.
+    wires = [(flat(name if name in shared else f"{fin}.{name}"), fin, v)
+             for fin in built.names for name, v in variables.items()] if border else []
     for variant in variants:
+        for of, entries in _parameter_sets(variant, interface, wires).items():
+            contents[f"resources/{variant.name}_{of}.ssv"] = render(
+                "parameters.xml.j2", name=variant.name, entries=entries,
+                units=_units(e.variable for e in entries.values()))
         contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = render(
-            "structure.xml.j2", name=variant.name, description=describe(single), type=FMU, fmu=name,
-            guid=interface.guid, annotation=ANNOTATION, fins=variant.names, variables=variables, wires=outside,
-            connectors={wire.outer: wire.variable for wire in outside},
-            enumerations={v.name: v for v in variables if v.items}.values(), units=fmi_units(variables),
-            stop=STOP_TIME, step=STEP_SIZE)
+            "structure.xml.j2", name=variant.name, description=describe(single), type=FMU, fmu=f"{interface.model}.fmu",
+            guid=interface.guid, annotation=ANNOTATION, fins=variant.names, variables=variables, wires=wires,
+            outer={connector: v for connector, _, v in wires}, units=_units(variables.values()), stop=STOP_TIME,
+            step=STEP_SIZE, enumerations=[v for v in variables.values() if v.items])
     with TemporaryDirectory() as folder:
         checked = Path(folder) / output.name
         write_archive(contents, checked)
@@ -90,7 +91,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
             raise SspError("\n".join(["the archive does not pass its check:", *map(str, report.errors)]))
         write(output, checked.read_bytes())
     warnings = tuple(dict.fromkeys(warning for v in variants for fin in v.fins for warning in fin.warnings))
-    return Written(output, interface.guid, tuple(v.name for v in variants), tuple(left_out), warnings, report)
+    return Written(output, interface.guid, tuple(left_out), warnings, report)
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
@@ -100,15 +101,37 @@ def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
     """
     actuator = get(model)
     table = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
-    if missing := [v.name for v in table if v.name not in interface.variables]:
-        of = "" if model == NONLINEAR else f" of the model {actuator.name}"
-        raise SspError(f"{file}: is not an FMU of one actuator{of}: it lacks {', '.join(missing[:3])}"
-                       f"{' and more' if len(missing) > 3 else ''}; build one with emcas build")
-    inputs = inputs_by_entry(model)
-    values: dict[str, Value] = {}
-    for entry in actuator.file_entries:
-        start = interface.variables[inputs.get(entry.name, entry).name].start
-        if start is None:
-            raise SspError(f"{file}: {entry.name} has no start value; build the FMU with emcas build")
-        values[entry.name] = typed(entry.kind, start)  # type: ignore[assignment]
-    return values
+    names = {e.name: e.name for e in actuator.file_entries} | {v.key: v.name for v in actuator.inputs if v.key}
+    missing = [v.name for v in table if v.name not in interface.variables] or [
+        f"the start value of {name}" for name in names.values() if interface.variables[name].value is None]
+    if missing:
+        raise SspError(f"{file}: is not an FMU of one actuator of the model {actuator.name}: it lacks {missing[0]}; "
+                       "build one with emcas build")
+    return {entry: interface.variables[name].value for entry, name in names.items()}  # type: ignore[misc]
+
+
+def _units(variables: Iterable[Variable]) -> dict[str, Unit]:
+    """Return the units of variables by name."""
+    return {name: fmi_unit(name) for name in sorted({v.unit for v in variables if v.kind == "Real"})}
+
+
+def _parameter_sets(variant: Variant, fmu: Interface, wires: Sequence[tuple[str, str, Variable]],
+                    ) -> dict[str, dict[str, Entry]]:
+    """Return the parameter sets of a variant: for each fin one with all its parameters and the inputs' start values.
+
+    None is split: libcosim and Ecos do not combine sets, and OMSimulator ignores prefixes. A Boolean with the FMU's
+    start value is left out, as fmpy reads every Boolean of a set as true. With `wires` (connector of the system, fin
+    and variable) the set ``system`` has the start values of the system's inputs; a host feeds 0 to those without one.
+    """
+    inputs = {v.key: v for v in get(variant.fins[0].model).inputs if v.key is not None}
+    all_of: dict[str, dict[str, Entry]] = {}
+    for name, fin in zip(variant.names, variant.fins):
+        entries = [replace(e, variable=inputs.get(e.variable.name, e.variable)) for e in fin.entries]
+        all_of[name] = {e.variable.name: e for e in entries}
+    sets = {fin: {name: e for name, e in entries.items()
+                  if e.variable.kind != "Boolean" or e.value != fmu.variables[name].value}
+            for fin, entries in all_of.items()}
+    if wires:
+        sets["system"] = {outer: all_of[fin].get(v.name) or Entry(v, v.start or 0, "", "", "", "")
+                          for outer, fin, v in wires if v.key is not None or v.start}
+    return sets

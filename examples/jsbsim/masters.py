@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.ssp.schema import NOMINAL, SspError
-from emcas_fmu.ssp.settings import effective
+from emcas_fmu.ssp.archive import NOMINAL, SspError
 from emcas_fmu.ssp.structure import Structure, read_variant
 from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
@@ -69,7 +68,7 @@ class InMaster:
         structure = _checked(ssp, variant)
         self._line = _line(structure)
         require_bus(ssp, self._line, bus_voltage)
-        start = effective(structure).get(("fin1", self._line), nan)
+        start = structure.values.get(("fin1", self._line), nan)
         self._supply = require_supply(ssp, self._line, float(start) if bus_voltage is None else bus_voltage)
         self._ssp, self._system = ssp, hosts.open(ssp, MASTERS[master], variant, step)
 
@@ -94,14 +93,13 @@ class InMaster:
 
 
 def _line(structure: Structure) -> str:
-    return line_of({name for element in structure.system.elements.values() for name in element.connectors}) or VOLTAGE
+    return line_of({name for fin, name in structure.connectors if fin}) or VOLTAGE
 
 
 def _checked(ssp: Path, variant: str) -> Structure:
     """The variant's structure, with all that is wired."""
     structure = read_variant(ssp, variant)
-    connectors = {f"{fin}.{name}": connector for fin, element in structure.system.elements.items()
-                  for name, connector in element.connectors.items()}
+    connectors = {f"{fin}.{name}": connector for (fin, name), connector in structure.connectors.items() if fin}
     supply = _line(structure)
     wanted = [*((f"{origin} -> {name}", name, "input", unit) for origin, name, unit, _ in _INPUTS),
               *((f"source -> fin{k}.{supply}", f"fin{k}.{supply}", "input", LINES[supply][0][1]) for k in FINS),
@@ -112,7 +110,7 @@ def _checked(ssp: Path, variant: str) -> Structure:
         if connector is None or connector.kind != kind:
             raise SspError(f"{ssp}: connection {what}: the system has no {kind} {name}; `emcas ssp` writes one that "
                            "has")
-        if connector.unit.name not in ("", unit):  # without a unit it is the FMU's, which the check compares
+        if connector.unit not in ("", unit):  # without a unit it is the FMU's, which the check compares
             raise SspError(f"{ssp}: connection {what}: {name} is in {connector.unit}, not {unit or 'no unit'}; "
                            "declare the unit of the FMU")
     return structure

@@ -9,7 +9,7 @@ from pathlib import Path
 from emcas_fmu.actuators import NAMES, NONLINEAR, full_name, get
 from emcas_fmu.bench.fmu import opened
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.ssp.schema import NOMINAL
+from emcas_fmu.ssp.archive import NOMINAL
 from emcas_fmu.studies.fitting import Fit
 
 from .actuators import Actuators, Ideal

@@ -16,10 +16,10 @@ from __future__ import annotations
 import importlib
 import zipfile
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from io import BytesIO
 from math import isfinite
 from pathlib import Path
-from posixpath import normpath
 from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any
@@ -28,11 +28,18 @@ from lxml import etree
 
 from emcas_fmu.parameters import Value
 from emcas_fmu.runtime.compiler import local_platform
-from emcas_fmu.ssp.archive import Archive, write_archive
+from emcas_fmu.ssp.archive import (
+    DEFAULT,
+    NAMESPACES,
+    NOMINAL,
+    SspError,
+    parse,
+    read_archive,
+    structure_files,
+    write_archive,
+)
 from emcas_fmu.ssp.check import check
-from emcas_fmu.ssp.findings import nearest
-from emcas_fmu.ssp.schema import DEFAULT, NAMESPACES, NOMINAL, SspError, parse
-from emcas_fmu.ssp.structure import Structure, read_variant
+from emcas_fmu.ssp.structure import Structure, nearest, read_variant
 
 # Python package of each host, with the module here and what installs it.
 HOSTS = {"fmpy": ("in_fmpy", "pip install fmpy"), "libcosimpy": ("in_libcosim", "pip install libcosimpy"),
@@ -50,18 +57,17 @@ class System(ABC):
         self._inner: list[tuple[End, End]] = []
         self._pending: dict[End, Value] = {}
         self._withheld: dict[str, str] = {}  # outputs this host cannot read, and why
-        for connection in structure.system.connections:
-            if connection.start[0] and connection.end[0]:
-                self._inner.append((connection.start, connection.end))
+        for start, end in structure.connections:
+            if start[0] and end[0]:
+                self._inner.append((start, end))
         fed = {end for _, end in self._inner}
-        for component, element in structure.system.elements.items():
-            for name, connector in element.connectors.items():
-                end, label = (component, name), f"{component}.{name}"
-                if connector.kind == "output":
-                    self._outputs[label] = end
-                elif connector.kind == "input" and end not in fed:
-                    self._inputs[label] = [end]
-                    self._inputs.setdefault(name, []).append(end)
+        for end, connector in structure.connectors.items():
+            component, name = end
+            if component and connector.kind == "output":
+                self._outputs[f"{component}.{name}"] = end
+            elif component and connector.kind == "input" and end not in fed:
+                self._inputs[f"{component}.{name}"] = [end]
+                self._inputs.setdefault(name, []).append(end)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -154,12 +160,12 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
     # Hosts do not report most errors.
     if errors := check(ssp).errors:
         raise SspError("\n".join(f"{ssp}: {error}" for error in errors))
-    archive = Archive(ssp)
+    contents = read_archive(ssp)
     structure = read_variant(ssp, variant)
-    _runnable(archive, structure)
+    _runnable(contents, structure)
     with TemporaryDirectory() as folder:
         prepared = Path(folder) / "system.ssp"
-        write_archive(_prepared(archive, structure.file, host), prepared)
+        write_archive(_prepared(contents, structure.file, host), prepared)
         module = importlib.import_module(f".{module_name}", __package__)
         try:
             system: System = module.Running(structure, step, prepared)
@@ -168,25 +174,25 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
     return system
 
 
-def _runnable(archive: Archive, structure: Structure) -> None:
+def _runnable(contents: Mapping[str, bytes], structure: Structure) -> None:
     """Raise SspError if an FMU has no binary for this platform: Ecos would end the process."""
     local = local_platform()
-    for source in sorted({normpath(e.source) for e in structure.system.elements.values() if e.source}):
-        with zipfile.ZipFile(BytesIO(archive.read(source))) as fmu:
+    for source in sorted(set(structure.sources.values())):
+        with zipfile.ZipFile(BytesIO(contents[source])) as fmu:
             there = sorted({name.split("/")[1] for name in fmu.namelist() if name.startswith("binaries/")})
         if local is not None and local.name not in there:
             raise SspError(f"{source} has binaries for {', '.join(there) or 'no platform'} only, and this is "
                            f"{local.name}; build it with emcas build --backend native, then emcas ssp --fmu")
 
 
-def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
+def _prepared(archive: Mapping[str, bytes], file: str, host: str) -> dict[str, bytes]:
     """Return the archive with one variant as SystemStructure.ssd, the only structure that the three hosts open.
 
     For libcosim and Ecos it is without connections of the system's own connectors, which they refuse; for libcosim
     without connectors of enumerations. Raises SspError for a connection between two of those.
     """
-    contents = {name: data for name, data in archive.contents().items()
-                if not (name in archive.structures and name != file)}
+    others = set(structure_files(archive)) - {file}
+    contents = {name: data for name, data in archive.items() if name not in others}
     root = parse(contents.pop(file), file)
     if host != "fmpy":
         for connection in root.findall("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES):

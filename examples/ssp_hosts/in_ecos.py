@@ -12,7 +12,7 @@ from pathlib import Path
 from ecospy import EcosSimulation
 
 from emcas_fmu.parameters import Value
-from emcas_fmu.ssp.schema import SspError
+from emcas_fmu.ssp.archive import SspError
 from emcas_fmu.ssp.structure import Structure
 
 from .hosts import End, System
@@ -25,11 +25,10 @@ class Running(System):
 
     def __init__(self, structure: Structure, step: float, path: Path) -> None:
         super().__init__(structure, step)
-        self._kinds = {(name, c.name): c.type for name, component in structure.system.elements.items()
-                       for c in component.connectors.values()}
+        self._kinds = {end: connector.type for end, connector in structure.connectors.items()}
         self._withheld = {name: "Ecos knows no enumerations; read another output, or use fmpy"
                           for name, end in self._outputs.items() if self._kinds.get(end) == "Enumeration"}
-        names = sorted({c.bindings[0].name for c in structure.system.elements.values() if c.bindings})
+        names = sorted({name for component, name in structure.sets if component})
         if len(names) > 1:
             raise SspError(f"the components' parameter sets are named {', '.join(names)}, and Ecos applies those of "
                            "one name only")

@@ -11,8 +11,7 @@ from fmpy.ssp.simulation import free_fmu, get_value, instantiate_fmu, set_value
 from fmpy.ssp.ssd import Parameter, ParameterSet, find_components, read_ssd
 
 from emcas_fmu.parameters import Value
-from emcas_fmu.ssp.schema import SspError
-from emcas_fmu.ssp.settings import effective
+from emcas_fmu.ssp.archive import SspError
 from emcas_fmu.ssp.structure import Structure
 
 from .hosts import End, System
@@ -25,7 +24,7 @@ class Running(System):
         super().__init__(structure, step)
         # fmpy applies no other parameters, and these by hierarchical names.
         parameters = [Parameter(name=f"{component}.{name}", value=value)
-                      for (component, name), value in effective(structure).items() if component]
+                      for (component, name), value in structure.values.items() if component]
         self._components = {}
         self._folder = fmpy.extract(str(path))
         try:

@@ -15,7 +15,7 @@ from libcosimpy.CosimManipulator import CosimManipulator
 from libcosimpy.CosimObserver import CosimObserver
 
 from emcas_fmu.parameters import Value
-from emcas_fmu.ssp.schema import SspError
+from emcas_fmu.ssp.archive import SspError
 from emcas_fmu.ssp.structure import Structure
 
 from .hosts import End, System

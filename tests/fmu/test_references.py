@@ -25,7 +25,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files, responses
 from emcas_fmu.reference.cases import CASES, STEP_AND_LOAD, Case
 from emcas_fmu.simulation import simulate
-from emcas_fmu.ssp.schema import SSV, parse, violations
+from emcas_fmu.ssp.archive import SSV, parse, violations
 
 from ..docs.recipes import ROOT, recipes
 from ..own_actuator.example import MODEL as DIRECT_DRIVE

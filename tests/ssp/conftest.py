@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
-from emcas_fmu.ssp.archive import Archive, write_archive
-from emcas_fmu.ssp.schema import SSD, SSV, parse, violations
+from emcas_fmu.ssp.archive import SSD, SSV, parse, read_archive, violations, write_archive
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
 
@@ -28,11 +27,10 @@ def emcas(*arguments: str | Path, code: int = 0) -> str:
 
 def valid_documents(ssp: Path) -> int:
     """How many structures and parameter sets an archive has; all have to be valid."""
-    archive = Archive(ssp)
-    names = [name for name in archive.names if name.endswith((".ssd", ".ssv"))]
-    for name in names:
-        assert violations(parse(archive.read(name), name), SSD if name.endswith(".ssd") else SSV) == []
-    return len(names)
+    documents = {name: data for name, data in read_archive(ssp).items() if name.endswith((".ssd", ".ssv"))}
+    for name, data in documents.items():
+        assert violations(parse(data, name), SSD if name.endswith(".ssd") else SSV) == []
+    return len(documents)
 
 
 @pytest.fixture(scope="session")
@@ -52,7 +50,7 @@ def wired(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def edited(wired: Path, tmp_path: Path) -> Edit:
     """A copy of `wired` with text of a file replaced, everywhere it stands there: edited(file, old, new, ...)."""
     def edit(file: str, *pairs: str) -> Path:
-        contents = Archive(wired).contents()
+        contents = read_archive(wired)
         text = re.sub(r">\s+<", "><", contents[file].decode())
         for old, new in zip(pairs[::2], pairs[1::2]):
             assert old in text, old

@@ -16,10 +16,9 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.simulation import simulate, simulate_fins
-from emcas_fmu.ssp.archive import Archive
-from emcas_fmu.ssp.settings import effective
+from emcas_fmu.ssp.archive import NOMINAL, read_archive
 from emcas_fmu.ssp.structure import read_variant
-from emcas_fmu.ssp.variants import variant_files, without_shipped
+from emcas_fmu.ssp.variants import Variant, derived, variant_files
 from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
 from tests.own_actuator.example import changed
@@ -75,9 +74,9 @@ def test_variants_it_has_no_parameters_for_are_left_out(model: str, written: tup
 
 def test_files_are_valid_and_inputs_those_of_the_actuator(model: str, written: tuple[Path, str]) -> None:
     assert valid_documents(written[0])
-    archive = Archive(written[0])
-    assert (b"supply_voltage" in archive.read("SystemStructure.ssd")) is (get(model).supply is not None)
-    fin = archive.read("resources/nominal_fin2.ssv")
+    archive = read_archive(written[0])
+    assert (b"supply_voltage" in archive["SystemStructure.ssd"]) is (get(model).supply is not None)
+    fin = archive["resources/nominal_fin2.ssv"]
     assert (b"supply_voltage" in fin) is (get(model).supply is not None)
     assert all(f'"{v.name}"'.encode() in fin for v in get(model).further_inputs)
 
@@ -87,7 +86,7 @@ def test_connectors_of_the_system_start_where_the_fins_inputs_do(model: str, wri
     target = written[0].with_name("wired.ssp")
     write_ssp(target, written[0].with_name("unit.fmu"), fin_files={2: written[0].with_name("second.toml")}, border=True,
               model=model)
-    starts = effective(read_variant(target, "nominal"))
+    starts = read_variant(target, "nominal").values
     preload = {i: starts.get(("", f"fin{i}_preload")) for i in (1, 2)}
     assert preload == ({1: 30.0, 2: 10.0} if get(model).further_inputs else {1: None, 2: None})
     assert (("", "supply_voltage") in starts) is (get(model).supply is not None)
@@ -125,6 +124,6 @@ def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str
 @pytest.mark.parametrize(("of", "kept"), [("electrohydrostatic", False), ("electrohydrostatic+heat", True),
                                           ("electrohydraulic", False), ("linear", True)])
 def test_a_variant_that_would_change_nothing_is_left_out(of: str, kept: bool) -> None:
-    chosen, left_out = without_shipped(variant_files(()), load_parameters(model=of))
-    assert ("cold" in chosen) is kept
+    variants, left_out = derived(variant_files(()), Variant(NOMINAL, (load_parameters(model=of),)))
+    assert ("cold" in [variant.name for variant in variants]) is kept
     assert ("variant cold: this actuator has no friction.temperature" in left_out) is not kept

@@ -34,6 +34,14 @@ def test_check_fails(edited: Edit, tmp_path: Path) -> None:
     assert "connection fin2_aero_torque -> fin2.aero_torqe" in [f["place"] for f in findings]
 
 
+def test_what_could_not_be_checked_is_said(edited: Edit) -> None:
+    spoilt = edited("SystemStructure.ssd", 'kind="input"', 'kind="inlet"')
+    printed = emcas("check", spoilt, code=1)
+    assert "not checked until that is corrected: wiring and parameters of SystemStructure.ssd" in printed
+    assert "variants cold, degraded" in printed
+    assert "not checked" not in emcas("check", edited("SystemStructure.ssd"))
+
+
 @pytest.mark.parametrize(("arguments", "expected"), [
     (["check", "none.ssp"], "none.ssp: cannot be read"),
     (["check", "none.ssp", "--guid", "x", "--fmu", "y"], "--fmu and --guid exclude each other"),

@@ -14,8 +14,7 @@ import pytest
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet, read_ssv
 
-from emcas_fmu.ssp.archive import Archive, write_archive
-from emcas_fmu.ssp.schema import SspError
+from emcas_fmu.ssp.archive import SspError, read_archive, write_archive
 from examples.ssp_hosts import hosts
 from tests.docs.recipes import recipes
 from tests.hosts.host import Trajectory, difference, missing, tool, trajectory
@@ -177,7 +176,7 @@ def test_misuse_of_a_system(ssp: Path, edited: Edit) -> None:
 
 
 def test_an_fmu_of_other_platforms(ssp: Path, tmp_path: Path) -> None:
-    contents, stripped = Archive(ssp).contents(), BytesIO()
+    contents, stripped = read_archive(ssp), BytesIO()
     with zipfile.ZipFile(BytesIO(contents["resources/EMCAS.fmu"])) as unit, zipfile.ZipFile(stripped, "w") as target:
         for name in unit.namelist():
             target.writestr(name.replace("linux64", "other").replace("win64", "other"), unit.read(name))

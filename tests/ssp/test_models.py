@@ -15,10 +15,8 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.compiler import local_platform
-from emcas_fmu.ssp.archive import Archive, write_archive
+from emcas_fmu.ssp.archive import SSC, SSD, SspError, parse, read_archive, write_archive
 from emcas_fmu.ssp.check import check
-from emcas_fmu.ssp.schema import SSC, SSD, SspError, parse
-from emcas_fmu.ssp.settings import effective
 from emcas_fmu.ssp.structure import read_variant
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
@@ -62,20 +60,20 @@ def test_own_variables_are_connectors_of_their_types(archive: Path) -> None:
     """The model is told by the FMU. Items of enumerations stand in the structure, under the name connectors give."""
     read = read_variant(archive, "jammed")
     actuator = get(MODEL)
-    for element in read.system.elements.values():
-        assert {(c.name, c.kind, c.type) for c in element.connectors.values()} == {
-            (v.name, v.causality, v.kind) for v in actuator.inputs + actuator.outputs}
-    assert element.connectors["home"].kind == "input"
-    assert element.connectors["status"].prefix == "enumeration"
+    assert {(fin, c.name, c.kind, c.type) for (fin, _), c in read.connectors.items()} == {
+        (fin, v.name, v.causality, v.kind) for fin in read.sources for v in actuator.inputs + actuator.outputs}
+    assert read.connectors["fin4", "home"].kind == "input"
     assert valid_documents(archive)
-    root = parse(Archive(archive).read("SystemStructure.ssd"), "")
+    root = parse(read_archive(archive)["SystemStructure.ssd"], "")
+    prefixes = {node.get("name"): node.prefix for node in root.iter(f"{{{SSD}}}Connector")}
+    assert {name for name, prefix in prefixes.items() if prefix == "enumeration"} == {"status"}
     (listed,) = root.iterfind(f"{{{SSD}}}Enumerations/{{{SSC}}}Enumeration")
     assert listed.get("name") == "status"
     assert [(i.get("name"), i.get("value")) for i in listed][3] == ("operational", "4")
 
 
 def test_a_variant_of_faults(archive: Path) -> None:
-    values = effective(read_variant(archive, "jammed"))
+    values = read_variant(archive, "jammed").values
     assert values["fin2", "fault.jam.end"] == 0.2
     assert values["fin1", "fault.jam.end"] == 0.0
     assert values["fin3", "fault.drive_loss.active"] is True
@@ -109,7 +107,7 @@ def test_the_same_in_the_other_hosts(host: str, archive: Path, expected: dict[st
 
 def test_enumerations_under_the_usual_prefix(archive: Path, expected: dict[str, Any], tmp_path: Path) -> None:
     """Over which libcosim would end the process; the check says so."""
-    contents = Archive(archive).contents()
+    contents = read_archive(archive)
     for name in list(contents):
         if name.endswith(".ssd"):
             contents[name] = contents[name].replace(b"enumeration:Connector", b"ssd:Connector")
@@ -131,7 +129,7 @@ def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
 def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> None:
     """In a process of its own: Ecos and libcosim do not end well in this one after others."""
     program = ("import sys; from pathlib import Path; from examples.ssp_hosts import hosts\n"
-               "from emcas_fmu.ssp.schema import SspError\n"
+               "from emcas_fmu.ssp.archive import SspError\n"
                f"try:\n  system = hosts.open(Path({str(archive)!r}), {host!r})\n"
                "except SspError as error:\n  print('absent', error); sys.exit()\n"
                "system.set('fin1.home', False)\nsystem.step()\n"
@@ -171,4 +169,4 @@ def test_without_an_fmu_one_of_the_model_is_built(tmp_path: Path, unit: Path, mo
     monkeypatch.setattr("emcas_fmu.ssp.write.build", instead)
     emcas("--model", "nonlinear+faults+homing", "-o", tmp_path / "a.ssp")
     assert asked == [MODEL]
-    assert "resources/EMCAS_homing_faults.fmu" in Archive(tmp_path / "a.ssp").names
+    assert "resources/EMCAS_homing_faults.fmu" in read_archive(tmp_path / "a.ssp")

@@ -15,9 +15,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.fmi.units import fmi_unit
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.ssp.archive import Archive
-from emcas_fmu.ssp.schema import SSC, SSD
-from emcas_fmu.ssp.settings import Values, effective
+from emcas_fmu.ssp.archive import NAMESPACES, SSC, SSD, read_archive
 from emcas_fmu.ssp.structure import read_variant
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
@@ -29,7 +27,7 @@ VARIANTS = ("nominal", "cold", "degraded")
 OF_FINS = {"fin_command", "aero_torque", *(v.name for v in OUTPUTS)}
 
 
-def of_fin(values: Values, number: int) -> dict[str, Any]:
+def of_fin(values: Mapping[tuple[str, str], Any], number: int) -> dict[str, Any]:
     """The parameters of a fin."""
     return {name: value for (component, name), value in values.items() if component == f"fin{number}"}
 
@@ -55,7 +53,7 @@ def test_fmpy_reads_it(ssp: Path, wired: Path) -> None:
 def test_components_alone_unless_asked_otherwise(ssp: Path, wired: Path) -> None:
     """What libcosim, Ecos and OMSimulator go by letter by letter: each of them would refuse one of these."""
     for path, wires in ((ssp, 0), (wired, 4 * len(INPUTS + OUTPUTS))):
-        root = etree.fromstring(Archive(path).read("SystemStructure.ssd"))
+        root = etree.fromstring(read_archive(path)["SystemStructure.ssd"])
         system = root.find(f"{{{SSD}}}System")
         assert system.find(f"{{{SSD}}}Annotations/{{{SSC}}}Annotation").get("type") == "org.openmodelica"
         assert not list(system.iterfind(f"{{{SSD}}}Elements/*/{{{SSD}}}Annotations"))
@@ -65,20 +63,24 @@ def test_components_alone_unless_asked_otherwise(ssp: Path, wired: Path) -> None
 
 
 def test_connectors_are_those_of_the_table(ssp: Path, wired: Path) -> None:
-    assert not read_variant(ssp, "nominal").system.connectors
+    assert all(component for component, _ in read_variant(ssp, "nominal").connectors)
     read = read_variant(wired, "nominal")
-    for element in read.system.elements.values():
-        assert {(c.name, c.kind, c.type, c.unit.name) for c in element.connectors.values()} == {
-            (v.name, v.causality, v.kind, v.unit if v.kind == "Real" else "") for v in INPUTS + OUTPUTS}
+    assert {(fin, c.name, c.kind, c.type, c.unit) for (fin, _), c in read.connectors.items() if fin} == {
+        (fin, v.name, v.causality, v.kind, v.unit if v.kind == "Real" else "")
+        for fin in read.sources for v in INPUTS + OUTPUTS}
     shared = {v.name.replace(".", "_") for v in INPUTS if v.name not in OF_FINS}
-    assert set(read.system.connectors) == shared | {f"fin{i}_{name}" for i in range(1, 5) for name in OF_FINS}
-    for c in read.system.connectors.values():
-        assert c.type != "Real" or c.unit.exponents == tuple(
-            fmi_unit(c.unit.name).exponents.get(b, 0) for b in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
+    assert {name for fin, name in read.connectors if not fin} == shared | {
+        f"fin{i}_{name}" for i in range(1, 5) for name in OF_FINS}
+    root = etree.fromstring(read_archive(wired)["SystemStructure.ssd"])
+    defined = {node.getparent().get("name"): dict(node.attrib) for node in root.iterfind(".//ssc:BaseUnit", NAMESPACES)}
+    assert set(defined) == {c.unit for c in read.connectors.values() if c.type == "Real"}
+    for name, base in defined.items():
+        assert {b: int(exponent) for b, exponent in base.items() if b not in ("factor", "offset")} == {
+            **fmi_unit(name).exponents}
 
 
 def test_every_variable_is_wired(wired: Path) -> None:
-    found = {(c.start, c.end) for c in read_variant(wired, "nominal").system.connections}
+    found = set(read_variant(wired, "nominal").connections)
     for i in range(1, 5):
         outer = {v.name: (f"fin{i}_{v.name}" if v.name in OF_FINS else v.name).replace(".", "_")
                  for v in INPUTS + OUTPUTS}
@@ -89,26 +91,24 @@ def test_every_variable_is_wired(wired: Path) -> None:
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_one_set_for_each_component(ssp: Path, wired: Path, variant: str, values: Mapping[str, Any]) -> None:
     """Whole and without a prefix; with connectors of the system, what these start at besides."""
-    for path in (ssp, wired):
-        for element in read_variant(path, variant).system.elements.values():
-            (binding,) = element.bindings
-            assert binding.name == variant  # the name by which Ecos finds it
-    (binding,) = read_variant(wired, variant).system.bindings
+    fins = [(f"fin{i}", variant) for i in (1, 2, 3, 4)]  # the name by which Ecos finds it
+    assert read_variant(ssp, variant).sets == fins
+    read = read_variant(wired, variant)
+    assert read.sets == [*fins, ("", variant)]
     bus = (0.9 if variant == "degraded" else 1.0) * values["drive.supply_voltage"]
-    assert {s.name: s.typed for s in binding.settings} == {"supply_voltage": pytest.approx(bus, rel=1e-15),
-                                                           "enable": True}
-    assert not read_variant(ssp, variant).system.bindings
+    assert {name: value for (fin, name), value in read.values.items() if not fin} == {
+        "supply_voltage": pytest.approx(bus, rel=1e-15), "enable": True}
 
 
 @pytest.mark.parametrize(("layout", "azimuths"), [("cross", (45, 135, 225, 315)), ("plus", (0, 90, 180, 270))])
 def test_layout(native: Path, tmp_path: Path, layout: str, azimuths: tuple[float, ...]) -> None:
-    values = effective(read_variant(write_ssp(tmp_path / "a.ssp", native, layout=layout).path, "nominal"))
+    values = read_variant(write_ssp(tmp_path / "a.ssp", native, layout=layout).path, "nominal").values
     assert [values[f"fin{i}", "mounting.azimuth"] for i in range(1, 5)] == [radians(a) for a in azimuths]
 
 
 def test_variants(ssp: Path, values: Mapping[str, Any]) -> None:
     """Nominal is the default set but for the azimuth; the others are what models/*.toml say of it."""
-    found = {variant: effective(read_variant(ssp, variant)) for variant in VARIANTS}
+    found = {variant: read_variant(ssp, variant).values for variant in VARIANTS}
     nominal = of_fin(found["nominal"], 2)
     assert {n for n, v in nominal.items() if n in values and v != values[n]} == {"mounting.azimuth"}
     assert of_fin(found["cold"], 2) == {**nominal, "friction.temperature": -6.0}
@@ -127,17 +127,17 @@ def test_parameters_of_the_fmu_of_a_file_and_of_a_fin(tmp_path: Path) -> None:
     (tmp_path / "second.toml").write_text('[motor]\nresistance = "0.5 Ohm"\n[mounting]\nazimuth = "100 deg"\n')
     unit = build(load_parameters(tmp_path / "unit.toml"), tmp_path / "unit.fmu").path
 
-    alone = effective(read_variant(write_ssp(tmp_path / "a.ssp", unit).path, "nominal"))
+    alone = read_variant(write_ssp(tmp_path / "a.ssp", unit).path, "nominal").values
     assert alone["fin1", "motor.resistance"] == 0.3
     assert ("fin1", "encoder.on_fin") not in alone  # as it is in the FMU
     both = write_ssp(tmp_path / "b.ssp", unit, [tmp_path / "base.toml"], fin_files={2: tmp_path / "second.toml"},
                      variant_files=variant_files([])).path
-    found = effective(read_variant(both, "nominal"))
+    found = read_variant(both, "nominal").values
     assert found["fin1", "motor.resistance"] == 0.4
     assert found["fin2", "motor.resistance"] == 0.5
     assert found["fin2", "mounting.azimuth"] == radians(100)
     assert found["fin1", "encoder.on_fin"] is False  # the file's default, not what is in the FMU
-    weak = effective(read_variant(both, "degraded"))
+    weak = read_variant(both, "degraded").values
     assert [weak[f"fin{i}", "motor.resistance"] for i in (1, 2)] == pytest.approx([0.46, 0.575], rel=1e-15)
 
 
