@@ -11,8 +11,8 @@ class Page {
         this.actuator = actuator;
         this.live = {setting: new Setting()};
         this.kept = null;
-        const change = (name, value) => this.change(name, value);
-        this.controls = [...firstControls(change), ...allControls(change, $("search"), $("all"))];
+        this.controls = [...document.querySelectorAll("[data-name]")].map(row =>
+            new Control(row, (name, value) => this.change(name, value)));
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) => new Plot(title, {
             x: "time [s]", y: unit && `[${unit}]`, height: k ? 170 : innerWidth < 640 ? 165 : 235}));
         this.plots.forEach((plot, k) => k ? $("plots").append(plot.figure) : $("main-plot").prepend(plot.figure));
@@ -25,7 +25,7 @@ class Page {
     }
 
     listen() {
-        $("kind").append(...Object.entries(DATA.kinds).map(([value, {title}]) => element("option", {value}, title)));
+        $("search").addEventListener("input", () => find($("search").value));
         $("kind").addEventListener("change", () => {
             if ($("kind").value === "csv") $("file").click();
             this.change("excitation.kind", $("kind").value);

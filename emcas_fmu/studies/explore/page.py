@@ -84,7 +84,7 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
         "outputs": [v.name for v in actuator.outputs],
-        "first": _first(parameters), "panels": _panels(model, specification), "equal": actuator.equal_parameters,
+        "panels": _panels(model, specification), "equal": actuator.equal_parameters,
         "rules": [{"message": rule.message, "warning": rule.warning} for rule in actuator.all_rules],
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
         "clipping": {"message": CLIPPED, "rounding": ROUNDING, "in_degrees": IN_DEGREES, "like_degrees": LIKE_DEGREES},
@@ -104,8 +104,9 @@ def _without_folder(model: str) -> str:
 
 
 def _quantity(v: Variable) -> dict[str, Any]:
+    title = v.name.removeprefix("controller.").replace(".", " ").replace("_", " ")
     return {"name": v.name, "kind": v.kind, "unit": v.unit, "minimum": v.minimum, "maximum": v.maximum,
-            "description": v.description, "shown": _shown(v.unit)}
+            "title": title[0].upper() + title[1:], "description": v.description, "shown": _shown(v.unit)}
 
 
 def _shown(unit: str, shown: tuple[str, float] | None = None) -> tuple[str, float]:
@@ -124,7 +125,7 @@ def _excitations(limit: float, torque: float) -> dict[str, Any]:
     fields = {**motions.FIELDS, "torque": motions.FIELDS["torque"]._replace(default=torque)}
     return {"kinds": {**kinds, "csv": {"title": "Your CSV", "usual": {}, "fields": ("torque",)}},
             "fields": [{**field._asdict(), "name": f"excitation.{name}", "kind": "Real", "shown": _shown(field.unit),
-                        "description": "", "range": ranges.get(name), "value": field.default}
+                        "range": ranges.get(name), "value": field.default}
                        for name, field in fields.items()]}
 
 
@@ -146,17 +147,17 @@ def _tested(v: Variable, values: Mapping[str, Any]) -> tuple[float, float] | Non
 
 
 def _first(parameters: ParameterSet) -> dict[str, list[str]]:
-    """Return the names with sliders: supply and the actuator's further inputs, temperatures, gains or parameters."""
+    """Return the names with sliders by legend: supply and further inputs, temperatures, gains or parameters."""
     actuator = parameters.actuator
     tunable = [v for v in actuator.parameters if v.variability == "tunable"]
     gains = [v.name for v in tunable if v.name.startswith("controller.")]
-    if not gains:
-        ports = {v.name for v in port.PARAMETERS}
-        gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_FIRST]
-    further = [v.name for v in actuator.further_inputs]
-    further += [v.name for v in tunable if v.name == "homing.required"]  # otherwise the fin does not move before homing
-    return {"supply": [*([actuator.supply.input.name] if actuator.supply else []), *further],
-            "temperature": [v.name for v in tunable if v.unit == "degC"], "gains": gains}
+    ports = {v.name for v in port.PARAMETERS}
+    others = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports]
+    inputs = [*([actuator.supply.input.name] if actuator.supply else []), *(v.name for v in actuator.further_inputs)]
+    inputs += [v.name for v in tunable if v.name == "homing.required"]  # otherwise the fin does not move before homing
+    return {"Supply" if len(inputs) < 2 else "Supply and inputs": inputs,
+            "Temperature": [v.name for v in tunable if v.unit == "degC"],
+            "Gains" if gains else "Parameters": gains or others[:_MOST_FIRST]}
 
 
 def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
@@ -234,11 +235,18 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
     code = compiled(files)
     digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
     source_digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()
+    controls = {each["name"]: each for listed in ("fields", "inputs", "parameters") for each in described[listed]}
+    words = {name: {word: each.pop(word, "") for word in ("title", "description", "source")}
+             for name, each in controls.items()}
+    groups: dict[str, list[str]] = {}
+    for each in described["parameters"]:
+        groups.setdefault(each["name"].partition(".")[0], []).append(each["name"])
+    groups["inputs held"] = [each["name"] for each in described["inputs"] if each["name"] not in (COMMAND, LOAD)]
     return page(
         "studies/explore/page.html.j2", about=about, requirements=specification.file, digest=digest,
         source_digest=source_digest, entries=parameters.entries, model=described["model"],
-        title=parameters.actuator.title, origin=parameters.actuator.origin, first=described["first"],
-        estimates=parameters.estimates,
+        title=parameters.actuator.title, origin=parameters.actuator.origin, first=_first(parameters),
+        estimates=parameters.estimates, kinds=described["kinds"], controls=controls, described=words, groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=base64.b64encode(code).decode(),
         style=handwritten("page.css", _HERE), script="\n".join(handwritten(name, _HERE) for name in SCRIPTS))
 
