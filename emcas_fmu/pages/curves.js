@@ -119,8 +119,7 @@ class Panel {
         };
         const marks = ticks ? fixed : log ? decades : undefined;
         return {
-            label: label || undefined, labelSize: 20, labelGap: 0, labelFont: FONT, font: FONT, stroke: ink, gap: 4,
-            grid: {stroke: faint, width: 0.5}, ticks: {stroke: faint, width: 0.5, size: 4},
+            ...AXIS, label: label || undefined, labelSize: 20, gap: 4,
             ...(which === "x" ? {side: 2, size: 30, space: 56} :
                 {side: 3, size: this.chart.room(this.data.place[1]), space: 26}),
             values: (u, splits) => splits.map(at => at === null ? "" : names.get(at) ?? shownTick(at, log)),

@@ -4,6 +4,9 @@ const css = name => getComputedStyle(document.documentElement).getPropertyValue(
 const ink = () => css("--text"), faint = () => css("--line");
 const FONT = "12px system-ui, sans-serif", SMALL = () => `${11 * devicePixelRatio}px system-ui, sans-serif`;
 
+const AXIS = {stroke: ink, font: FONT, labelFont: FONT, labelGap: 0, grid: {stroke: faint, width: 0.5},
+    ticks: {stroke: faint, width: 0.5, size: 4}};
+
 /** An element with attributes and children. */
 function element(tag, attributes = {}, ...children) {
     const created = document.createElement(tag);

@@ -127,20 +127,18 @@ class Page {
 
     /** Computes and stores the response of a case {setting}, unless it exists; returns the problems. */
     answer(each) {
-        if (each.run || each.problems) return each.problems ?? [];
+        if (each.problems) return each.problems;
         const {setting} = each, {parameters, unreadable} = setting;
-        const problems = unreadable.length ? unreadable : [...setting.problems, ...this.actuator.problems(parameters)];
+        each.problems = unreadable.length ? unreadable : [...setting.problems, ...this.actuator.problems(parameters)];
+        if (each.problems.length) return each.problems;
         try {
-            if (!problems.length) {
-                each.run = this.respond(setting, setting.excite());
-                each.figures = figures(each.run);
-                each.warnings = [...clipped(setting, each.run.excitation), ...this.actuator.broken(parameters, true)];
-            }
+            each.run = this.respond(setting, setting.excite());
+            each.figures = figures(each.run);
+            each.warnings = [...clipped(setting, each.run.excitation), ...this.actuator.broken(parameters, true)];
         } catch (error) {
-            problems.push(error.message);
+            each.problems = [error.message];
         }
-        if (problems.length) each.problems = problems;
-        return problems;
+        return each.problems;
     }
 
     respond(setting, excitation, changes = {}, outputs = undefined) {

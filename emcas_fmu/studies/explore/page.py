@@ -15,8 +15,9 @@ from typing import Any
 from ... import __version__, motions, rules
 from ...actuators import extension_outputs, full_name, get, parts
 from ...actuators import fin_port as port
-from ...bench import frequency_response, measure, metrics
+from ...bench import measure, metrics
 from ...bench.excitation import COMMAND, LOAD, Excitation
+from ...bench.frequency_response import PURE
 from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.subject import Identification, ParameterSubject, Subject
 from ...bench.verdict import SENSES, at_start
@@ -37,15 +38,13 @@ _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
 SCRIPTS = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "plots.js", "results.js",
            "controls.js", "page.js")
-MOST_ROWS = 60_000  # of a CSV file; a minute
 _MOST_FIRST = 12  # parameters with sliders of an actuator without gains
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
 _NOT_HERE = "not judged here: emcas validate"  # margins need a linear model, which the page does not have
-_CONSTANTS = {"MOST_ROWS": MOST_ROWS, **{name: getattr(module, name) for module, names in {
-    motions: ("STEP", "LEAD_IN"), metrics: ("ACCURACY", "HELD"), frequency_response: ("PURE",),
-    measure: ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT")}.items() for name in names}}
-# Figures of metrics.motion and metrics.usage, in the order of the table.
-_FIGURES = tuple(name for name in metrics.FIGURES if name in (*metrics.MOTION, *metrics.USAGE))
+_CONSTANTS = {
+    "MOST_ROWS": 60_000,  # of a CSV file; a minute
+    **{name: getattr(measure, name) for name in ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT")},
+    "STEP": motions.STEP, "LEAD_IN": motions.LEAD_IN, "ACCURACY": metrics.ACCURACY, "HELD": metrics.HELD, "PURE": PURE}
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,8 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
     described: dict[str, Any] = {
-        "tool": f"emcas {__version__}", "model": _without_folder(model),
+        "tool": f"emcas {__version__}",
+        "model": "+".join((Path(parts(model)[0]).name, *parts(model)[1])),  # without the folder of a user's file
         "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name],
                         "range": _tested(v, parameters.values)} for v in actuator.parameters],
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
@@ -89,18 +89,13 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
         "clipping": {"message": CLIPPED, "rounding": ROUNDING, "in_degrees": IN_DEGREES, "like_degrees": LIKE_DEGREES},
         "most_numbers": MOST_NUMBERS + 1, "reasons": REASONS,
-        "figures": {name: {"title": metrics.FIGURES[name].title, "shown": _shown(metrics.FIGURES[name].unit)}
-                    for name in _FIGURES},
+        "figures": {name: {"title": figure.title, "shown": _shown(figure.unit)}
+                    for name, figure in metrics.FIGURES.items() if name in (*metrics.MOTION, *metrics.USAGE)},
         "headlines": _HEADLINES, "usage": metrics.REDUCED, "constants": _CONSTANTS,
         **_judging(specification, subject), **_excitations(parameters.values["command.limit"], starts[LOAD]),
     }
     result: dict[str, Any] = plain(described)
     return result
-
-
-def _without_folder(model: str) -> str:
-    """Return a model's name without the folder of a user's file."""
-    return "+".join((Path(parts(model)[0]).name, *parts(model)[1]))
 
 
 def _quantity(v: Variable) -> dict[str, Any]:
@@ -163,15 +158,10 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
 def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
     """Return the panels over time: those of a response, then one for each output of an extension."""
     further = [[v] for v in extension_outputs(model)]
-    return [{"title": _title(panel), "names": [v.name for v in panel],
+    return [{"title": ", ".join(v.name for v in panel).replace("_", " ").capitalize(), "names": [v.name for v in panel],
              "shown": _shown(panel[0].unit, metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
              "items": [item for item, _ in panel[0].items], "bits": panel[0].bits,
              "rules": _lines(panel[0], specification)} for panel in (*panels(model), *further)]
-
-
-def _title(panel: Sequence[Variable]) -> str:
-    names = [v.name.replace("_", " ") for v in panel]
-    return ", ".join(names).capitalize()
 
 
 def _lines(v: Variable, specification: Specification) -> list[tuple[float, str]]:
@@ -244,9 +234,8 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
     groups["inputs held"] = [each["name"] for each in described["inputs"] if each["name"] not in (COMMAND, LOAD)]
     return page(
         "studies/explore/page.html.j2", about=about, requirements=specification.file, digest=digest,
-        source_digest=source_digest, entries=parameters.entries, model=described["model"],
-        title=parameters.actuator.title, origin=parameters.actuator.origin, first=_first(parameters),
-        estimates=parameters.estimates, kinds=described["kinds"], controls=controls, described=words, groups=groups,
+        source_digest=source_digest, parameters=parameters, model=described["model"], kinds=described["kinds"],
+        controls=controls, described=words, first=_first(parameters), groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=base64.b64encode(code).decode(),
         style=handwritten("page.css", _HERE), script="\n".join(handwritten(name, _HERE) for name in SCRIPTS))
 

@@ -5,9 +5,8 @@ const gray = () => css("--gray");
 const COLORS = Array.from({length: 6}, (_, k) => () => css(`--curve-${k}`));
 
 function axis(label, size) {
-    return {label, size, stroke: ink, font: FONT, labelFont: FONT, labelSize: 18, labelGap: 0,
-        values: (_, at) => at.map(x => x === null ? "" : general(x, 6).replace("-", "−")),
-        grid: {stroke: faint, width: 0.5}, ticks: {stroke: faint, width: 0.5, size: 4}};
+    const values = (_, at) => at.map(x => x === null ? "" : general(x, 6).replace("-", "−"));
+    return {...AXIS, label, size, labelSize: 18, values};
 }
 
 /** A line at a value of a scale, across the plot, with a text at its end, above or below. */
