@@ -13,18 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
-from .actuators import extension_outputs, fin_port, get
+from .actuators import extension_outputs, fin_port
 from .bench import metrics
 from .bench.conditions import ESTIMATE, conditions, resting_on
 from .bench.excitation import COMMAND, Excitation
 from .bench.runs import Columns, Run
 from .errors import EmcasError, hint
-from .figures.plots import COLORS, figure, legend, picture, shade, style, write
-from .figures.plots import COMMAND as COMMAND_LINE
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .pages.numbers import number
@@ -39,9 +34,8 @@ from .variables import Variable
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.figure import Figure
 
-_MOST_PANELS = 8  # for an actuator's outputs beyond the fin port's
-_LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of outputs in a panel, for several fins
 # Command and its limit [rad, deg, deg], in formats of C: the page of emcas explore uses this message too.
 CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
 ROUNDING = 1e-9  # relative; a command at its limit may exceed it by rounding
@@ -231,19 +225,24 @@ class Response:
         Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for another ending, and for a file that
         cannot be written.
         """
+        from .figures.plots import style, write  # with Matplotlib, a third of the start of every command
+        from .response_plot import draw
+
         with style():
-            plotted = draw(self)
-            if path is not None:
-                self._write(plotted, Path(path))
+            estimated = {name.removesuffix("_final") for name in self.estimates}
+            plotted = draw(self.unit, self.excitation.title, self.fins, self.columns, estimated)
+            if path is not None and Path(path).suffix == ".html":
+                self._write_page(plotted, Path(path))
+            elif path is not None:
+                write(plotted, Path(path))
         return plotted
 
-    def _write(self, plotted: Figure, path: Path) -> None:
-        """Write the plot, or a page with the figures and the plot; call it inside `style()`."""
-        if path.suffix != ".html":
-            write(plotted, path)
-            return
+    def _write_page(self, plotted: Figure, path: Path) -> None:
+        """Write a page with the figures and the plot; call it inside `style()`."""
+        from .figures.plots import picture
+
         shown = picture(plotted, self.excitation.title, "Command, outputs and limits over time; shaded where a limit "
-                                                      f"{_of_any(self)}is active.")
+                                                      f"{'of any fin ' * (self.unit.fins > 1)}is active.")
         fins = [">value"] if self.unit.fins == 1 else [f">fin {fin + 1}" for fin in range(self.unit.fins)]
         write_page(path, "response.html.j2", list(dict.fromkeys(self.sets)), r=self, picture=shown, rows=self._rows(),
                    line=[(metrics.in_words(name), metrics.unit_of(name), value) for name, value in self.line.items()],
@@ -289,10 +288,6 @@ class Response:
         return f"<table><caption>{escape(self.excitation.title)}</caption>{rows}</table>"
 
 
-def _of_any(response: Response) -> str:
-    return "of any fin " if response.unit.fins > 1 else ""
-
-
 def _history(v: Variable, time: Any, column: Any) -> str:
     """Return a discrete output in words: its value at the start and at each change."""
     rows = np.flatnonzero(np.diff(column)) + 1
@@ -300,90 +295,3 @@ def _history(v: Variable, time: Any, column: Any) -> str:
     if len(changes) > _MOST_CHANGES:
         changes = [f"{len(changes) - 1} changes", changes[-1]]
     return ", ".join([v.in_words(column[0]), *changes])
-
-
-def draw(response: Response) -> Figure:
-    """Plot over time the command, outputs of every fin, of their line and of extensions; shade active limits.
-
-    Outputs of the actuator with the same unit share a panel. Call it inside `style()`.
-    """
-    brief = response.time[-1] <= 1.0
-    time, unit_of_time = response.time * (1e3 if brief else 1.0), "ms" if brief else "s"
-    fins, extensions = response.fins, response.extension_outputs
-    of_actuator = panels(response.unit.kind)
-    shared = response.unit.line.outputs if response.unit.line else ()
-    count = len(of_actuator) + len(shared) + len(extensions)
-    plotted, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
-    first, remaining = grid[0, 0], iter(grid.ravel())
-    commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
-    for command in commands:
-        first.step(time, np.degrees(command), where="post", label="command", **COMMAND_LINE)
-    for panel, axes in zip(of_actuator, remaining, strict=False):
-        _draw_panel(axes, panel, time, fins)
-    first.set_title(response.excitation.title)
-    legend(first, loc="best", ncols=1 + len(fins) // 5)
-    for v, axes in zip(shared, remaining, strict=False):
-        unit, scale = metrics.shown(v.unit)
-        axes.plot(time, response.columns[v.name] * scale, color=COLORS[0])
-        axes.set_ylabel(f"{v.name.replace('_', ' ')} [{unit}]")
-    for v, axes in zip(extensions, remaining, strict=False):
-        _draw_output(axes, v, time, [run.columns[v.name] for run in fins], f"{v.name}_final" in response.estimates)
-    for axes in remaining:
-        axes.set_visible(False)
-    limited = np.any([run.columns["saturated"] > 0.0 for run in fins], axis=0)
-    for axes in grid.ravel():
-        shade(axes, time, limited)
-        axes.margins(x=0.0)
-    for axes in grid.ravel()[:count][-2:]:  # the lowest panel of each column
-        axes.tick_params(labelbottom=True)
-        axes.set_xlabel(f"time [{unit_of_time}] (shaded: a limit {_of_any(response)}is active)")
-    return plotted
-
-
-def panels(model: str) -> list[list[Variable]]:
-    """Return the outputs of each panel: the fin port's one by one, then the actuator's other Real outputs by unit."""
-    aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
-    by_unit: dict[tuple[str, float], list[Variable]] = {}
-    for v in get(model).outputs:
-        if v.kind == "Real" and v.name not in aside:
-            by_unit.setdefault(metrics.shown_output(v), []).append(v)
-    port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)
-    return [*([v] for v in port), *list(by_unit.values())[:_MOST_PANELS]]
-
-
-def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:
-    """Plot outputs of one unit in a colour each; for several fins in a colour for each fin, a style for each output."""
-    unit, scale = metrics.shown_output(panel[0])
-    names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
-    for j, (v, name) in enumerate(zip(panel, names, strict=True)):
-        for k, run in enumerate(fins):
-            label = f"fin {k + 1}" if several and len(panel) == 1 else name
-            axes.plot(time, run.columns[v.name] * scale, label=label, color=COLORS[(k if several else j) % len(COLORS)],
-                      linestyle=_LINES[j % len(_LINES) if several else 0])
-    axes.set_ylabel(f"{names[0]} [{unit}]" if len(panel) == 1 else f"[{unit}]")
-    if len(panel) > 1:
-        legend(axes, loc="best")
-
-
-def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], estimated: bool) -> None:
-    """Plot an output of an extension, a line for each fin; a word of flags as a bar for each flag that is ever set."""
-    axes.set_ylabel(f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}{ESTIMATE * estimated}")
-    flags = [i for i in range(len(v.bits)) if any(np.any(column.astype(int) >> i & 1) for column in columns)]
-    for k, column in enumerate(columns):
-        color = COLORS[k % len(COLORS)]
-        if not v.bits:
-            axes.plot(time, column, color=color, drawstyle="default" if v.kind == "Real" else "steps-pre",
-                      label=f"fin {k + 1}" if len(columns) > 1 else None)
-        for row, i in enumerate(flags):
-            at = row + 0.6 * ((k + 0.5) / len(columns) - 0.5)
-            axes.plot(time, np.where(column.astype(int) >> i & 1, at, np.nan), color=color, linewidth=3.0)
-    if v.items:
-        axes.set_yticks(range(1, len(v.items) + 1), [item for item, _ in v.items])
-        axes.set_ylim(0.5, len(v.items) + 0.5)
-    elif v.bits:
-        axes.set_yticks(range(max(len(flags), 1)), [v.bits[i] for i in flags] or ["none"])
-        axes.set_ylim(-0.5, max(len(flags), 1) - 0.5)
-    elif v.kind == "Boolean":
-        axes.set(yticks=(0, 1), ylim=(-0.1, 1.1))
-    elif v.kind != "Real":
-        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

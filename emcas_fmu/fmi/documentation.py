@@ -21,7 +21,6 @@ from ..pages.provenance import repeatable
 from ..parameters import ParameterSet
 from ..runtime import schedule
 from .description import describe, parameters_in_words
-from .figures import response_pictures
 from .format import Format
 from .interface import FmuInterface, start_values
 
@@ -83,6 +82,8 @@ def _blocks(docstring: str) -> Iterator[tuple[bool, Markup]]:
 
 def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str], fmi: Format,
           platforms: Sequence[str]) -> str:
+    from .figures import response_pictures  # with Matplotlib, a third of the start of every command
+
     equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
     tables = [(title, _rows(interface, causality, sets, fmi)) for title, causality in (
         ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))]

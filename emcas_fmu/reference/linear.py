@@ -21,8 +21,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from ..errors import EmcasError
 from .controllers import whole_samples
@@ -62,7 +62,7 @@ class LinearModel:
             whole, rest = whole + 1, 0.0
         late = int(whole)
         # In each period the older DAC value acts for `rest`, then the newer one.
-        before, after = expm(plant * rest), expm(plant * (period - rest))
+        before, after = scipy.linalg.expm(plant * rest), scipy.linalg.expm(plant * (period - rest))
         free = (after @ before)[:4, :4]
         older = after[:4, :4] @ before[:4, 4]
         newer = after[:4, 4]

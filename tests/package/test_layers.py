@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -94,3 +96,11 @@ def test_a_circle_is_found() -> None:
     assert circle({one: "from .subject import Subject", other: "def f():\n    from . import measure"})
     assert not circle({one: "from .subject import Subject",
                        other: "if TYPE_CHECKING:\n    from .measure import Test"})
+
+
+def test_the_interface_starts_without_matplotlib_and_scipy() -> None:
+    """They would be half of what the start of every command takes."""
+    program = ("import sys, emcas_fmu.api; "
+               "print(*sorted({'matplotlib', 'scipy.linalg', 'scipy.stats'} & sys.modules.keys()))")
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""

@@ -26,7 +26,7 @@ from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, ParameterSet, load_parameters
 from emcas_fmu.reference.files import read_csv
-from emcas_fmu.response import Response, draw
+from emcas_fmu.response import Response
 from emcas_fmu.simulation import simulate, simulate_fins, spread
 
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
@@ -181,7 +181,7 @@ def test_statuses_and_words_by_name() -> None:
     assert "fault_word_final" not in lines
     with style():
         ticks = {axes.get_ylabel(): [label.get_text() for label in axes.get_yticklabels()]
-                 for axes in draw(made).axes}
+                 for axes in made.plot().axes}
     assert ticks["fault word"] == ["jam"]
     assert "operational" in ticks["status"]
     assert "tracking" in ticks["built in test"]
@@ -200,7 +200,7 @@ def test_what_extensions_estimate_says_so(tmp_path: Path) -> None:
     assert "heat.case_to_ambient" in found["estimates"]["winding_temperature_final"]
     assert "peak_current_a (estimate)" not in printed
     with style():
-        labels = [axes.get_ylabel() for axes in draw(response("nonlinear+heat", [{}], 0.1)).axes]
+        labels = [axes.get_ylabel() for axes in response("nonlinear+heat", [{}], 0.1).plot().axes]
     assert "winding temperature [degC] (estimate)" in labels
     base = load_parameters(model="nonlinear+heat")
     known = ParameterSet(tuple(replace(entry, source="measured") for entry in base.entries), base.model)
@@ -230,7 +230,7 @@ def test_the_plot_has_the_outputs_of_the_actuator() -> None:
                          "nut position [m]", "supply power [W]"]}
     with style():
         for model, labels in own.items():
-            found = {axes.get_ylabel(): axes for axes in draw(response(model, [{}], 0.1)).axes if axes.get_visible()}
+            found = {axes.get_ylabel(): axes for axes in response(model, [{}], 0.1).plot().axes if axes.get_visible()}
             assert list(found) == [*port, *labels]
             if "[V]" in found:
                 assert found["[V]"].get_legend_handles_labels()[1] == ["motor voltage", "drive reference"]
@@ -238,7 +238,7 @@ def test_the_plot_has_the_outputs_of_the_actuator() -> None:
 
 def test_a_boolean_is_drawn_between_0_and_1() -> None:
     with style():
-        panel = next(axes for axes in draw(response("nonlinear+supply", [{}], 0.05)).axes
+        panel = next(axes for axes in response("nonlinear+supply", [{}], 0.05).plot().axes
                      if axes.get_ylabel() == "supply tripped")
     assert panel.get_yticks().tolist() == [0, 1]
 
@@ -265,7 +265,7 @@ def test_a_page_lists_what_was_set_beside_the_files(tmp_path: Path) -> None:
 def test_every_column_of_panels_has_its_time_axis() -> None:
     """Seven panels: beside the last is an empty place, and the one above it has the axis of its column."""
     with style():
-        drawn = draw(response(DIRECT_DRIVE, [{}], 0.05))
+        drawn = response(DIRECT_DRIVE, [{}], 0.05).plot()
         drawn.draw_without_rendering()
         panels = [axes for axes in drawn.axes if axes.get_visible()]
         labelled = [bool(axes.get_xlabel()) and axes.xaxis.get_ticklabels()[0].get_visible() for axes in panels]

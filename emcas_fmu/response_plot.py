@@ -1,0 +1,112 @@
+"""The plot of a response over time: command, outputs of all fins, of their line and of extensions, active limits."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from .actuators import extension_outputs, fin_port, get
+from .bench import metrics
+from .bench.conditions import ESTIMATE
+from .bench.excitation import COMMAND
+from .bench.runs import Columns, Run
+from .figures.plots import COLORS, figure, legend, shade
+from .figures.plots import COMMAND as COMMAND_LINE
+from .fmi.interface import FmuInterface
+from .variables import Variable
+
+_MOST_PANELS = 8  # for an actuator's outputs beyond the fin port's
+_LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of outputs in a panel, for several fins
+
+
+def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns, estimated: Collection[str]) -> Figure:
+    """Plot over time the command, outputs of every fin, of their line and of extensions; shade active limits.
+
+    `fins` are the runs of the fins, `columns` the outputs of the `unit` by name with ``time`` [s], `estimated` the
+    names of extensions' outputs that rest on estimates. Outputs of the actuator with the same unit share a panel. Call
+    it inside `style()`.
+    """
+    brief = columns["time"][-1] <= 1.0
+    time, unit_of_time = columns["time"] * (1e3 if brief else 1.0), "ms" if brief else "s"
+    extensions, of_actuator = extension_outputs(unit.kind), panels(unit.kind)
+    shared = unit.line.outputs if unit.line else ()
+    count = len(of_actuator) + len(shared) + len(extensions)
+    plotted, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
+    first, remaining = grid[0, 0], iter(grid.ravel())
+    commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
+    for command in commands:
+        first.step(time, np.degrees(command), where="post", label="command", **COMMAND_LINE)
+    for panel, axes in zip(of_actuator, remaining, strict=False):
+        _draw_panel(axes, panel, time, fins)
+    first.set_title(title)
+    legend(first, loc="best", ncols=1 + len(fins) // 5)
+    for v, axes in zip(shared, remaining, strict=False):
+        measured_in, scale = metrics.shown(v.unit)
+        axes.plot(time, columns[v.name] * scale, color=COLORS[0])
+        axes.set_ylabel(f"{v.name.replace('_', ' ')} [{measured_in}]")
+    for v, axes in zip(extensions, remaining, strict=False):
+        _draw_output(axes, v, time, [run.columns[v.name] for run in fins], v.name in estimated)
+    for axes in remaining:
+        axes.set_visible(False)
+    limited = np.any([run.columns["saturated"] > 0.0 for run in fins], axis=0)
+    for axes in grid.ravel():
+        shade(axes, time, limited)
+        axes.margins(x=0.0)
+    for axes in grid.ravel()[:count][-2:]:  # the lowest panel of each column
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel(f"time [{unit_of_time}] (shaded: a limit {'of any fin ' * (len(fins) > 1)}is active)")
+    return plotted
+
+
+def panels(model: str) -> list[list[Variable]]:
+    """Return the outputs of each panel: the fin port's one by one, then the actuator's other Real outputs by unit."""
+    aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
+    by_unit: dict[tuple[str, float], list[Variable]] = {}
+    for v in get(model).outputs:
+        if v.kind == "Real" and v.name not in aside:
+            by_unit.setdefault(metrics.shown_output(v), []).append(v)
+    port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)
+    return [*([v] for v in port), *list(by_unit.values())[:_MOST_PANELS]]
+
+
+def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:
+    """Plot outputs of one unit in a colour each; for several fins in a colour for each fin, a style for each output."""
+    unit, scale = metrics.shown_output(panel[0])
+    names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
+    for j, (v, name) in enumerate(zip(panel, names, strict=True)):
+        for k, run in enumerate(fins):
+            label = f"fin {k + 1}" if several and len(panel) == 1 else name
+            axes.plot(time, run.columns[v.name] * scale, label=label, color=COLORS[(k if several else j) % len(COLORS)],
+                      linestyle=_LINES[j % len(_LINES) if several else 0])
+    axes.set_ylabel(f"{names[0]} [{unit}]" if len(panel) == 1 else f"[{unit}]")
+    if len(panel) > 1:
+        legend(axes, loc="best")
+
+
+def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], estimated: bool) -> None:
+    """Plot an output of an extension, a line for each fin; a word of flags as a bar for each flag that is ever set."""
+    axes.set_ylabel(f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}{ESTIMATE * estimated}")
+    flags = [i for i in range(len(v.bits)) if any(np.any(column.astype(int) >> i & 1) for column in columns)]
+    for k, column in enumerate(columns):
+        color = COLORS[k % len(COLORS)]
+        if not v.bits:
+            axes.plot(time, column, color=color, drawstyle="default" if v.kind == "Real" else "steps-pre",
+                      label=f"fin {k + 1}" if len(columns) > 1 else None)
+        for row, i in enumerate(flags):
+            at = row + 0.6 * ((k + 0.5) / len(columns) - 0.5)
+            axes.plot(time, np.where(column.astype(int) >> i & 1, at, np.nan), color=color, linewidth=3.0)
+    if v.items:
+        axes.set_yticks(range(1, len(v.items) + 1), [item for item, _ in v.items])
+        axes.set_ylim(0.5, len(v.items) + 0.5)
+    elif v.bits:
+        axes.set_yticks(range(max(len(flags), 1)), [v.bits[i] for i in flags] or ["none"])
+        axes.set_ylim(-0.5, max(len(flags), 1) - 0.5)
+    elif v.kind == "Boolean":
+        axes.set(yticks=(0, 1), ylim=(-0.1, 1.1))
+    elif v.kind != "Real":
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
