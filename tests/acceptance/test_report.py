@@ -164,7 +164,7 @@ def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, mon
     assert text.count("<svg") == 6  # a picture for each test but those of thresholds and stepping
     for outcome in shipped.outcomes.values():
         assert f'id="{outcome.name}"' in text
-        for q in (q for columns, _ in outcome.tables() for q in columns):
+        for q in (q for rows, _ in outcome.tables() for q in rows):
             assert q.how.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("'", "&#39;") in text
     assert text.index("Summary") < text.index("Step response</h2>")
     for name in ("tested by", "checked by", "accepted by"):
@@ -406,7 +406,7 @@ figure = "frequency_response.1deg.bandwidth_3db_hz"
     assert str(found.judged[1]).startswith("cannot_tell: > 60 Hz, required >= 70 Hz")
     text = " ".join(page(found, tmp_path).split())
     assert '1 deg: -3 dB</td><td class="n">&gt; 60 Hz</td>' in text
-    assert '<td>3.5 deg</td><td class="n">&gt; 60</td><td class="n">&gt; 60</td>' in text
+    assert '<td>-3 dB</td><td class="n">&gt; 60 Hz</td><td class="n">&gt; 60 Hz</td>' in text
 
 
 @pytest.mark.parametrize(("more", "skipped"), [("", False), ("optional = true", True)])

@@ -57,7 +57,7 @@ def as_dict(result: Result, date: str = "") -> dict[str, Any]:
         "curves": {name: o.curves for name, o in outcomes.items() if o.curves},
         "methods": {name: {"method": o.method, "estimate": o.estimate or None, "stopped": o.stopped or None,
                            "notes": o.notes, "not_applicable": o.not_applicable,
-                           "figures": {q.key: q.how for columns, _ in o.tables() for q in columns}}
+                           "figures": {q.key: q.how for rows, _ in o.tables() for q in rows}}
                     for name, o in outcomes.items()},
     }
 

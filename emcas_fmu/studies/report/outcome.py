@@ -16,7 +16,7 @@ from ...bench.metrics import FIGURES, in_words, result_name, unit_of
 from ...bench.runs import Run
 from ...bench.subject import Subject
 from ...motions import RATED
-from ...pages.numbers import number, typeset, with_unit
+from ...pages.numbers import with_unit
 
 Array = NDArray[Any]
 Value = float | bool
@@ -56,12 +56,6 @@ class Quantity(NamedTuple):
         """The figure's unit."""
         return unit_of(self.key)
 
-    @property
-    def heading(self) -> str:
-        """The label with the unit of a column, in which times are in ms."""
-        unit = typeset("ms" if self.unit == "s" else self.unit)
-        return f"{self.label} [{unit}]" if unit else self.label
-
 
 def quantities(*names: str, **labels: str) -> tuple[Quantity, ...]:
     """Return figures of the bench, labelled by their `names` or by `labels`."""
@@ -99,13 +93,6 @@ class Group:
         """Return a figure with its unit for people; empty where the group does not have it."""
         value = self.figures.get(q.key)
         return "" if value is None else bound(q.key, value) + with_unit(value, q.unit)
-
-    def cell(self, q: Quantity) -> str:
-        """Return a figure in the unit of its column; empty where the group does not have it."""
-        if q.key not in self.figures:
-            return ""
-        value = self.figures[q.key]
-        return bound(q.key, value) + number(1e3 * value if q.unit == "s" else value).replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -150,7 +137,7 @@ class Outcome:
         return [*self.notes, *(f"Not applicable: {', '.join(each)} ({why})." for why, each in left_out.items())]
 
     def tables(self) -> list[tuple[list[Quantity], list[Group]]]:
-        """Return the groups as tables, each with its columns: groups with the same first figure are in one table."""
+        """Return figures and groups of the tables: groups with the same first figure are in one table."""
         tables: dict[str, list[Group]] = {}
         for group in self.groups.values():
             tables.setdefault(next(iter(group.figures)), []).append(group)

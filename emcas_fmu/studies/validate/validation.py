@@ -79,7 +79,7 @@ class CaseResult:
     def trajectory(self) -> Judged:
         """The fin angle's largest error [deg], judged."""
         reason = self.exact.reason if self.exact else ""
-        return Judged("1 % of the accuracy of Yerlikaya (2016), Table 2", self.name, self.case.title,
+        return Judged("1 % of the accuracy of Table 2 of Yerlikaya (2016)", self.name, self.case.title,
                       None if reason else self.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
 
 
