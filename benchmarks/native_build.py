@@ -20,8 +20,9 @@ from fmpy import extract
 
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.fmi.description import to_bytes
-from emcas_fmu.fmi.fmi2.model_description import model_description
+from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import SINGLE, start_values
+from emcas_fmu.fmi.model_description import model_description
 
 FLAGS = ("-O2", "-std=c11", "-ffp-contract=off", "-Wall", "-Wextra")
 SHARED = ("-fPIC", "-shared", "-fvisibility=default")
@@ -82,7 +83,7 @@ def packed(values: Mapping[str, Any], library: Path) -> Path:
 
     Without the parameters, which are compiled in: hosts that keep account of every variable are faster for it.
     """
-    root = model_description(start_values(SINGLE, [values]), YARDSTICK)
+    root = model_description(FORMATS["2"], SINGLE, start_values(SINGLE, [values]), YARDSTICK)
     simulation = root.find("CoSimulation")
     assert simulation is not None
     simulation.set("modelIdentifier", YARDSTICK)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Literal
 
-Kind = Literal["Real", "Integer", "Boolean", "Enumeration"]
+Kind = Literal["Real", "Integer", "Boolean", "Enumeration", "Clock"]
 Causality = Literal["input", "output", "parameter", "independent"]
 Variability = Literal["continuous", "discrete", "fixed", "tunable"]
 

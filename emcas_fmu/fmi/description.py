@@ -1,15 +1,13 @@
-"""Parts of a model description that the FMI versions share: units, types, dependencies, terminals."""
+"""Descriptions of an FMU in words and in XML: title, author, types, dependencies, terminals."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from math import degrees, isfinite
+from math import degrees
 from pathlib import PurePath
 from typing import Any
 from xml.etree.ElementTree import Element, indent, tostring
-
-from pythonfmu import Fmi2Slave
 
 from .. import __author__, __copyright__, __license__, __version__
 from ..actuators import fin_port
@@ -19,14 +17,9 @@ from ..reference.files import parameters_hash
 from ..runtime import codegen
 from ..support import dates
 from ..trace.dependencies import ZERO
-from ..units import factor
 from ..variables import Terminal, Variable
 from .interface import AZIMUTH, FINS, MIXING, FmuInterface
-from .units import DIFFERENCES, default_display, display, fmi_unit, quantity
-
-STEP_SIZE, STOP_TIME = 1e-3, 1.0
-# Relative, for a host's solvers. It does not affect the FMU, which is within 2e-5 of the travel of its references.
-TOLERANCE = 1e-4
+from .units import quantity
 
 _MIXED = tuple(v.name for v in MIXING)
 
@@ -43,11 +36,6 @@ def text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return str(value) if isinstance(value, int) else repr(float(value)).removesuffix(".0")
-
-
-def limit(value: float) -> str | None:
-    """Return a limit as text for XML; None if it is infinite."""
-    return text(value) if isfinite(value) else None
 
 
 def to_bytes(root: Element) -> bytes:
@@ -117,63 +105,6 @@ def types(interface: FmuInterface) -> dict[str, Variable]:
         raise EmcasError(f"{interface.actuator.name}: {clash[0]} is the name of a type in the model description; "
                          "give the variable another name")
     return dict(sorted(named.items()))
-
-
-def real_type(v: Variable) -> dict[str, str | None]:
-    """Return the attributes of the type of a real variable."""
-    of = quantity(v)
-    return {"quantity": of, "unit": v.unit, "displayUnit": default_display(of) or None,
-            "relativeQuantity": "true" if of in DIFFERENCES else None}
-
-
-def enumeration_items(v: Variable) -> Iterator[Element]:
-    """Yield the items of an enumeration's type."""
-    for value, (item, meaning) in enumerate(v.items, 1):
-        yield element("Item", {"name": item, "value": str(value), "description": meaning})
-
-
-def typed_attributes(v: Variable) -> dict[str, str | None]:
-    """Return the attributes of a variable that depend on its type, without the start value.
-
-    A real variable repeats the unit of its type, for readers that ignore types.
-    """
-    unit, shown = (v.unit, display(v)) if v.kind == "Real" else (None, None)
-    return {"declaredType": type_name(v), "unit": unit,
-            "displayUnit": None if unit is None or shown == default_display(quantity(v)) else shown,
-            "min": limit(v.minimum), "max": limit(v.maximum),
-            "nominal": None if v.nominal is None else text(v.nominal)}
-
-
-def unit_definitions(interface: FmuInterface) -> Element:
-    """Return the UnitDefinitions element, the same in all versions."""
-    shown: dict[str, set[str]] = {}
-    for v in interface.variables:
-        if v.kind == "Real":
-            shown.setdefault(v.unit, set()).update(filter(None, (display(v), default_display(quantity(v)))))
-    return element("UnitDefinitions", {}, (_unit_definition(name, shown[name]) for name in sorted(shown)))
-
-
-def _unit_definition(name: str, displays: Collection[str]) -> Element:
-    unit = fmi_unit(name)
-    base = element("BaseUnit", {
-        **{base: str(exponent) for base, exponent in unit.exponents.items()},
-        "factor": text(unit.factor) if unit.factor != 1.0 else None,
-        "offset": text(unit.offset) if unit.offset else None})
-    return element("Unit", {"name": name}, [base, *(
-        element("DisplayUnit", {"name": shown, "factor": text(factor(name, shown))}) for shown in sorted(displays))])
-
-
-def log_categories(version: int) -> Element:
-    """Return the LogCategories element for a version of FMI; pythonfmu's descriptions are for version 2."""
-    return element("LogCategories", {}, (
-        element("Category", {"name": name, "description": description.replace("fmi2", f"fmi{version}")})
-        for name, description in Fmi2Slave.log_categories.items()))
-
-
-def default_experiment() -> Element:
-    """Return the DefaultExperiment element."""
-    return element("DefaultExperiment", {"startTime": "0", "stopTime": text(STOP_TIME), "tolerance": text(TOLERANCE),
-                                         "stepSize": text(STEP_SIZE)})
 
 
 def dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:

@@ -48,10 +48,11 @@ def _rows(interface: FmuInterface, causality: str, sets: Sequence[ParameterSet],
     entries = {interface.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
     starts, names = start_values(interface, [p.values for p in sets]), [v.name for v in interface.variables]
     rows, screw = [], capabilities.SCREW_AND_LEVER in interface.actuator.provides
-    for v, dimensions, indices in fmi.listed(interface):
+    for array in fmi.variables(interface):
+        v, indices = array.variable, array.indices
         if v.causality != causality:
             continue
-        row: dict[str, Any] = {"v": v, "dimensions": dimensions, "source": "", "note": ""}
+        row: dict[str, Any] = {"v": v, "dimensions": " × ".join(map(str, array.dimensions)), "source": "", "note": ""}
         if v.causality == "parameter":
             limits = "" if v.kind == "Boolean" else f"{v.minimum:.4g} … {v.maximum:.4g}"
             values = [_text(starts[i]) for i in indices]
@@ -80,7 +81,7 @@ def _blocks(docstring: str) -> Iterator[tuple[bool, Markup]]:
         yield indented, _typeset(dedent(paragraph.strip("\n")) if indented else " ".join(paragraph.split()))
 
 
-def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str], fmi: Format,
+def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
           platforms: Sequence[str]) -> str:
     from .figures import response_pictures  # with Matplotlib, a third of the start of every command
 
@@ -89,8 +90,8 @@ def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, note
         ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))]
     text = page("fmi/documentation.html.j2", made=repeatable(*sets), prose=_typeset, actuator=interface.actuator,
                 model=interface.model, guid=guid, description=describe(interface), fins=interface.fins,
-                parameters=parameters_in_words(interface, sets), line=interface.line, notes=notes, platforms=platforms,
-                arrays=fmi.arrays, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
+                parameters=parameters_in_words(interface, sets), line=interface.line, backend=backend, fmi=fmi,
+                platforms=platforms, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
                 pictures=response_pictures(sets[0]),
                 equations=[list(_blocks(text)) for text in map(_docstring, equations) if text])
     return interface.respelt(text)
@@ -123,16 +124,13 @@ def _licenses(model: str, backend: str) -> dict[str, bytes]:
     return {f"documentation/licenses/{name}": content.encode() for name, content in files.items()}
 
 
-def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, notes: Sequence[str],
-              fmi: Format, platforms: Sequence[str]) -> dict[str, bytes]:
-    """Return all documentation files by archive name.
-
-    `notes` are HTML on replies to the host; the FMU has binaries for `platforms`.
-    """
+def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
+              platforms: Sequence[str]) -> dict[str, bytes]:
+    """Return all documentation files of an FMU with binaries for `platforms`, by archive name."""
     picture = Path(__file__).with_name("icon.png").read_bytes()
     external = {"documentation/externalDependencies.txt": _EXTERNAL.encode()} if backend == "python" else {}
     return {
-        "documentation/index.html": _page(interface, sets, guid, notes, fmi, platforms).encode(),
+        "documentation/index.html": _page(interface, sets, guid, backend, fmi, platforms).encode(),
         **external,
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,

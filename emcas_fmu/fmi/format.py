@@ -1,72 +1,107 @@
-"""The differences between the versions of FMI; the folders fmi2 and fmi3 describe one each."""
+"""The versions of FMI: what is different between them in the model description, the C code and the files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element
 
 import fmpy
+import numpy as np
 
-from ..variables import Variable
+from ..errors import BuildError
+from .fmi3.arrays import CLOCK, TIME, Array, arrays
 from .interface import FmuInterface
 
-
-@dataclass(frozen=True)
-class HostVariable:
-    """A variable for a host in C: its name, value reference, and a comment."""
-
-    name: str
-    reference: int
-    about: str
+# fmpy's copy of the standard's header lacks the prefix that several FMUs linked into one program need.
+_NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
+_PREFIX = """FMI2_FUNCTION_PREFIX, if defined, goes before each name.
+*/
+#if defined(FMI2_FUNCTION_PREFIX)
+#define fmi2Paste(a, b) a ## b
+#define fmi2PasteB(a, b) fmi2Paste(a, b)
+#define fmi2FullName(name) fmi2PasteB(FMI2_FUNCTION_PREFIX, name)
+#else
+#define fmi2FullName(name) name
+#endif
+"""
 
 
 @dataclass(frozen=True)
 class Format:
-    """A version of FMI: its C code in addition to the common files, and its model description.
+    """A version of FMI, as the native back end writes it.
 
-    `main` is the file to compile, which includes the files `written`, in the same folder, and the standard's `headers`.
-    `tables` returns the part of interface.h that the version adds. `options` are attributes of the CoSimulation
-    element; `notes` are HTML for the documentation in the FMU, on its replies to the host. With `by_machine` each kind
-    of machine has a folder for its library, otherwise each platform. `of_sources` are arguments of `model_description`
-    that name the sources. `in_files` returns columns or values of all fins under the names of the interface. `listed`
-    yields each variable, its dimensions in words, and the indices of its elements among the scalars.
+    `options` are attributes of the CoSimulation element. The file that is compiled, `main`, includes the files
+    `written`, which are in the same folder, and the standard's headers, whose names end with `headers`. With `clock`
+    there is a clock of the controllers' samples.
     """
 
-    version: str
-    main: str
-    package: str
+    version: int
+    headers: tuple[str, ...]
     written: tuple[str, ...]
-    headers: Callable[[], Mapping[str, str]]
     options: Mapping[str, str]
-    notes: tuple[str, ...]
-    by_machine: bool
-    of_sources: Mapping[str, Any]
-    tables: Callable[[FmuInterface], str]
-    host_variables: Callable[[FmuInterface], Iterable[HostVariable]]
-    listed: Callable[[FmuInterface], Iterable[tuple[Variable, str, tuple[int, ...]]]]
-    in_files: Callable[[FmuInterface, Sequence[Mapping[str, Any]]], dict[str, Any]]
-    model_description: Callable[..., Element]
+    clock: bool = False
+
+    @property
+    def main(self) -> str:
+        """The name of the C file to compile."""
+        return f"fmi{self.version}.c"
 
     @property
     def arrays(self) -> bool:
         """Whether variables can be arrays."""
-        return self.version != "2.0"
+        return self.version > 2
 
     @property
     def token(self) -> str:
         """The word for the identification of the interface, in the header for hosts."""
         return "TOKEN" if self.arrays else "GUID"
 
+    def standard_headers(self) -> dict[str, str]:
+        """Return the headers of the FMI standard, as fmpy ships them, with a prefix of the functions if one is defined.
 
-def standard_headers(names: Sequence[str]) -> dict[str, str]:
-    """Return headers of the FMI standard, as fmpy ships them."""
-    folder = Path(fmpy.__file__).parent / "c-code"
-    return {name: (folder / name).read_text(encoding="utf-8") for name in names}
+        Raises BuildError if the headers of the installed fmpy are not known.
+        """
+        folder = Path(fmpy.__file__).parent / "c-code"
+        names = [f"fmi{self.version}{name}.h" for name in self.headers]
+        texts = {name: (folder / name).read_text(encoding="utf-8") for name in names}
+        if not self.arrays:
+            if _NO_PREFIX not in texts[names[0]]:
+                raise BuildError(f"{names[0]} of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are "
+                                 "known")
+            texts[names[0]] = texts[names[0]].replace(_NO_PREFIX, _PREFIX)
+        return texts
+
+    def variables(self, interface: FmuInterface) -> tuple[Array, ...]:
+        """Return the inputs, outputs and parameters in the order of their value references."""
+        return arrays(interface) if self.arrays else tuple(Array(v, i) for i, v in enumerate(interface.variables))
+
+    def listed(self, interface: FmuInterface) -> tuple[Array, ...]:
+        """Return all variables in the order of their value references: in FMI 3.0 also time and the clock."""
+        more = (TIME, *([CLOCK] if self.clock else ())) if self.arrays else ()
+        return (*self.variables(interface), *(Array(v, len(interface.variables)) for v in more))
+
+    def in_files(self, interface: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """Return columns or values of all fins by their names in the FMU; arrays of several fins are stacked."""
+        if not self.arrays:
+            return {name if name == "time" else interface.spelt(interface.name(name, fin)): value
+                    for fin, each in enumerate(fins) for name, value in each.items()}
+        arrayed = {name: name if name == "time" else interface.array_name(name) for name in fins[0]}
+        return {interface.spelt(array): value if array == name else np.stack([each[name] for each in fins], axis=-1)
+                for (name, array), value in zip(arrayed.items(), fins[0].values(), strict=True)}
 
 
-def about(causality: str, kind: str, unit: str, elements: Any = "") -> str:
-    """Return causality, type, unit and elements of a variable as a comment."""
-    return ", ".join(filter(None, (causality, kind, unit, str(elements))))
+FORMATS = {
+    "2": Format(2, ("Functions", "FunctionTypes", "TypesPlatform"), (), {
+        "needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true",
+        "canInterpolateInputs": "true", "maxOutputDerivativeOrder": "0", "canRunAsynchronuously": "false",
+        "canBeInstantiatedOnlyOncePerProcess": "false", "canNotUseMemoryManagementFunctions": "false",
+        "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "false"}),
+    "3": Format(3, ("Functions", "FunctionTypes", "PlatformTypes"), ("absent.h", "clock.h", "events.h"), {
+        "needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
+        "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",
+        "providesIntermediateUpdate": "false", "mightReturnEarlyFromDoStep": "true", "hasEventMode": "true"})}
+CLOCKED = replace(FORMATS["3"], clock=True)
+"""With a clock of the controllers' samples. Hosts made with fmi4c crash with a double free at any clock."""

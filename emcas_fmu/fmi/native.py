@@ -14,13 +14,14 @@ from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, hand
 from ..runtime.compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..support.progress import LOG, Progress
 from .description import element
-from .fmi2 import native as fmi2
-from .fmi3 import native as fmi3
-from .format import Format
+from .fmi3.arrays import CLOCK, Array
+from .format import FORMATS, Format
 from .interface import MIXING, FmuInterface
 
-FORMATS = {"2": fmi2.FORMAT, "3": fmi3.FORMAT}
 _COMMON = ("instance.h", "states.h", "step.h")
+# Types of FMI 3.0 in C.
+_TYPES = {"Float64": "FLOAT64", "Int32": "INT32", "UInt32": "UINT32", "Enumeration": "INT64", "Boolean": "BOOL",
+          "Clock": "TICKS"}
 
 
 def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, code: str, fmi: Format) -> str:
@@ -33,6 +34,7 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
                       for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE"))
+    arrays = _arrays(interface, fmi) if fmi.arrays else ""
     return header(
         "interface", "The interface: variables, their indices, identity", "#include <math.h>\n\n"
         f"#define MODEL_NAME {c_text(interface.model)}\n#define MODEL_GUID {c_text(guid)}\n"
@@ -44,7 +46,7 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
         f"{formats}\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
         f"static const variable VARIABLE[FMU_VARIABLES] = {{\n{rows}\n}};\n\n"
-        f"static const double START[FMU_VARIABLES] = {{\n{values}\n}};\n{fmi.tables(interface)}")
+        f"static const double START[FMU_VARIABLES] = {{\n{values}\n}};\n{arrays}")
 
 
 def _sizes(interface: FmuInterface) -> str:
@@ -61,6 +63,40 @@ def _sizes(interface: FmuInterface) -> str:
             f"static const unsigned char INPUT_INDEX[FINS][{len(interface.actuator.inputs)}] = {{\n{rows}\n}};\n")
 
 
+def _arrays(interface: FmuInterface, fmi: Format) -> str:
+    """Return C code with the indices of the elements of each variable, and constants for clock and events."""
+    listed = fmi.listed(interface)
+    rows = ",\n".join(f"    {{{c_text(interface.spelt(v.variable.name))}, {_TYPES[v.kind]}, {v.first}, {v.table or 1}, "
+                      f"{v.fins or 1}, {v.stride}}}" for v in listed)
+    actuator = interface.actuator
+    sample_time = [v.name for v in actuator.parameters].index("controller.sample_time")
+    fin_rate = [v.name for v in actuator.outputs].index("fin_rate")
+    names = ", ".join(c_text(_host_type(kind)) for kind in _TYPES)
+    return ("\n/* Types of FMI 3.0, and the indices of the elements of a variable: `size` of a fin from `first` on, "
+            f"those of the\n * next fin `stride` further. */\nenum {{ {', '.join(_TYPES.values())} }};\n"
+            f"static const char *const TYPE[] = {{{names}}};\n\n"
+            "typedef struct {\n    const char *name;\n    int type;\n"
+            "    unsigned first, size, fins, stride;\n} array;\n\n"
+            f"enum {{ TIME = {len(fmi.variables(interface))}, ARRAYS = {len(listed)} }};\n"
+            f"#define CLOCK_NAME {c_text(CLOCK.name)}\n"
+            f"static const array ARRAY[ARRAYS] = {{\n{rows}\n}};\n\n"
+            "/* The index of the sample time among a fin's parameters, of the rate among its outputs. */\n"
+            f"enum {{ SAMPLE_TIME = {sample_time}, OUTPUT_FIN_RATE = {fin_rate} }};\n")
+
+
+def _host_type(kind: str) -> str:
+    """Return the type that a host gets for a type of FMI 3.0."""
+    return "Enumeration (Int64)" if kind == "Enumeration" else kind
+
+
+def _about(array: Array, fmi: Format) -> str:
+    """Return causality, type, unit and number of elements of a variable as a comment."""
+    v, shape = array.variable, " x ".join(map(str, array.dimensions))
+    kind = _host_type(array.kind) if fmi.arrays else "Integer" if v.items else v.kind
+    unit = v.unit if v.kind == "Real" else ""
+    return ", ".join(filter(None, (v.causality, kind, unit, shape and f"{shape} values")))
+
+
 def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
     """Return MODEL.h, for a host in C: model identifier, GUID and every variable's value reference as macros.
 
@@ -69,23 +105,23 @@ def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
     prefix = enumerator(interface.model)
     lines = [f"#define {prefix}_MODEL {c_text(interface.model)}", f"#define {prefix}_{fmi.token} {c_text(guid)}"]
     used: set[str] = set()
-    for v in fmi.host_variables(interface):
-        name = enumerator(v.name)
-        name = f"{name}_{v.reference}" if name in used else name  # a.b_c and a_b.c are two variables
+    for reference, array in enumerate(fmi.listed(interface)):
+        spelt, name = interface.spelt(array.variable.name), enumerator(array.variable.name)
+        name = f"{name}_{reference}" if name in used else name  # a.b_c and a_b.c are two variables
         used.add(name)
-        lines.append(f"#define {prefix}_VR_{name} {v.reference}u /* {interface.spelt(v.name)}: {v.about} */")
+        lines.append(f"#define {prefix}_VR_{name} {reference}u /* {spelt}: {_about(array, fmi)} */")
     title = f"{interface.model}: model identifier, {fmi.token} and value references for a host"
     return header(f"{interface.model}_names", title, "\n".join(lines) + "\n")
 
 
-def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Format = fmi2.FORMAT) -> dict[str, str]:
+def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Format = FORMATS["2"]) -> dict[str, str]:
     """Return all source files by name. The format's `main`, which includes the others, is compiled."""
-    code = {**{name: handwritten(name, fmi.package) for name in (fmi.main, *fmi.written)},
+    code = {**{name: handwritten(name, f"emcas_fmu.fmi.fmi{fmi.version}") for name in (fmi.main, *fmi.written)},
             **{name: handwritten(name, "emcas_fmu.fmi.common") for name in _COMMON},
             "multi_fin.h": handwritten("multi_fin.h"),
             **core_sources(interface.fins > 1, interface.kind, interface.respelt)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
-    return {**code, **fmi.headers(), "interface.h": interface_header(interface, starts, guid, digest, fmi),
+    return {**code, **fmi.standard_headers(), "interface.h": interface_header(interface, starts, guid, digest, fmi),
             f"{interface.model}.h": names_header(interface, guid, fmi)}
 
 
@@ -110,7 +146,7 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
 
 
 def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
-             progress: Progress | None = None, fmi: Format = fmi2.FORMAT) -> dict[str, bytes]:
+             progress: Progress | None = None, fmi: Format = FORMATS["2"]) -> dict[str, bytes]:
     """Return libraries for the platforms by archive name.
 
     Raises CompilerError if there is no compiler or it fails.
@@ -121,7 +157,7 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     for i, target in enumerate(platforms):
         if progress:
             progress(target.name, i, len(platforms))
-        made = (compiler.libraries(files, fmi.main, target, model) if fmi.by_machine
+        made = (compiler.libraries(files, fmi.main, target, model) if fmi.arrays
                 else {target.name: compiler.library(files, fmi.main, target, model)})
         libraries |= {f"binaries/{folder}/{model}{target.suffix}": library for folder, library in made.items()}
     if progress:

@@ -18,9 +18,9 @@ from ..support.writing import check_target, write_zip
 from . import native, python
 from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
-from .fmi3.native import CLOCKED
-from .format import Format
+from .format import CLOCKED, FORMATS, Format
 from .interface import SPELLINGS, FmuInterface, fin_sets, start_values
+from .model_description import model_description
 from .references import reference_files
 
 BACKENDS = ("python", "native")
@@ -38,9 +38,9 @@ class Built:
     warnings: tuple[str, ...]
 
 
-def interface_guid(starts: tuple[Any, ...], interface: FmuInterface, fmi: Format = native.FORMATS["2"]) -> str:
+def interface_guid(starts: tuple[Any, ...], interface: FmuInterface, fmi: Format = FORMATS["2"]) -> str:
     """Return a GUID that is a hash of the interface: of the model description with an empty GUID."""
-    description = to_bytes(fmi.model_description(starts, "", interface=interface))
+    description = to_bytes(model_description(fmi, interface, starts, ""))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 
 
@@ -60,20 +60,17 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
     guid = interface_guid(starts, interface, fmi)
     # Without the versions of Python and compiler: all supported ones give the same FMU except for the binaries.
     tool = f"emcas-fmu {__version__}"
-    of_sources: Mapping[str, Any] = {}
     if backend == "native":
-        contents = _native(interface, starts, guid, platforms, cc, progress, fmi)
-        options, of_sources, notes = dict(fmi.options), fmi.of_sources, fmi.notes
+        contents, options = _native(interface, starts, guid, platforms, cc, progress, fmi), fmi.options
     else:
-        contents, options = python.exported(interface, starts, guid)
-        notes = python.NOTES
+        contents, options = python.exported(interface, starts, guid), python.OPTIONS
         tool += f" with {python.TOOL}"
-    contents["modelDescription.xml"] = to_bytes(fmi.model_description(
-        starts, guid, options=options, about=about(interface, sets, tool), interface=interface, **of_sources))
-    contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(
-        terminals_and_icons(interface, fmi.arrays))
+    contents["modelDescription.xml"] = to_bytes(model_description(
+        fmi, interface, starts, guid, options=options, about=about(interface, sets, tool),
+        sources=backend == "native"))
+    contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(terminals_and_icons(interface, fmi.arrays))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
-    contents.update(documents(interface, sets, guid, backend, notes, fmi, built_for))
+    contents.update(documents(interface, sets, guid, backend, fmi, built_for))
     return contents, guid, built_for
 
 
@@ -93,8 +90,8 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is no compiler.
     """
     fmi = str(fmi)
-    if fmi not in native.FORMATS:
-        raise BuildError(f"--fmi {fmi}: there is {' and '.join(native.FORMATS)}")
+    if fmi not in FORMATS:
+        raise BuildError(f"--fmi {fmi}: there is {' and '.join(FORMATS)}")
     backend = backend or ("python" if fmi == "2" else "native")
     if backend not in BACKENDS:
         raise BuildError(f"--backend {backend}: there is {' and '.join(BACKENDS)}")
@@ -109,7 +106,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     if fins == 1 and files:
         raise BuildError("--fin is for an FMU of several fins: add --fins")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    interface, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else native.FORMATS[fmi]
+    interface, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else FORMATS[fmi]
     contents, guid, built_for = _contents(interface, sets, backend, platforms, cc, progress, chosen)
     embedded, doubts = reference_files(interface, sets, chosen, progress) if references else ({}, ())
     contents.update(embedded)

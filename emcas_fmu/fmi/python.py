@@ -22,22 +22,10 @@ _BASE = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "vari
 _PYTHONFMU = Path(pythonfmu.__file__).resolve().parent
 _SEVERAL = ("fmi/fmi2/multi_fin_slave.py", "runtime/multi_fin.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
-_OPTIONS = {
+OPTIONS = {
     "needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "false",
     "canBeInstantiatedOnlyOncePerProcess": "false", "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true",
     "canNotUseMemoryManagementFunctions": "true"}
-# HTML for the documentation in the FMU: how this back end replies to its host.
-NOTES = (
-    "This FMU computes in Python: its host's process must have Python 3.10 or later loaded, as "
-    "<code>externalDependencies.txt</code> says.",
-    "Inputs are held over a step: this FMU does not interpolate them and takes no input derivatives.",
-    "A call out of order, a write to a variable that cannot be set, or an input that is not finite is logged; the next "
-    "step returns <code>fmi2Discard</code> and leaves the state unchanged. So does a step that cannot be computed.",
-    "A value reference that is unknown or of another type is logged and affects no step. Reading it returns NaN, 0 or "
-    "false; writing it has no effect, of which standard error has a message, too.",
-    "Parameters out of range are logged at the end of initialization, which returns <code>fmi2OK</code>; every step is "
-    "then discarded. A wrong GUID is not noticed.",
-)
 TOOL = f"PythonFMU {pythonfmu.__version__}"
 
 
@@ -90,8 +78,8 @@ def _libraries(model: str) -> dict[str, bytes]:
             if path.suffix in (".dll", ".so", ".dylib")}
 
 
-def exported(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
-    """Return the files for the archive by name, and the attributes of the CoSimulation element."""
+def exported(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, bytes]:
+    """Return the files for the archive by name."""
     files, model = _sources(interface, starts, guid), interface.model
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(files.items())).encode()).hexdigest()[:12]
     package, script = f"emcas_{digest}", f"emcas_slave_{digest}"
@@ -103,4 +91,4 @@ def exported(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> tup
     libraries = _libraries(model)
     if not libraries:
         raise BuildError(f"{_PYTHONFMU}: pythonfmu has no libraries there: this version of it is not supported")
-    return {**libraries, **{f"resources/{name}": text.encode() for name, text in resources.items()}}, dict(_OPTIONS)
+    return {**libraries, **{f"resources/{name}": text.encode() for name, text in resources.items()}}

@@ -15,8 +15,9 @@ from tempfile import TemporaryDirectory
 from ..actuators import NONLINEAR, full_name, get
 from ..actuators.fin_port import ENABLE
 from ..bench.fmu import chosen_model
-from ..fmi.description import STEP_SIZE, STOP_TIME, describe
+from ..fmi.description import describe
 from ..fmi.interface import FmuInterface, fin_sets, flat
+from ..fmi.model_description import STEP_SIZE, STOP_TIME
 from ..fmi.package import build
 from ..fmi.units import Unit, fmi_unit
 from ..parameters import Entry, Value, load_parameters

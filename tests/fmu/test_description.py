@@ -13,7 +13,7 @@ import pytest
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, fin_port, get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi import description
+from emcas_fmu.fmi import description, model_description
 from emcas_fmu.fmi.interface import MIXING, FmuInterface, fin_sets, start_values
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.variables import Variable, real_output
@@ -40,14 +40,14 @@ def test_every_real_variable_and_enumeration_has_a_type(fins: int) -> None:
     for unit in (FmuInterface(fins, kind) for kind in kinds()):
         types = description.types(unit)
         assert not types.keys() & unit.reference.keys()
-        defined = {(u.attrib["name"], d.attrib["name"]) for u in description.unit_definitions(unit)
+        defined = {(u.attrib["name"], d.attrib["name"]) for u in model_description.unit_definitions(unit)
                    for d in u.findall("DisplayUnit")}
         for v in unit.variables:
             if v.kind != "Real":
                 assert (description.type_name(v) in types) == bool(v.items)
                 continue
-            given = description.typed_attributes(v)
-            of = description.real_type(types[str(given["declaredType"])])
+            given = model_description.typed_attributes(v)
+            of = model_description.real_type(types[str(given["declaredType"])])
             assert (of["quantity"], of["unit"]) == (given["declaredType"], v.unit)
             measured.setdefault(str(of["quantity"]), set()).add(v.unit)
             assert all((v.unit, shown) in defined for shown in (given["displayUnit"], of["displayUnit"]) if shown)
@@ -65,11 +65,11 @@ def test_a_variable_called_as_a_type_is_refused() -> None:
 
 def test_a_unit_that_measures_nothing_known_has_no_type() -> None:
     v = real_output("draught", "N/m2", "of a user's actuator", 1.0)
-    assert (description.type_name(v), description.typed_attributes(v)["unit"]) == (None, "N/m2")
+    assert (description.type_name(v), model_description.typed_attributes(v)["unit"]) == (None, "N/m2")
 
 
 def test_speeds_of_motors_are_shown_in_rpm() -> None:
-    shown = {v.name: description.typed_attributes(v)["displayUnit"] for v in get("series-clutch").outputs
+    shown = {v.name: model_description.typed_attributes(v)["displayUnit"] for v in get("series-clutch").outputs
              if v.unit == "rad/s"}
     assert shown == {"fin_rate": None, "screw_speed": "rpm", "motor_speed": "rpm"}
 

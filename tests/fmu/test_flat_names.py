@@ -22,8 +22,9 @@ from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.description import terminals_and_icons
 from emcas_fmu.fmi.fmi3.arrays import arrays
+from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import SPELLINGS, FmuInterface, flat
-from emcas_fmu.fmi.native import FORMATS, names_header
+from emcas_fmu.fmi.native import names_header
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.variables import parameter

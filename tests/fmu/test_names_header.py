@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from emcas_fmu.actuators import NAMES
+from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface, start_values
-from emcas_fmu.fmi.native import FORMATS, names_header
+from emcas_fmu.fmi.model_description import model_description
+from emcas_fmu.fmi.native import names_header
 from emcas_fmu.fmi.package import interface_guid
 from emcas_fmu.parameters import load_parameters
 from tests.hosts.host import STRICT, tool
@@ -26,7 +28,7 @@ def test_it_says_what_the_model_description_says(model: str, fins: int, fmi: str
     starts = start_values(unit, [load_parameters(model=model).values] * fins)
     guid = interface_guid(starts, unit, chosen)
     text = names_header(unit, guid, chosen)
-    described = chosen.model_description(starts, guid, interface=unit)
+    described = model_description(chosen, unit, starts, guid)
     found = {name: (int(place), said) for place, name, said in MACRO.findall(text)}
     expected = {}
     for variable in described.find("ModelVariables") or ():

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from emcas_fmu.fmi import references
+from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
-from emcas_fmu.fmi.native import FORMATS
 from emcas_fmu.fmi.package import build
 from emcas_fmu.fmi.references import FOLDER, MANIFEST, TEXT, reference_files
 from emcas_fmu.parameters import load_parameters

@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from emcas_fmu.fmi import native
-from emcas_fmu.fmi.fmi3.native import CLOCKED
+from emcas_fmu.fmi.format import CLOCKED, FORMATS
 from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.parameters import load_parameters
 
@@ -29,7 +29,7 @@ SANITIZERS = "address,undefined,float-cast-overflow"
 def compiled(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 1, fmi: str = "2") -> Path:
     """The harness and the unit in one program. Raises CalledProcessError with what the compiler said."""
     unit = FmuInterface(fins)
-    chosen = CLOCKED if fmi == "3" else native.FORMATS[fmi]
+    chosen = CLOCKED if fmi == "3" else FORMATS[fmi]
     starts = start_values(unit, [load_parameters().values] * fins)
     for name, text in native.sources(unit, starts, GUID, chosen).items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -45,7 +45,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=int, default=600)
     parser.add_argument("--fins", type=int, default=1, help="of the unit")
-    parser.add_argument("--fmi", choices=list(native.FORMATS), default="2", help="version of FMI")
+    parser.add_argument("--fmi", choices=list(FORMATS), default="2", help="version of FMI")
     parser.add_argument("--corpus", type=Path, default=None, help="folder of inputs to begin with and to add to")
     arguments = parser.parse_args()
     if shutil.which("clang") is None:

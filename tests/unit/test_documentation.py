@@ -12,8 +12,8 @@ from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi import documentation, figures
 from emcas_fmu.fmi.documentation import documents
+from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
-from emcas_fmu.fmi.native import FORMATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import parameters_hash
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
@@ -37,7 +37,7 @@ def page(model: str, fins: int, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setattr(figures, "response_pictures", lambda parameters: ())  # pictures are of no concern here
     unit, base = FmuInterface(fins, model), load_parameters(model=model)
     sets = fin_sets(base, fins, "cross", {}) if fins > 1 else (base,)
-    return documents(unit, sets, "", "native", (), FORMATS["2"], ("linux64",))["documentation/index.html"].decode()
+    return documents(unit, sets, "", "native", FORMATS["2"], ("linux64",))["documentation/index.html"].decode()
 
 
 @pytest.mark.parametrize("fins", [1, 2])

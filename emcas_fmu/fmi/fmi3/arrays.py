@@ -18,9 +18,11 @@ from ...variables import Variable
 from ..interface import FmuInterface
 
 TIME = Variable("time", "Real", "independent", "continuous", "s", "time, set by the steps")
-CLOCK = "sample_clock"
+CLOCK = Variable("sample_clock", "Clock", "input", "discrete", "",
+                 "ticks when the controllers sample (of fin 1, where sample times differ); they need no tick")
 _ELEMENT = re.compile(r"(.*)\[(\d+)\]")
-_KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
+KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration", "Clock": "Clock"}
+"""Types in FMI 3.0."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Array:
     @property
     def kind(self) -> str:
         """The type in FMI 3.0; words of flags are unsigned."""
-        return "UInt32" if self.variable.bits else _KINDS[self.variable.kind]
+        return "UInt32" if self.variable.bits else KINDS[self.variable.kind]
 
     @property
     def dimensions(self) -> tuple[int, ...]:
@@ -95,7 +97,7 @@ def arrays(interface: FmuInterface) -> tuple[Array, ...]:
                 v, fins=interface.fins, stride=len(each),
                 variable=replace(v.variable, name=interface.array_name(v.variable.name))))
         first += interface.fins * len(each)
-    if reserved := {TIME.name, CLOCK} & {v.variable.name for v in made}:
+    if reserved := {TIME.name, CLOCK.name} & {v.variable.name for v in made}:
         raise EmcasError(f"{interface.actuator.name}: a variable is named {', '.join(reserved)}; FMI 3.0 has a "
                          "variable of that name already: give yours another")
     return tuple(made)
