@@ -51,8 +51,8 @@ FIELDS: Mapping[str, Field] = {
 class Kind(NamedTuple):
     """A kind of excitation: its title, and its description with the `size` [deg] of the command.
 
-    `share` returns the command over the amplitude at times [s] since the beginning of the motion, negative before, for
-    all fields by name. A campaign needs those in `shape`; `options` are further ones. The torque rises within `rise`
+    `share` returns the command over the amplitude at times [s] since the beginning of the motion, negative before, from
+    fields by name. A campaign needs those in `shape`; `options` are further ones. The torque rises within `rise`
     [s] from the beginning on, or, with None, is constant. A kind that `jumps` is measured by rise time, overshoot and
     the like, one that `sweeps` by bandwidths; one that does not `move` has no amplitude. `usual` are the values with
     which a page shows the kind.
@@ -74,9 +74,14 @@ class Kind(NamedTuple):
         """All fields, in the order in which files have them."""
         return (*(("amplitude",) if self.moves else ()), *self.shape, "duration", *self.options)
 
+    @property
+    def defaults(self) -> dict[str, float]:
+        """The values of the fields in `shape` where none are set."""
+        return {name: FIELDS[name].default or 0.0 for name in self.shape}
+
     def command(self, since: Array, amplitude: float, **fields: float) -> Array:
         """Return the command [rad] at times [s] since the beginning of the motion."""
-        return amplitude * self.share(since, **fields) + 0.0  # no -0.0 for a negative amplitude
+        return amplitude * self.share(since, **{**self.defaults, **fields}) + 0.0  # no -0.0 for a negative amplitude
 
     def torque(self, since: Array, torque: float) -> Array:
         """Return the torque [N.m] at times [s] since the beginning of the motion."""
@@ -99,7 +104,7 @@ def _sine(since: Array, frequency: float, **_: float) -> Array:
     return share
 
 
-def _sweep(since: Array, duration: float, low: float = SWEEP[0], high: float = SWEEP[1], **_: float) -> Array:
+def _sweep(since: Array, duration: float, low: float, high: float, **_: float) -> Array:
     growth = log(high / low) / duration
     share: Array = np.sin(2.0 * pi * low * np.expm1(growth * np.maximum(since, 0.0)) / growth)
     return share
@@ -110,7 +115,7 @@ KINDS: Mapping[str, Kind] = {
                  usual={"amplitude": radians(10.0), "duration": 0.5}, jumps=True),
     "slew": Kind("Slew, from − to +", "slew from {back:+.6g} to {size:+.6g} deg", _side, options=("torque", "settle"),
                  rise=LOAD_RISE, usual={"amplitude": radians(20.0), "duration": 0.5}, jumps=True),
-    "load": Kind("Load step", "fin held at 0", lambda since, **_: np.zeros_like(since), shape=("torque",), rise=0.0,
+    "load": Kind("Load step", "fin held at 0", lambda since, **_: np.zeros_like(since), options=("torque",), rise=0.0,
                  usual={"torque": -RATED, "duration": 0.5}, moves=False),
     "sine": Kind("Sine", "sine of {size:.6g} deg at {frequency:g} Hz", _sine, shape=("frequency",),
                  usual={"amplitude": radians(1.0), "duration": 1.0}),

@@ -123,13 +123,6 @@ def times(stop: float, step: float = STEP) -> Array:
     return np.arange(round(stop / step) + 1) * step
 
 
-def _following(begin: float, duration: float, step: float = STEP) -> Array:
-    """Return the times [s] of rows from 0 to `duration` [s] after `begin` [s]. Raises ArgumentError."""
-    if begin < 0.0 or duration < 0.0:
-        raise ArgumentError(f"a motion that begins at {begin:g} s and lasts {duration:g} s: neither may be negative")
-    return times(begin + duration, step)
-
-
 def _above_zero(name: str, value: float | Array, limit: float = inf) -> None:
     """Raise ArgumentError unless a number, or every number of an array, is above 0 and at most the limit."""
     if not (np.size(value) and np.all(np.greater(value, 0.0) & np.less_equal(value, limit) & np.isfinite(value))):
@@ -139,21 +132,27 @@ def _above_zero(name: str, value: float | Array, limit: float = inf) -> None:
 
 @checked
 def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, settle: float = SETTLE,
-           step: float = STEP, **fields: float) -> Excitation:
+           step: float = STEP, **frequencies: float) -> Excitation:
     """Return the excitation of a kind of `motions.KINDS`, with rows until `duration` [s] after its beginning.
 
     `amplitude` of the command [rad], `torque` about the hinge [N.m], `settle` [s] at the starting end of a slew, and
-    the further `fields` of the kind. Raises ArgumentError.
+    the frequencies [Hz] of the kind, by default those of FIELDS. Raises ArgumentError.
     """
+    if kind not in KINDS or not {*KINDS[kind].shape}.issuperset(frequencies):
+        known = "; ".join(" ".join((name, *each.shape)) for name, each in KINDS.items())
+        raise ArgumentError(f"{' '.join((kind, *frequencies))}: kinds with their frequencies are {known}")
     each = KINDS[kind]
+    fields = {**each.defaults, **frequencies}
     for name, value in fields.items():
         _above_zero(name, value, FASTEST)
     if each.sweeps:
         _above_zero("duration", duration)
-    if "low" in fields and not fields["low"] < fields["high"]:
-        raise ArgumentError(f"the sweep's low = {fields['low']:g} Hz is not below its high = {fields['high']:g} Hz")
+        if not fields["low"] < fields["high"]:
+            raise ArgumentError(f"the sweep's low = {fields['low']:g} Hz is not below its high = {fields['high']:g} Hz")
     begin = settle if "settle" in each.fields else LEAD_IN
-    since = _following(begin, duration, step) - begin
+    if begin < 0.0 or duration < 0.0:
+        raise ArgumentError(f"a motion that begins at {begin:g} s and lasts {duration:g} s: neither may be negative")
+    since = times(begin + duration, step) - begin
     columns = {COMMAND: each.command(since, amplitude, duration=duration, step=step, **fields)}
     if "settle" in each.fields:
         columns[COMMAND][0] = 0.0

@@ -20,7 +20,7 @@ from emcas_fmu.bench.excitation import (
     sweep,
 )
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.motions import LEAD_IN, LOAD_RISE, MOTIONS, SETTLE
+from emcas_fmu.motions import KINDS, LEAD_IN, LOAD_RISE, MOTIONS, SETTLE
 from emcas_fmu.reference.cases import CASES
 
 
@@ -125,3 +125,17 @@ def test_a_load_comes_at_once_on_a_fin_held_at_zero() -> None:
     assert not load.command.any()
     assert load.columns[LOAD].tolist() == [0.0] * 50 + [-40.0] * 301
     assert not load.moves
+
+
+@pytest.mark.parametrize(("kind", "frequencies"), [
+    ("leap", {}), ("step", {"frequency": 5.0}), ("sweep", {"hgih": 5.0})])
+def test_an_unknown_kind_or_frequency_is_refused(kind: str, frequencies: dict[str, float]) -> None:
+    with pytest.raises(EmcasError, match="sine frequency; sweep low high"):
+        motion(kind, 0.1, 0.5, **frequencies)
+
+
+def test_frequencies_have_the_defaults_of_the_table() -> None:
+    for kind in ("sine", "sweep"):
+        made = motion(kind, 0.1, 0.5)
+        np.testing.assert_array_equal(made.command, motion(kind, 0.1, 0.5, **KINDS[kind].defaults).command)
+        assert np.ptp(made.command) > 0.1
