@@ -61,18 +61,17 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
     except SspError as error:
         finding = Finding("error", path.name, "", str(error), "choose an archive as emcas ssp writes it")
         return Report(path, (finding,), unchecked=(path.name,))
-    files = structure_files(contents)
     structures, findings = read_structures(contents)
-    if DEFAULT not in files:
+    if DEFAULT not in contents:
         findings.append(Finding("error", path.name, "", f"has no {DEFAULT} at its root", "add one: hosts open it"))
     for structure in structures:
-        found = [*_guids(structure, guid), *_wiring(structure), *_values(structure)]
+        found = [*_guids(structure, guid), *_wiring(structure), *_declarations(structure)]
         # Combinations of wrong numbers say nothing.
         findings += found if any(f.level == "error" for f in found) else [*found, *_combinations(structure, model)]
     checked = {structure.file: structure.name for structure in structures}
     return Report(path, tuple(dict.fromkeys(findings)), tuple(checked.values()),
-                  tuple(file for file in files if file not in checked), sum(len(s.connections) for s in structures),
-                  sum(len(s.parameters) for s in structures))
+                  tuple(file for file in structure_files({*contents, DEFAULT}) if file not in checked),
+                  sum(len(s.connections) for s in structures), sum(len(s.parameters) for s in structures))
 
 
 def _guids(structure: Structure, required: str | None) -> Iterator[Finding]:
@@ -123,7 +122,7 @@ def _wiring(structure: Structure) -> Iterator[Finding]:
                           "wire it, or drop its connector: fmpy feeds it from some other signal, or fails")
 
 
-def _values(structure: Structure) -> Iterator[Finding]:
+def _declarations(structure: Structure) -> Iterator[Finding]:
     """Compare connectors of components, and parameters of sets, with the variables of the FMUs."""
     variables = structure.variables
     ends = [(near, far) for start, end in reversed(structure.connections) for near, far in ((start, end), (end, start))]

@@ -33,9 +33,9 @@ _COMPONENT, _BINDING = f"{{{SSD}}}Component", f"{{{SSD}}}ParameterBinding"
 _CORRECT = "correct the file, or write the archive anew"
 # Level, the nodes that it is about, the problem and the remedy. Errors are forms that are not read.
 _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
-    ("error", f"//ssd:Elements/*[not(self::ssd:Component) or (@type and @type != '{FMU}')] | //ssd:ParameterBinding"
-     "[string(@prefix) or not(@source) or ssd:ParameterValues or ssd:ParameterMapping] | "
-     "//ssd:Connection[ssc:*[contains(local-name(), 'Transformation')]]", "is of a form that emcas does not read",
+    ("error", f"//ssd:Elements/*[not(self::ssd:Component) or @type != '{FMU}']"
+     " | //ssd:ParameterBinding[string(@prefix) or not(@source) or ssd:ParameterValues or ssd:ParameterMapping]"
+     " | //ssd:Connection[ssc:*[contains(local-name(), 'Transformation')]]", "is of a form that emcas does not read",
      "have only FMUs in one system, connected without transformation or signal dictionary, each with its parameter "
      "set in a file, without prefix or mapping"),
     ("warning", "//ssd:Connections[ssd:Connection[not(@startElement and @endElement)]]",

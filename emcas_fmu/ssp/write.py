@@ -125,14 +125,14 @@ def _parameter_sets(variant: Variant, fmu: Interface, wires: Sequence[tuple[str,
     and variable) the set ``system`` has the start values of the system's inputs; a host feeds 0 to those without one.
     """
     inputs = {v.key: v for v in get(variant.fins[0].model).inputs if v.key is not None}
-    all_of: dict[str, dict[str, Entry]] = {}
+    fins: dict[str, dict[str, Entry]] = {}
     for name, fin in zip(variant.names, variant.fins):
         entries = [replace(e, variable=inputs.get(e.variable.name, e.variable)) for e in fin.entries]
-        all_of[name] = {e.variable.name: e for e in entries}
+        fins[name] = {e.variable.name: e for e in entries}
     sets = {fin: {name: e for name, e in entries.items()
                   if e.variable.kind != "Boolean" or e.value != fmu.variables[name].value}
-            for fin, entries in all_of.items()}
+            for fin, entries in fins.items()}
     if wires:
-        sets["system"] = {outer: all_of[fin].get(v.name) or Entry(v, v.start or 0, "", "", "", "")
+        sets["system"] = {outer: fins[fin].get(v.name) or Entry(v, v.start or 0, "", "", "", "")
                           for outer, fin, v in wires if v.key is not None or v.start}
     return sets

@@ -299,7 +299,9 @@ def test_files_that_are_no_archive(tmp_path: Path) -> None:
         assert "is not a ZIP archive" in str(report.errors[0])
         assert report.unchecked == (name,)
     write_archive({"readme.txt": b""}, tmp_path / "other.ssp")
-    assert "has no SystemStructure.ssd at its root" in str(check(tmp_path / "other.ssp").errors[0])
+    report = check(tmp_path / "other.ssp")
+    assert "has no SystemStructure.ssd at its root" in str(report.errors[0])
+    assert report.unchecked == (STRUCTURE,)
     with pytest.raises(EmcasError, match="cannot be read"):
         check(tmp_path / "none.ssp")
 
