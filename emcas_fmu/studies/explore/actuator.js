@@ -73,7 +73,7 @@ class Actuator {
         });
     }
 
-    /** Simulates rows `step` [s] apart, from inputs by name: columns or constants. Returns outputs `names` as columns. */
+    /** Simulates rows `step` [s] apart. Inputs by name are columns or constants, outputs of `names` are columns. */
     run(values, inputs, rows, step, names = DATA.outputs) {
         this.put(values);
         if (!this.code.actuator_start(this.actuator, this.parameters)) throw new Error("the parameters are refused");

@@ -27,7 +27,7 @@ function excited(kind, fields) {
         throw new Error(`the sweep's low = ${from} Hz is not below its high = ${to} Hz`);
     }
     const time = times(begin + duration), {rise} = DATA.kinds[kind];
-    const columns = {fin_command: time.map((t, k) => k && amplitude * SHARES[kind](t - begin, fields))};
+    const columns = {fin_command: time.map((t, k) => k ? amplitude * SHARES[kind](t - begin, fields) : 0)};
     const risen = since => rise === null ? 1 : rise ? Math.min(Math.max(since / rise, 0), 1) : SHARES.step(since);
     if (torque) columns.aero_torque = time.map(t => torque * risen(t - begin));
     return {time, begin, columns};

@@ -104,7 +104,8 @@ async function frequencyResponse(amplitude, load, respond) {
     let last = 0;
     const phase = pure.map(([, [real, imaginary]]) => {
         const lag = degrees(Math.atan2(imaginary, real));
-        return last = lag - 360 * Math.round((lag - last) / 360);
+        last = lag - 360 * Math.round((lag - last) / 360);
+        return last;
     });
     const gain = pure.map(([, response]) => 20 * Math.log10(Math.hypot(...response)));
     return {frequency: pure.map(([f]) => f), gain, phase, ...levels};

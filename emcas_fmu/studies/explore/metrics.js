@@ -85,7 +85,7 @@ function usage({excitation: {time: rows}, outputs: whole}, begin = 0) {
     for (const [sign, peak, energy] of outputs.supply_power ? POWERS : []) {
         const flow = outputs.supply_power.map(x => Math.max(sign * x, 0));
         figures[peak] = largest(flow);
-        figures[energy] = flow.reduce((sum, x, k) => k && sum + (x + flow[k - 1]) / 2 * (time[k] - time[k - 1]), 0);
+        figures[energy] = flow.reduce((sum, x, k) => k ? sum + (x + flow[k - 1]) / 2 * (time[k] - time[k - 1]) : 0, 0);
     }
     return figures;
 }

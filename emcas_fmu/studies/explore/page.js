@@ -9,8 +9,6 @@ const MOST_BYTES = 50e6; // of a CSV file, which a browser reads whole
 class Page {
     constructor(actuator) {
         this.actuator = actuator;
-        this.live = {setting: new Setting()};
-        this.kept = null;
         this.controls = [...document.querySelectorAll("[data-name]")].map(row =>
             new Control(row, (name, value) => this.change(name, value)));
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) => new Plot(title, {
@@ -32,8 +30,8 @@ class Page {
         });
         $("file").addEventListener("change", () => this.open($("file").files[0]));
         for (const [id, action] of Object.entries({
-            keep: () => this.keep(), drop: () => this.show(this.live, null), swap: () => this.show(this.kept, this.live),
-            reset: () => { this.live = {setting: new Setting()}; this.narrow(); }, link: () => this.copyLink(),
+            keep: () => this.keep(), swap: () => this.show(this.kept, this.live), link: () => this.copyLink(),
+            drop: () => this.show(this.live, null), reset: () => this.begin({setting: new Setting()}),
             "save-parameters": () => save("parameters.toml", parameterFile(this.live.setting)),
             "save-inputs": () => save("inputs.csv", csv(this.inputs())),
             "save-response": () => save("response.csv", csv(this.response()))})) {
@@ -56,10 +54,10 @@ class Page {
         this.refresh();
     }
 
-    /** Resets the sliders' ranges. */
-    narrow() {
+    /** Shows settings that were not set here, with the sliders' first ranges. */
+    begin(live, kept = this.kept) {
         for (const control of this.controls) control.range = null;
-        this.refresh();
+        this.show(live, kept);
     }
 
     keep() {
@@ -86,13 +84,12 @@ class Page {
             if (unknown.length) notes.push(`The link has ${unknown.join(", ")}, unknown to this page: left out.`);
             return {setting};
         };
-        this.kept = link.has("A") ? read(link.get("A")) : null;
-        this.live = read(link.get("B") ?? "");
+        const kept = link.has("A") ? read(link.get("A")) : null, live = read(link.get("B") ?? "");
         if (link.has("of") && link.get("of") !== DATA.digest) {
             notes.push("The link is from another page: what it does not set may differ.");
         }
         $("notes").textContent = notes.join(" ");
-        this.narrow();
+        this.begin(live, kept);
     }
 
     /** Shows the setting, and computes its response before the next frame. */
@@ -146,7 +143,7 @@ class Page {
         return {excitation, outputs: this.actuator.run(parameters, inputs, excitation.time.length, STEP, outputs)};
     }
 
-    /** The function `respond` of measure.js for a setting with changed parameters; the page stays responsive. */
+    /** The function `respond` of measure.js for a setting with changes; the page stays responsive. */
     beside(setting, changes) {
         const {live, kept} = this;
         return async (excitation, outputs) => {

@@ -14,7 +14,7 @@ function inUnit(name, value) {
     return withUnit(value / factor, unit);
 }
 
-/** The function from a panel's values to words: an enumeration's item, the flags that are set; undefined for numbers. */
+/** The function from a panel's values to words: an item, the flags that are set; undefined for numbers. */
 function named({items, bits}) {
     if (items.length) return value => items[value - 1] ?? "–";
     const flags = value => bits.filter((_, bit) => value >> bit & 1).map(words).join(", ") || "none";
@@ -39,8 +39,8 @@ function drawPanel(plot, panel, number, cases) {
     plot.ticks = panel.items.length ? panel.items.map((item, k) => [k + 1, item]) :
         panel.bits.length && !flags.length ? [[0, "none"]] :
         flags.map((bit, row) => [row, words(panel.bits[bit])]);
-    const curves = cases.flatMap(([letter, {run}]) => traces(panel, run.outputs, flags).map(({label, y, ...how}, k) => ({
-        value, ...how, label: label + (cases.length > 1 ? ` ${letter}` : ""), x: run.excitation.time, y,
+    const curves = cases.flatMap(([letter, {run}]) => traces(panel, run.outputs, flags).map((trace, k) => ({
+        value, ...trace, label: cases.length > 1 ? `${trace.label} ${letter}` : trace.label, x: run.excitation.time,
         step: panel.discrete, stroke: COLORS[(k + Number(letter === "A" && panel.names.length === 1)) % COLORS.length],
         ...(letter === "A" ? {dash: [7, 4], width: 1.3} : {})})));
     const command = number === 0 && columns.fin_command?.map(x => x / factor);
@@ -124,7 +124,8 @@ function drawBode(gain, phase, cases) {
 function bodeSummary(cases) {
     const at = x => x === undefined ? "without a value" :
         x < DATA.constants.BANDWIDTHS[1] ? `at ${shownNumber(x)} Hz` : `above ${shownNumber(x)} Hz`;
-    const one = ([label, {bandwidth_3db: gain, bandwidth_90deg: lag}]) => `${label}: −3 dB ${at(gain)}, −90° ${at(lag)}`;
-    return cases.map(([letter, each]) =>
-        (cases.length > 1 ? `${letter}: ` : "") + each.responses.map(one).join("; ")).join(". ");
+    const one = ([label, {bandwidth_3db: gain, bandwidth_90deg: lag}]) =>
+        `${label}: −3 dB ${at(gain)}, −90° ${at(lag)}`;
+    const all = ([letter, {responses}]) => (cases.length > 1 ? `${letter}: ` : "") + responses.map(one).join("; ");
+    return cases.map(all).join(". ");
 }
