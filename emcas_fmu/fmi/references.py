@@ -22,8 +22,9 @@ from ..pages.page import page
 from ..parameters import ParameterError, ParameterSet
 from ..reference import files
 from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
+from ..reference.plant import Plant
 from ..reference.responses import is_shipped, response, shipped
-from ..reference.simulate import OUTPUTS, Array
+from ..reference.simulate import Array
 from ..simulation import simulate
 from ..support.progress import Progress, silent
 from .description import element, to_bytes
@@ -138,7 +139,7 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
                                 f"integration, at most {degrees(TOLERANCE):g} deg are usual; a smaller solver.max_tick "
                                 "may bring it nearer")
             return independent, True, off
-    return {name: stepped[name] for name in ("time", *OUTPUTS) if name in stepped}, False, 0.0
+    return {name: stepped[name] for name in ("time", *Plant.names) if name in stepped}, False, 0.0
 
 
 def _apart(stepped: Mapping[str, Array], independent: Mapping[str, Array]) -> float:

@@ -3,25 +3,25 @@
 Coordinates are the fin's angle and rate and the motor's speed. A `Mode` holds for each dry friction the direction of
 sliding, or that it sticks, and the modes of both coils' amplifiers and of the motor's diode. The motor has to keep
 turning: a run in which it comes to rest is refused. Controllers, bus, lever, loads and friction are those of the
-thesis's actuator (:mod:`.plant`).
+thesis's actuator (:mod:`.screw`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from functools import partial
+from operator import itemgetter
+from typing import Any, NamedTuple
 
-from .coil import Coil, warming
+from .actuator import Actuator, Sample
+from .coil import Coil
 from .controllers import Controllers
-from .events import Accuracy, Event, State, Successor, Value, Vector, friction_events
-from .plant import FinPlant
-from .simulate import Array, run, voltage_starts
-from .vehicle import Surroundings, as_built
+from .events import Accuracy, Body, Changes, Event, State, switch
+from .screw import Screw
+from .simulate import simulate as in_time
+from .vehicle import Surroundings, sign
 
 FIN, RATE, MOTOR, COIL_1, COIL_2, FLUX_1, FLUX_2, TEMPERATURE = range(8)
-OUTPUTS = ("fin_angle", "fin_rate", "motor_speed", "coil_current_1", "coil_current_2", "clutch_temperature",
-           "drive_reference")
 TURNS = (1.0, -1.0)  # direction of the motor in which each clutch turns the screw
 
 
@@ -29,69 +29,67 @@ class Mode(NamedTuple):
     """Directions of sliding of the screw and of both clutches, 0 of what sticks; the modes of both coils' amplifiers;
     whether the motor draws current."""
 
-    screw: int
-    slip: tuple[int, int]
-    coils: tuple[int, int]
-    feeds: bool
+    screw: int = 0
+    slip_1: int = 1
+    slip_2: int = -1
+    coil_1: int = 0
+    coil_2: int = 0
+    feeds: bool = True
+
+    @property
+    def slip(self) -> tuple[int, int]:
+        """Directions of sliding of both clutches."""
+        return self.slip_1, self.slip_2
 
 
-def sign(value: float) -> int:
-    """Return -1, 0 or 1."""
-    return (value > 0.0) - (value < 0.0)
-
-
-def _with(pair: tuple[int, int], k: int, value: int) -> tuple[int, int]:
-    """Return the pair with its element k replaced."""
-    return (value, pair[1]) if k == 0 else (pair[0], value)
-
-
-class Clutches:
-    """The plant of one dual clutch actuator as built, and the `nominal` fin side that its controllers compute with."""
+class Clutches(Actuator):
+    """Motor, both clutches, screw and fin."""
 
     accuracy = Accuracy(1e-10, (1e-2, 1.0, 10.0, 0.1, 0.1, 0.1, 0.1, 10.0), 5e-4)
+    names = ("fin_angle", "fin_rate", "motor_speed", "coil_current_1", "coil_current_2", "clutch_temperature",
+             "drive_reference")
 
-    def __init__(self, parameters: Mapping[str, Value]):
-        p = self.p = {name: float(value) for name, value in parameters.items()}
-        self.coils = [Coil(p, "drive.kp", f"clutch.share_{k}") for k in (1, 2)]
+    def __init__(self, parameters: Mapping[str, float]):
+        p = self.p = parameters
+        self.coils = [Coil(p, "drive.kp", f"clutch.share_{k + 1}", f"coil_{k + 1}", COIL_1 + k, FLUX_1 + k, TEMPERATURE)
+                      for k in (0, 1)]
         per_ampere = p["clutch.rated_torque"] * (1.0 - p["clutch.residual"]) / p["clutch.rated_current"]
         # Lever, screw, fin and loads of the thesis's actuator: the driven halves turn where its rotor does.
-        nominal = {**p, "inertia.motor": p["clutch.driven_inertia"], "motor.torque_constant": per_ampere}
-        self.nominal, self.screw = FinPlant(nominal), FinPlant(as_built(nominal))
-        built = as_built(p)
-        self.torque_constant, self.emf = built["motor.torque_constant"], built["motor.back_emf_constant"]
+        self.screw = Screw({**p, "inertia.motor": p["clutch.driven_inertia"], "motor.torque_constant": per_ampere})
         self.rotor = p["inertia.motor"] + p["clutch.driving_inertia"]
+        # No clutch holds a screw at rest to a motor that turns.
+        rest: Changes = {RATE: 0.0, "slip_1": lambda y, _: sign(self.slips(y)[0]) or 1,
+                "slip_2": lambda y, _: sign(self.slips(y)[1]) or -1}
+        self.bodies = (Body("screw", itemgetter(RATE), self._excess, rest, FIN, self.screw.stop),
+                       self._clutch(0), self._clutch(1))
+
+    def _clutch(self, k: int) -> Body:
+        """Return clutch k as a body that slides on the motor."""
+        return Body(f"slip_{k + 1}", lambda y: self.slips(y)[k],
+                    lambda y, mode, around, side: side * self.locked(y, mode, k, around)[2] - self.coils[k].limit(y),
+                    {MOTOR: lambda y, _: TURNS[k] * self.screw.ratio(y[FIN]) * y[RATE]})
 
     def start(self) -> tuple[State, Mode]:
         """Return the state and the mode at the start."""
         p, bias = self.p, self.p["clutch.bias_current"]
         return ([p["fin.start_angle"], 0.0, p["motor.start_speed"], bias, bias, bias, bias, p["friction.temperature"]],
-                Mode(0, (1, -1), (0, 0), True))
+                Mode())
 
-    def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return what acts under an input row and a delayed DAC value [V]."""
-        return self.nominal.surroundings(row, reference)
+    def controller(self, nominal: Clutches) -> Sample:
+        """Return the thesis's controllers; the difference of the coils' currents is the motor's."""
+        loops = Controllers(self.screw, nominal.screw)
+        return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[COIL_1] - y[COIL_2])
 
-    def outputs(self, y: Vector, _mode: Mode, _around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: State, _mode: Mode, _around: Surroundings) -> tuple[float, ...]:
         """Return the outputs up to the clutch's temperature."""
         return *y[:FLUX_1], y[TEMPERATURE]
 
-    # Parts --------------------------------------------------------------------------------------------------
+    # Equations ----------------------------------------------------------------------------------------------
 
-    def ratios(self, delta: float) -> tuple[float, float]:
-        """Return R and R' at a fin angle [rad]."""
-        tangent = math.tan(delta + self.screw.assembly)
-        ratio = self.screw.ratio(delta)
-        return ratio, 2.0 * ratio * tangent
-
-    def slips(self, y: Vector) -> tuple[float, float]:
+    def slips(self, y: State) -> tuple[float, float]:
         """Return the sliding speeds [rad/s] of both clutches: of the motor's side over the screw's."""
-        speed = self.ratios(y[FIN])[0] * y[RATE]
+        speed = self.screw.ratio(y[FIN]) * y[RATE]
         return y[MOTOR] - speed, -y[MOTOR] - speed
-
-    def limits(self, y: Vector) -> tuple[float, float]:
-        """Return the torques [N.m] at which the clutches slip."""
-        first, second = (coil.limit(y[FLUX_1 + k], y[TEMPERATURE]) for k, coil in enumerate(self.coils))
-        return first, second
 
     def references(self, around: Surroundings) -> tuple[float, float]:
         """Return the current references [A] of both coils."""
@@ -100,141 +98,77 @@ class Clutches:
         net, bias = around.reference, self.p["clutch.bias_current"]
         return self.p["coil.connected_1"] * (bias + max(net, 0.0)), bias + max(-net, 0.0)
 
-    def surplus(self, y: Vector, around: Surroundings) -> float:
+    def surplus(self, y: State, around: Surroundings) -> float:
         """Return the voltage [V] left for the motor's winding."""
-        return around.supply - self.emf * y[MOTOR]
+        return around.supply - self.p["motor.back_emf_constant"] * y[MOTOR]
 
-    # Motion -------------------------------------------------------------------------------------------------
-
-    def _loads(self, y: Vector, mode: Mode, around: Surroundings, without: int = -1) -> tuple[float, float]:
+    def _loads(self, y: State, mode: Mode, around: Surroundings, without: int = -1) -> tuple[float, float]:
         """Return moment and torque [N.m] on fin and motor.
 
         The clutch `without` is left out, and so is the friction of a screw at rest.
         """
-        delta, rate, speed = y[:COIL_1]
-        ratio, ratio_slope = self.ratios(delta)
-        s = self.screw
-        fin = s.loads(delta, around) - s.motor_inertia * ratio * ratio_slope * rate * rate
+        p, s, (delta, rate, speed) = self.p, self.screw, y[:COIL_1]
+        ratio = s.ratio(delta)
+        fin = s.loads(delta, around) - s.motor_inertia * ratio * ratio * s.bend(delta) * rate * rate
         if mode.screw:
             fin -= (ratio * ratio * s.viscous[mode.screw] + s.fin_viscous) * rate
             fin -= mode.screw * s.coulomb(delta, mode.screw)
-        motor = self.torque_constant * self.surplus(y, around) / self.p["motor.resistance"] if mode.feeds else 0.0
-        motor -= self.p["motor.viscous_friction"] * speed + self.p["motor.coulomb_friction"]
-        for k, limit in enumerate(self.limits(y)):
+        motor = p["motor.torque_constant"] * self.surplus(y, around) / p["motor.resistance"] if mode.feeds else 0.0
+        motor -= p["motor.viscous_friction"] * speed + p["motor.coulomb_friction"]
+        for k, coil in enumerate(self.coils):
             if k != without:
-                torque = mode.slip[k] * limit  # on the screw
+                torque = mode.slip[k] * coil.limit(y)  # on the screw
                 fin, motor = fin + ratio * torque, motor - TURNS[k] * torque
         return fin, motor
 
-    def _inertia(self, delta: float) -> float:
-        return self.screw.fin_inertia + self.screw.motor_inertia * self.ratios(delta)[0] ** 2
+    def _inertia(self, ratio: float) -> float:
+        return self.screw.fin_inertia + self.screw.motor_inertia * ratio**2
 
-    def locked(self, y: Vector, mode: Mode, k: int, around: Surroundings) -> tuple[float, float, float]:
+    def locked(self, y: State, mode: Mode, k: int, around: Surroundings) -> tuple[float, float, float]:
         """Return the fin's and the motor's acceleration [rad/s2] with clutch k locked, and its torque [N.m]."""
-        ratio, ratio_slope = self.ratios(y[FIN])
-        turn = TURNS[k]
+        ratio, turn = self.screw.ratio(y[FIN]), TURNS[k]
         fin, motor = self._loads(y, mode, around, k)
-        bent = ratio_slope * y[RATE] * y[RATE]
+        bent = ratio * self.screw.bend(y[FIN]) * y[RATE] ** 2
         rate = ((fin + ratio * turn * motor - self.rotor * ratio * bent)
-                / (self._inertia(y[FIN]) + self.rotor * ratio * ratio))
+                / (self._inertia(ratio) + self.rotor * ratio * ratio))
         faster = ratio * rate + bent
         return rate, turn * faster, turn * motor - self.rotor * faster
 
-    def slope(self, y: Vector, mode: Mode, around: Surroundings) -> list[float]:
+    def _excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+        """Return the moment [N.m] on a screw at rest towards `side` beyond what friction holds."""
+        return side * self._loads(y, mode, around)[0] - self.screw.coulomb(y[FIN], side)
+
+    def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
         """Return the time derivative of the state in a mode."""
-        slips, limits = self.slips(y), self.limits(y)
         if 0 in mode.slip:
             rate, faster, _ = self.locked(y, mode, mode.slip.index(0), around)
         else:
             fin, motor = self._loads(y, mode, around)
-            rate, faster = fin / self._inertia(y[FIN]), motor / self.rotor
-        if mode.screw == 0:
-            rate = 0.0
-        heat = sum(limits[k] * mode.slip[k] * slips[k] for k in (0, 1))
-        (first, flux_1), (second, flux_2) = (
-            coil.slopes(reference, side, y[COIL_1 + k], y[FLUX_1 + k], around.supply)
-            for k, (coil, reference, side) in enumerate(
-                zip(self.coils, self.references(around), mode.coils, strict=True)))
-        return [y[RATE] if mode.screw else 0.0, rate, faster, first, second, flux_1, flux_2,
-                warming(self.p, heat, y[TEMPERATURE])]
+            rate, faster = fin / self._inertia(self.screw.ratio(y[FIN])), motor / self.rotor
+        heat = sum(coil.limit(y) * way * slip for coil, way, slip in zip(self.coils, mode.slip, self.slips(y),
+                                                                         strict=True))
+        (first, flux_1), (second, flux_2) = (coil.slopes(y, mode, reference, around.supply) for coil, reference
+                                             in zip(self.coils, self.references(around), strict=True))
+        return [y[RATE], rate if mode.screw else 0.0, faster, first, second, flux_1, flux_2,
+                self.coils[0].warming(y, heat)]
 
     # Modes --------------------------------------------------------------------------------------------------
 
-    def _excess(self, y: Vector, mode: Mode, around: Surroundings, side: int) -> float:
-        """Return the moment [N.m] on a screw at rest towards `side` beyond what friction, or a stop, holds."""
-        if side * y[FIN] >= self.screw.stop:
-            return -1.0
-        return side * self._loads(y, mode._replace(screw=0), around)[0] - self.screw.coulomb(y[FIN], side)
-
-    def rest(self, y: Vector, mode: Mode, around: Surroundings) -> int:
-        """Return the direction in which a screw at rest breaks away, or 0."""
-        return next((side for side in (1, -1) if self._excess(y, mode, around, side) > 0.0), 0)
-
-    def stuck(self, y: Vector, mode: Mode, k: int, around: Surroundings) -> Mode:
-        """Return the mode of clutch k with no slip: locked, or sliding the way its torque drives it."""
-        _, _, torque = self.locked(y, mode, k, around)
-        slip = 0 if abs(torque) <= self.limits(y)[k] else sign(torque)
-        return mode._replace(slip=_with(mode.slip, k, slip))
-
-    def admit(self, y: State, mode: Mode, around: Surroundings) -> Mode:
+    def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
         """Return the mode after the surroundings have jumped."""
-        first, second = (coil.mode(reference, y[COIL_1 + k], around.supply)
-                         for k, (coil, reference) in enumerate(zip(self.coils, self.references(around), strict=True)))
-        mode = mode._replace(coils=(first, second), feeds=self.surplus(y, around) > 0.0)
-        if mode.screw == 0:
-            mode = mode._replace(screw=self.rest(y, mode, around))
-        return self.stuck(y, mode, mode.slip.index(0), around) if 0 in mode.slip else mode
+        for coil, reference in zip(self.coils, self.references(around), strict=True):
+            mode = coil.admit(y, mode, reference, around.supply)
+        return super().admit(y, mode._replace(feeds=self.surplus(y, around) > 0.0), around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
         """Return the events that end a mode."""
-        def motor_rests(y: State) -> Mode:
+        def motor_rests(y: State, _around: Surroundings) -> int:
             raise ValueError("the motor comes to rest, which this reference does not follow")
 
-        feeding = 1.0 if mode.feeds else -1.0
-        events = [Event(lambda y: y[MOTOR], motor_rests), *self._screw_events(mode, around)]
-        for k, (coil, reference) in enumerate(zip(self.coils, self.references(around), strict=True)):
-            events += self._slip_events(mode, k, around)
-            events += coil.events(reference, mode.coils[k], COIL_1 + k, around.supply,
-                                  lambda to, k=k: mode._replace(coils=_with(mode.coils, k, to)))  # type: ignore[misc]
-        return [*events, Event(lambda y: feeding * self.surplus(y, around),
-                               lambda _: mode._replace(feeds=not mode.feeds))]
-
-    def _screw_events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        def halt(y: State) -> Mode:
-            y[RATE] = 0.0
-            # No clutch holds a screw at rest to a motor that turns.
-            first, second = self.slips(y)
-            loose = mode._replace(slip=(sign(first) or 1, sign(second) or -1))
-            return loose._replace(screw=self.rest(y, loose, around))
-
-        def strike(y: State) -> Mode:
-            y[FIN] = mode.screw * self.screw.stop
-            return halt(y)
-
-        events = friction_events(mode.screw, lambda y: y[RATE], lambda y, side: self._excess(y, mode, around, side),
-                                 halt, lambda side: lambda _: mode._replace(screw=side))
-        return [*events, Event(lambda y: self.screw.stop - mode.screw * y[FIN], strike)] if mode.screw else events
-
-    def _slip_events(self, mode: Mode, k: int, around: Surroundings) -> list[Event]:
-        def meet(y: State) -> Mode:
-            y[MOTOR] = TURNS[k] * self.ratios(y[FIN])[0] * y[RATE]
-            return self.stuck(y, mode, k, around)
-
-        def slide(side: int) -> Successor:
-            return lambda _: mode._replace(slip=_with(mode.slip, k, side))
-
-        return friction_events(
-            mode.slip[k], lambda y: self.slips(y)[k],
-            lambda y, side: side * self.locked(y, mode, k, around)[2] - self.limits(y)[k], meet, slide)
+        coils = zip(self.coils, self.references(around), strict=True)
+        return [Event(itemgetter(MOTOR), {MOTOR: motor_rests}), *super().events(mode, around),
+                *(event for coil, reference in coils for event in coil.events(mode, reference, around.supply)),
+                switch(mode, "feeds", lambda y: self.surplus(y, around))]
 
 
-def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
-    """Simulate one actuator from its start and return `time` and the `OUTPUTS` at the rows, SI units.
-
-    `inputs` are as :func:`emcas_fmu.reference.simulate.simulate` takes them; a row holds until the next.
-    """
-    plant = Clutches(parameters)
-    controllers = Controllers(plant.screw, plant.nominal, plant.p["fin.start_angle"])
-    return run(plant, lambda y, command, enable: controllers.sample(y[FIN], y[RATE], command, enable,
-                                                                    y[COIL_1] - y[COIL_2]),
-               plant.p, inputs, voltage_starts(parameters), OUTPUTS)
+simulate = partial(in_time, kind=Clutches)

@@ -2,65 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from .events import Event, State, Vector
+from .events import Event, State, band
 
-ON_SUPPLY, FREE, ON_SUPPRESSOR = 1, 0, -1  # modes of a coil's amplifier: which limit its voltage is on
 EDGE = 1e-9  # V, within which of a limit the amplifier is free
 
 
 class Coil:
-    """One clutch and its coil: `gain` and `share` are its parameters of the amplifier and of the torque."""
+    """One clutch and its coil: `gain` and `share` are its parameters of the amplifier and of the torque.
 
-    def __init__(self, p: Mapping[str, float], gain: str, share: str):
-        self.p, self.gain, self.share = p, p[gain], p[share]
+    `field` is that of the mode: whether the voltage is on the supply (1), on the suppressor (-1) or free (0). `current`
+    and `flux` [A] are the indices of the coil's states, `temperature` [degC] is that of the clutch's.
+    """
+
+    def __init__(self, p: Mapping[str, float], gain: str, share: str, field: str, current: int, flux: int,
+                 temperature: int):
+        self.p, self.gain, self.share, self.field = p, p[gain], p[share], field
+        self.current, self.flux, self.temperature = current, flux, temperature
         self.resistance, self.clamp = p["coil.resistance"], p["coil.suppression_voltage"]
 
-    def limit(self, flux: float, temperature: float) -> float:
+    def limit(self, y: State) -> float:
         """Return the torque [N.m] at which the clutch slips."""
         p, rated = self.p, self.p["clutch.rated_torque"]
-        warm = max(1.0 + p["clutch.temperature_coefficient"] * (temperature - p["clutch.reference_temperature"]), 0.1)
-        magnetic = rated * (1.0 - p["clutch.residual"]) * flux / p["clutch.rated_current"]
+        warmer = y[self.temperature] - p["clutch.reference_temperature"]
+        magnetic = rated * (1.0 - p["clutch.residual"]) * y[self.flux] / p["clutch.rated_current"]
+        warm = max(1.0 + p["clutch.temperature_coefficient"] * warmer, 0.1)
         return warm * self.share * (rated * p["clutch.residual"] + magnetic)
 
-    def demand(self, reference: float, current: float) -> float:
-        """Return the amplifier's voltage [V] before its limits, at a current reference and a current [A]."""
-        return self.resistance * reference + self.gain * (reference - current)
+    def demand(self, y: State, reference: float) -> float:
+        """Return the amplifier's voltage [V] before its limits, at a current reference [A]."""
+        return self.resistance * reference + self.gain * (reference - y[self.current])
 
-    def mode(self, reference: float, current: float, supply: float) -> int:
-        """Return the mode of the amplifier."""
-        demand = self.demand(reference, current)
-        return ON_SUPPLY if demand > supply + EDGE else ON_SUPPRESSOR if demand < -self.clamp - EDGE else FREE
+    def admit(self, y: State, mode: Any, reference: float, supply: float) -> Any:
+        """Return the mode after reference [A] or supply [V] have jumped."""
+        demand = self.demand(y, reference)
+        return mode._replace(**{self.field: (demand > supply + EDGE) - (demand < -self.clamp - EDGE)})
 
-    def slopes(self, reference: float, mode: int, current: float, flux: float, supply: float) -> tuple[float, float]:
+    def slopes(self, y: State, mode: Any, reference: float, supply: float) -> tuple[float, float]:
         """Return d/dt of current and flux [A/s]."""
-        voltage = (self.demand(reference, current) if mode == FREE else supply if mode == ON_SUPPLY
-                   else -self.clamp)
-        return ((voltage - self.resistance * current) / self.p["coil.inductance"],
-                (current - flux) / self.p["clutch.eddy_time"])
+        on = getattr(mode, self.field)
+        voltage = supply if on > 0 else -self.clamp if on < 0 else self.demand(y, reference)
+        return ((voltage - self.resistance * y[self.current]) / self.p["coil.inductance"],
+                (y[self.current] - y[self.flux]) / self.p["clutch.eddy_time"])
 
-    def events(self, reference: float, mode: int, index: int, supply: float, changed: Callable[[int], Any]
-               ) -> list[Event]:
-        """Return the events that end a mode of the amplifier, with the coil's current at an `index` of the state.
+    def events(self, mode: Any, reference: float, supply: float) -> list[Event]:
+        """Return the events that end a mode of the amplifier."""
+        return band(mode, self.field, lambda y: self.demand(y, reference), -self.clamp, supply)
 
-        `changed` returns the plant's next mode from the amplifier's.
-        """
-        def demand(y: Vector) -> float:
-            return self.demand(reference, y[index])
-
-        def to(next_mode: int) -> Callable[[State], Any]:
-            return lambda _: changed(next_mode)
-
-        if mode == FREE:
-            return [Event(lambda y: supply - demand(y), to(ON_SUPPLY)),
-                    Event(lambda y: demand(y) + self.clamp, to(ON_SUPPRESSOR))]
-        limit = supply if mode == ON_SUPPLY else self.clamp
-        return [Event(lambda y: mode * demand(y) - limit, to(FREE))]
-
-
-def warming(p: Mapping[str, float], heat: float, temperature: float) -> float:
-    """Return the rise [K/s] of the clutch's temperature [degC] under a power of slip [W]."""
-    lost = (temperature - p["friction.temperature"]) / p["clutch.thermal_resistance"]
-    return (heat - lost) / p["clutch.heat_capacity"]
+    def warming(self, y: State, heat: float) -> float:
+        """Return the rise [K/s] of the clutch's temperature under a power of slip [W]."""
+        lost = (y[self.temperature] - self.p["friction.temperature"]) / self.p["clutch.thermal_resistance"]
+        return (heat - lost) / self.p["clutch.heat_capacity"]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from .events import Value
-from .plant import FinPlant
+from .screw import Screw
 from .vehicle import clip
 
 
@@ -42,11 +42,12 @@ class Controllers:
     The sensors see `plant`, the actuator as built; the controllers compute with the `nominal` one.
     """
 
-    def __init__(self, plant: FinPlant, nominal: FinPlant, delta: float):
-        self.plant, self.nominal, self.p = plant, nominal, nominal.parameters
+    def __init__(self, plant: Screw, nominal: Screw):
+        self.plant, self.nominal, self.p = plant, nominal, nominal.p
         self.period = self.p["controller.sample_time"]
         self.count_size = 2.0 * math.pi / (self.p["encoder.pulses"] * self.p["encoder.multiplier"])
         self.on_fin = bool(self.p["encoder.on_fin"])
+        delta = self.p["fin.start_angle"]
         self.counts = self._counts(delta)
         self.update_samples = max(1, whole_samples(self.p, "command.update_time"))
         self._reset(*self._measure(delta, 0.0), delta)

@@ -8,10 +8,12 @@ A drive is FREE, clipped on a side (1 or -1), gliding along the limit on a side 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from .events import Event, State, Vector
+from .actuator import Actuator
+from .events import Changes, Event, State
 from .vehicle import Surroundings, clip
 
 FREE, ON_LIMIT, OPEN = 0, 2, 9
@@ -21,11 +23,13 @@ EDGE = 1e-9
 
 
 class Motor(NamedTuple):
-    """Motor speed [rad/s], motor current [A], drive integral xi [V]."""
+    """Motor speed [rad/s], motor current [A], drive integral xi [V], and the motor's acceleration [rad/s2], which
+    matters with pole pairs only."""
 
     speed: float
     current: float
     integral: float
+    acceleration: float = 0.0
 
 
 class Drive:
@@ -52,9 +56,8 @@ class Drive:
             return self.emf_constant * m.speed
         return clip(self.demand(m, around), self.limit(m, around))
 
-    def slopes(self, m: Motor, mode: int, around: Surroundings, accelerate: Callable[[], float]
-               ) -> tuple[float, float]:
-        """Return di/dt [A/s] and dxi/dt [V/s] in a mode; `accelerate` gives the motor's acceleration [rad/s2]."""
+    def slopes(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
+        """Return di/dt [A/s] and dxi/dt [V/s] in a mode."""
         if mode == OPEN:
             return 0.0, 0.0
         if mode == FREE:
@@ -63,63 +66,58 @@ class Drive:
         if abs(mode) != ON_LIMIT:
             return current_slope, 0.0
         side = 1 if mode > 0 else -1  # xi keeps the demand exactly on the limit
-        return current_slope, self.kp * current_slope + side * self._limit_slope(m, current_slope, around, accelerate)
+        return current_slope, self.kp * current_slope + side * self._limit_slope(m, current_slope, around)
 
     def _current_slope(self, m: Motor, voltage: float) -> float:
         return (voltage - self.resistance * m.current - self.emf_constant * m.speed) / self.inductance
 
-    def _limit_slope(self, m: Motor, current_slope: float, around: Surroundings, accelerate: Callable[[], float]
-                     ) -> float:
+    def _limit_slope(self, m: Motor, current_slope: float, around: Surroundings) -> float:
         """Return the limit's time derivative [V/s]."""
         limit = self.limit(m, around)
         if limit == 0.0 or self.electrical_inductance == 0.0:
             return 0.0
-        across_slope = accelerate() * m.current + m.speed * current_slope
+        across_slope = m.acceleration * m.current + m.speed * current_slope
         return -self.electrical_inductance**2 * m.speed * m.current * across_slope / limit
 
     # Modes ------------------------------------------------------------------------------------------------
 
-    def _held_slope(self, m: Motor, around: Surroundings, side: int, accelerate: Callable[[], float]) -> float:
+    def _held_slope(self, m: Motor, around: Surroundings, side: int) -> float:
         """Return how fast [V/s] the demand leaves the limit on `side` while the voltage is clipped and xi is held."""
-        current_slope, _ = self.slopes(m, side, around, accelerate)
-        return -side * self.kp * current_slope - self._limit_slope(m, current_slope, around, accelerate)
+        current_slope, _ = self.slopes(m, side, around)
+        return -side * self.kp * current_slope - self._limit_slope(m, current_slope, around)
 
-    def _free_slope(self, m: Motor, around: Surroundings, side: int, accelerate: Callable[[], float]) -> float:
+    def _free_slope(self, m: Motor, around: Surroundings, side: int) -> float:
         """Return the same while xi moves."""
-        return self._held_slope(m, around, side, accelerate) + side * self.ki * (around.reference - m.current)
+        return self._held_slope(m, around, side) + side * self.ki * (around.reference - m.current)
 
-    def mode_on_limit(self, m: Motor, around: Surroundings, side: int, accelerate: Callable[[], float]) -> int:
+    def mode_on_limit(self, m: Motor, around: Surroundings, side: int) -> int:
         """Return the mode that follows where the demand has reached the limit on `side`.
 
         Clipped, xi is held and the demand moves with the current alone; free, xi moves too. Where the first takes the
         demand back inside and the second takes it outside, neither can last: the drive glides on the limit.
         """
-        if self._held_slope(m, around, side, accelerate) >= 0.0:
+        if self._held_slope(m, around, side) >= 0.0:
             return side
-        return FREE if self._free_slope(m, around, side, accelerate) <= 0.0 else side * ON_LIMIT
+        return FREE if self._free_slope(m, around, side) <= 0.0 else side * ON_LIMIT
 
-    def admit(self, m: Motor, around: Surroundings, accelerate: Callable[[], float]) -> int:
+    def admit(self, m: Motor, around: Surroundings) -> int:
         """Return the mode after the surroundings have jumped."""
         if not around.enable:
             return OPEN
         demand, limit = self.demand(m, around), self.limit(m, around)
         side = 1 if demand >= 0.0 else -1
         if abs(abs(demand) - limit) <= EDGE:
-            return self.mode_on_limit(m, around, side, accelerate)
+            return self.mode_on_limit(m, around, side)
         return side if abs(demand) > limit else FREE
 
-    def events(self, mode: int, around: Surroundings, motor: Callable[[Vector], Motor],
-               acceleration: Callable[[Vector], float], changed: Callable[[State, int], Any]) -> list[Event]:
-        """Return the events that end a mode, of a motor and an acceleration [rad/s2] that follow from the state.
-
-        `changed` returns the plant's next mode at a state from the drive's.
-        """
-        def beyond(y: Vector, side: int) -> float:
+    def events(self, mode: int, around: Surroundings, motor: Callable[[State], Motor]) -> list[Event]:
+        """Return the events that end a mode, of a motor that follows from the state."""
+        def beyond(y: State, side: int) -> float:
             m = motor(y)
             return side * self.demand(m, around) - self.limit(m, around)
 
-        def reached(side: int) -> Callable[[State], Any]:
-            return lambda y: changed(y, self.mode_on_limit(motor(y), around, side, lambda: acceleration(y)))
+        def reached(side: int) -> Changes:
+            return {"drive": lambda y, _: self.mode_on_limit(motor(y), around, side)}
 
         if mode == OPEN:
             return []
@@ -128,7 +126,48 @@ class Drive:
         side = 1 if mode > 0 else -1
         if abs(mode) != ON_LIMIT:
             return [Event(lambda y: beyond(y, side), reached(side))]
-        return [Event(lambda y: -self._held_slope(motor(y), around, side, lambda: acceleration(y)),
-                      lambda y: changed(y, side)),
-                Event(lambda y: self._free_slope(motor(y), around, side, lambda: acceleration(y)),
-                      lambda y: changed(y, FREE))]
+        return [Event(lambda y: -self._held_slope(motor(y), around, side), {"drive": side}),
+                Event(lambda y: self._free_slope(motor(y), around, side), {"drive": FREE})]
+
+
+class Driven(Actuator):
+    """An actuator whose motor has a drive: its mode has the field `drive`, its state current [A] and integral [V]."""
+
+    drive: Drive
+    current: int
+    """Index of the motor's current; that of the drive's integral is the next."""
+
+    @abstractmethod
+    def speed(self, y: State) -> float:
+        """Return the speed of the motor [rad/s]."""
+
+    @abstractmethod
+    def acceleration(self, y: State, mode: Any, around: Surroundings) -> float:
+        """Return the acceleration of the motor [rad/s2]."""
+
+    def motor(self, y: State, mode: Any, around: Surroundings) -> Motor:
+        """Return speed, current, drive integral and acceleration of the motor."""
+        faster = self.acceleration(y, mode, around) if self.drive.electrical_inductance else 0.0
+        return Motor(self.speed(y), y[self.current], y[self.current + 1], faster)
+
+    def electrical(self, y: State, mode: Any, around: Surroundings) -> tuple[float, float]:
+        """Return the time derivatives of current [A/s] and drive integral [V/s]."""
+        return self.drive.slopes(self.motor(y, mode, around), mode.drive, around)
+
+    def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
+        """Return what acts, as for every actuator. Raises ValueError for a supply voltage that is not above 0."""
+        if row["supply_voltage"] <= 0.0:
+            raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
+        return super().surroundings(row, reference)
+
+    def admit(self, y: State, mode: Any, around: Surroundings) -> Any:
+        """Return the mode after the surroundings have jumped; clears the current of an opened bridge in place."""
+        if not around.enable:
+            y[self.current] = y[self.current + 1] = 0.0
+        mode = self.settled(y, mode, around)
+        return mode._replace(drive=self.drive.admit(self.motor(y, mode, around), around))
+
+    def events(self, mode: Any, around: Surroundings) -> list[Event]:
+        """Return the events of bodies and drive."""
+        drive = self.drive.events(mode.drive, around, lambda y: self.motor(y, mode, around))
+        return [*super().events(mode, around), *drive]

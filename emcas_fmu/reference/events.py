@@ -1,39 +1,105 @@
 """Integration of equations with events by SciPy, from event to event.
 
-A plant has smooth equations in each of its modes: which bodies slide or stick, which limits hold. A mode ends where
+An actuator has smooth equations in each of its modes: which bodies slide or stick, which limits hold. A mode ends where
 one of its event margins, functions of the state that are above 0 while it lasts, falls through 0.
 """
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from .actuator import Actuator
+
 Value = float | int | bool
-Vector = Sequence[float]
 State = list[float]
-Successor = Callable[[State], Any]
-"""Returns the mode after an event from the state there, and may correct that state in place."""
+Margin = Callable[[State], float]
+Changes = Mapping[int | str, Value | Callable[[State, Any], Value]]
+"""New values of states, by index, and of the mode's fields, by name; a function returns one from the state, after the
+changes before it, and the surroundings."""
 
 _MOST_STALLS = 20  # events at one instant, one after the other
 
 
 class Event:
-    """A SciPy event: its `margin` is above 0 while the mode lasts; `successor` gives the next mode."""
+    """A SciPy event: its `margin` is above 0 while the mode lasts; `changes` are those that it makes."""
 
     terminal = True
     direction = -1.0
 
-    def __init__(self, margin: Callable[[Vector], float], successor: Successor):
-        self.margin, self.successor = margin, successor
+    def __init__(self, margin: Margin, changes: Changes):
+        self.margin, self.changes = margin, changes
 
-    def __call__(self, _time: float, state: Vector) -> float:
+    def __call__(self, _time: float, state: State) -> float:
         # SciPy counts a value that stays exactly zero as crossing. Here a zero is not yet crossed, so that a
         # frictionless fin can rest without load.
         return self.margin(state) or sys.float_info.min
+
+    def changed(self, state: State, mode: Any, around: Any) -> Any:
+        """Return the mode after the event, and change the state in place."""
+        for key, change in self.changes.items():
+            value = change(state, around) if callable(change) else change
+            if isinstance(key, int):
+                state[key] = value
+            else:
+                mode = mode._replace(**{key: value})
+        return mode
+
+
+class Body(NamedTuple):
+    """A body under dry friction: a field of the mode is the direction in which it slides, 0 while it rests.
+
+    `speed` is its speed against what rubs on it, `rest` the changes, but for that field, where it comes to rest.
+    `excess` returns the force or torque on it at rest towards a side beyond what friction holds, from state, mode and
+    surroundings. At a `stop`, where its angle is so large on either side, it rests.
+    """
+
+    field: str
+    speed: Margin
+    excess: Callable[[State, Any, Any, int], float]
+    rest: Changes
+    angle: int = 0  # its index in the state
+    stop: float = math.inf  # rad
+
+    def held(self, state: State, mode: Any, around: Any, side: int) -> float:
+        """Return what is above 0 while a body at rest does not start towards a side."""
+        return 1.0 if side * state[self.angle] >= self.stop else -self.excess(state, mode, around, side)
+
+    def starts(self, state: State, mode: Any, around: Any) -> int:
+        """Return the direction in which a body at rest starts, or 0."""
+        return next((side for side in (1, -1) if self.held(state, mode, around, side) < 0.0), 0)
+
+    def events(self, mode: Any, around: Any) -> list[Event]:
+        """Return the events at which the body starts, comes to rest or meets its stop."""
+        way = getattr(mode, self.field)
+        if not way:
+            return [Event(partial(self.held, mode=mode, around=around, side=side), {self.field: side})
+                    for side in (1, -1)]
+        rest: Changes = {self.field: 0, **self.rest}
+        halt = Event(lambda y: way * self.speed(y), rest)
+        if self.stop == math.inf:
+            return [halt]
+        return [halt, Event(lambda y: self.stop - way * y[self.angle], {self.angle: way * self.stop, **rest})]
+
+
+def band(mode: Any, field: str, value: Margin, low: float, high: float) -> list[Event]:
+    """Return the events of a value that is within a band, above or below it: a field of the mode is 0, 1 or -1."""
+    side = getattr(mode, field)
+    if side:
+        return [Event(lambda y: value(y) - high if side > 0 else low - value(y), {field: 0})]
+    return [Event(lambda y: high - value(y), {field: 1}), Event(lambda y: value(y) - low, {field: -1})]
+
+
+def switch(mode: Any, field: str, value: Margin) -> Event:
+    """Return the event at which a value changes its sign; a field of the mode says whether it is above 0."""
+    above = getattr(mode, field)
+    return Event(lambda y: value(y) if above else -value(y), {field: not above})
 
 
 class Accuracy(NamedTuple):
@@ -48,55 +114,25 @@ class Accuracy(NamedTuple):
     max_step: float
 
 
-class Plant(Protocol):
-    """Smooth equations for each mode, and the events that end a mode."""
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """Tolerances and largest step of the integration."""
-
-    def slope(self, state: Vector, mode: Any, around: Any) -> Sequence[float]:
-        """Return the time derivative of the state in a mode; `around` is what acts from outside."""
-
-    def events(self, mode: Any, around: Any) -> list[Event]:
-        """Return the events that end a mode."""
-
-
-def friction_events(direction: int, speed: Callable[[Vector], float], excess: Callable[[Vector, int], float],
-                    halt: Successor, start: Callable[[int], Successor]) -> list[Event]:
-    """Return the events of a body under dry friction.
-
-    One that slides in a `direction` comes to rest where its `speed` is 0. One at rest, of direction 0, starts towards
-    a side where `excess`, the force beyond what friction holds on that side, rises above 0.
-    """
-    if direction:
-        return [Event(lambda y: direction * speed(y), halt)]
-
-    def breakaway(side: int) -> Event:
-        return Event(lambda y: -excess(y, side), start(side))
-
-    return [breakaway(1), breakaway(-1)]
-
-
-def advance(plant: Plant, state: State, mode: Any, around: Any, start: float, end: float) -> tuple[State, Any]:
+def advance(actuator: Actuator, state: State, mode: Any, around: Any, start: float, end: float) -> tuple[State, Any]:
     """Integrate from `start` to `end` [s] through every event; return the state and the mode at `end`.
 
     Raises ArithmeticError where the integration fails, or where modes follow each other without progress in time.
     """
     from scipy.integrate import solve_ivp  # would be a third of the start of every command
 
-    rtol, scales, max_step = plant.accuracy
+    rtol, scales, max_step = actuator.accuracy
     time, stalls = start, 0
     while time < end:
-        events = plant.events(mode, around)
-        run = solve_ivp(lambda _t, y, mode=mode: plant.slope(y.tolist(), mode, around), (time, end), state,
+        events = actuator.events(mode, around)
+        run = solve_ivp(lambda _t, y, mode=mode: actuator.slope(y.tolist(), mode, around), (time, end), state,
                         method="DOP853", events=events, rtol=rtol, atol=rtol * np.array(scales), max_step=max_step)
         if run.status < 0:
             raise ArithmeticError(f"integration failed after {time} s in {mode}: {run.message}")
         state, reached = [float(x) for x in run.y[:, -1]], float(run.t[-1])
         if run.status == 1:  # all events are terminal, so exactly one has fired: the first
             fired = next(event for event, times in zip(events, run.t_events, strict=True) if times.size)
-            mode = fired.successor(state)
+            mode = actuator.settled(state, fired.changed(state, mode, around), around)
         stalls = 0 if reached > time else stalls + 1
         if stalls > _MOST_STALLS:
             raise ArithmeticError(f"modes chatter at {time} s in {mode}")

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ..errors import EmcasError
 from .controllers import whole_samples
-from .plant import over_temperature
+from .screw import over_temperature
 from .vehicle import as_built
 
 Array = NDArray[np.floating[Any]]
@@ -54,56 +54,41 @@ class LinearModel:
     def __init__(self, values: Mapping[str, Any]) -> None:
         if why := obstacle(values):
             raise EmcasError(why)
-        self.sample_time = period = float(values["controller.sample_time"])
-        _, ratio, inertia = _plant(values)
+        self.values, self.sample_time = values, float(values["controller.sample_time"])
+        _, self.ratio, self.inertia = _plant(values)
         plant, turned, _ = _plant(as_built(values))
-        whole, rest = divmod(float(values["drive.transport_delay"]), period)
-        if period - rest < 1e-9 * period:  # a delay of whole periods, but for rounding
-            whole, rest = whole + 1, 0.0
-        late = int(whole)
+        late, rest = divmod(float(values["drive.transport_delay"]), self.sample_time)
+        if self.sample_time - rest < 1e-9 * self.sample_time:  # a delay of whole periods, but for rounding
+            late, rest = late + 1, 0.0
         # In each period the older DAC value acts for `rest`, then the newer one.
-        before, after = scipy.linalg.expm(plant * rest), scipy.linalg.expm(plant * (period - rest))
-        free = (after @ before)[:4, :4]
-        older = after[:4, :4] @ before[:4, 4]
-        newer = after[:4, 4]
-        size = 8 + late + 1
-        # Positions: 8 is the value in the drive, 8 + late the last one written; the sample now follows it.
-        update, drive = np.zeros((size, size)), np.zeros(size)
-        update[:4, :4] = free
-        proportional, velocity_gain = values["controller.position.kp"], values["controller.velocity.kp"]
-        fed_forward = values["controller.position.velocity_feedforward"] / period
-        # Error of speed, from the state and from the target r.
-        error = np.zeros(size)
-        error[0], error[1], error[4], error[6] = -proportional, -1.0, 1.0, -fed_forward
-        error_of_target = proportional * values["controller.position.setpoint_weight"] + fed_forward
-        control = velocity_gain * error
-        control[5] += 1.0
-        load = np.zeros(size)  # the observer's estimate
-        load[1], load[7] = values["controller.load_observer"] * inertia, -values["controller.load_observer"]
-        control -= load / (values["motor.torque_constant"] * values["drive.current_gain"])
-        delayed = np.zeros((late + 2, size))  # DAC values from the oldest to the one written now
-        delayed[:-1, 8:] = np.eye(late + 1)
-        delayed[-1] = control
-        update[:4] += np.outer(older, delayed[0]) + np.outer(newer, delayed[1])
-        update[4, 4], update[4, 0] = 1.0, -period * values["controller.position.ki"]
-        update[5] = period * values["controller.velocity.ki"] * error
-        update[5, 5] += 1.0
-        if values["controller.load_observer"] > 0.0:
-            update[7] = period * load
-            update[7, 2], update[7, 7] = period * values["motor.torque_constant"], update[7, 7] + 1.0
-        update[8:] = delayed[1:]
-        drive[4] = period * values["controller.position.ki"]
-        drive[5] = period * values["controller.velocity.ki"] * error_of_target
-        drive[6] = 1.0
-        written = np.zeros(size)  # the effect of the value written now
-        written[-1] = 1.0
-        if late == 0:  # already in this period
-            written[:4] = newer
-        drive = ratio * (drive + velocity_gain * error_of_target * written)
-        self.update, self.drive, self.written = update, drive, written
+        before, after = (scipy.linalg.expm(plant * time) for time in (rest, self.sample_time - rest))
+        self.free, self.older, self.newer = (after @ before)[:4, :4], after[:4, :4] @ before[:4, 4], after[:4, 4]
+        size = 9 + int(late)
+        unit = np.eye(size + 2)
+        following = self._next(unit[:size], unit[size], unit[size + 1])
+        self.update, self.drive, self.written = following[:, :size], following[:, size], following[:, size + 1]
         self.latency = whole_samples(values, "command.latency")
         self.output = np.zeros(size)
         self.output[0] = 1.0 / turned
+
+    def _next(self, states: Array, command: Array, written: Array) -> Array:
+        """Return states (rows) a sample later, under commands [rad], with `written` [V] added to the DAC value."""
+        p, period = self.values, self.sample_time
+        theta, speed, current, _, integral, velocity_integral, before, momentum, *dac = states
+        target = self.ratio * command
+        fed_forward = p["controller.position.velocity_feedforward"] / period * (target - before)
+        weighted = p["controller.position.setpoint_weight"] * target - theta
+        error = p["controller.position.kp"] * weighted + integral + fed_forward - speed
+        torque_constant, bandwidth = p["motor.torque_constant"], p["controller.load_observer"]
+        load = bandwidth * (self.inertia * speed - momentum)
+        dac.append(p["controller.velocity.kp"] * error + velocity_integral
+                   - load / (torque_constant * p["drive.current_gain"]) + written)
+        observed = momentum + period * (torque_constant * current + load)
+        return np.array([
+            *(self.free @ states[:4] + np.outer(self.older, dac[0]) + np.outer(self.newer, dac[1])),
+            integral + period * p["controller.position.ki"] * (target - theta),
+            velocity_integral + period * p["controller.velocity.ki"] * error, target,
+            observed if bandwidth else np.zeros_like(observed), *dac[1:]])
 
     def simulate(self, command: Array) -> Array:
         """Return fin angle [rad] at each sample, from rest, before that sample's command [rad] acts."""

@@ -1,9 +1,21 @@
-"""Lever and position loop of the hydraulic actuators: the loop controls the piston by the fin's transducer."""
+"""Lever, cylinder and position loop of the hydraulic actuators: the loop controls the piston by the fin's transducer.
+
+The state begins with fin angle [rad], fin rate [rad/s] and the pressures of both chambers [Pa].
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from abc import ABC
+from collections.abc import Callable, Mapping
+from operator import itemgetter
+from typing import Any
+
+from .actuator import Actuator
+from .events import Body, State
+from .vehicle import Surroundings, clip, hinge_moment, masses_of
+
+FIN, RATE, ONE, TWO = range(4)
 
 
 def lever(p: Mapping[str, float], angle: float) -> tuple[float, float, float]:
@@ -14,30 +26,84 @@ def lever(p: Mapping[str, float], angle: float) -> tuple[float, float, float]:
     return arm * (tangent - math.tan(start)), ratio, 2.0 * ratio * tangent
 
 
+class Cylinder(Actuator, ABC):
+    """Cylinder, lever and fin; a field `fin` of the mode is the fin's direction, 0 at rest."""
+
+    def __init__(self, parameters: Mapping[str, float]):
+        p = self.p = parameters
+        self.inertia, self.masses = p["inertia.fin"] + p["inertia.shaft"] + p["inertia.fork"], masses_of(p)
+        self.bodies = Body("fin", itemgetter(RATE), self._excess, {RATE: 0.0}, FIN, p["fin.stop_angle"]),
+
+    def _moment(self, y: State, ratio: float, around: Surroundings) -> float:
+        """Return the moment [N.m] of pressures and loads at a ratio dx/d(angle) [m/rad]."""
+        force = self.p["cylinder.area"] * (y[ONE] - y[TWO]) + self.p["cylinder.moving_mass"] * around.force[0]
+        return ratio * force + hinge_moment(self.masses, self.inertia, y[FIN], around)
+
+    def _dry(self, ratio: float) -> float:
+        """Return the dry friction [N.m] about the hinge at a ratio dx/d(angle) [m/rad]."""
+        return self.p["friction.fin_coulomb"] + ratio * self.p["cylinder.coulomb_friction"]
+
+    def _excess(self, y: State, _mode: Any, around: Surroundings, side: int) -> float:
+        """Return the moment [N.m] on a resting fin towards `side` beyond what friction holds."""
+        _, ratio, _ = lever(self.p, y[FIN])
+        return side * self._moment(y, ratio, around) - self._dry(ratio)
+
+    def turning(self, y: State, way: int, around: Surroundings) -> float:
+        """Return the acceleration [rad/s2] of a fin that slides in a direction, 0 at rest."""
+        if not way:
+            return 0.0
+        p, (_, ratio, bend) = self.p, lever(self.p, y[FIN])
+        mass = p["cylinder.moving_mass"]
+        viscous = p["cylinder.viscous_friction"] * ratio**2 + p["friction.fin_viscous"]
+        net = (self._moment(y, ratio, around) - way * self._dry(ratio) - viscous * y[RATE]
+               - mass * ratio * bend * y[RATE] ** 2)
+        return net / (self.inertia + mass * ratio**2)
+
+    def chambers(self, y: State) -> tuple[float, float, float]:
+        """Return the flow [m3/s] that the piston displaces, out of the first chamber, and both volumes [m3]."""
+        position, ratio, _ = lever(self.p, y[FIN])
+        area, dead = self.p["cylinder.area"], self.p["cylinder.dead_volume"]
+        return area * ratio * y[RATE], dead + area * position, dead - area * position
+
+
 class PistonLoop:
-    """The nominal lever, its transducer, and the integral of a PI position loop at rest and where it is held."""
+    """PI on the piston position from the fin's transducer, with a speed reference of at most `fastest` [m/s].
 
-    def __init__(self, p: Mapping[str, float], angle: float):
-        self.p = p
-        self.reset(self.read(angle))
+    `inner` returns the output of the loop, and how far beyond what is possible its demand was, from the speed
+    reference [m/s], the measured position [m] and the state.
+    """
 
-    def reset(self, piston: float) -> None:
+    def __init__(self, p: Mapping[str, float], fastest: float,
+                 inner: Callable[[float, float, State], tuple[float, float]]):
+        self.p, self.fastest, self.inner = p, fastest, inner
+        self._reset(self.read(p["fin.start_angle"]))
+
+    def _reset(self, piston: float) -> None:
         """Start at rest at a measured piston position [m]."""
-        self.before, self.integral = piston, self.resting(piston)  # m, m/s
+        self.before, self.integral = piston, self._resting(piston)  # m, m/s
 
-    def hold(self, piston: float) -> None:
-        """Move the integral of a loop at a limit with the piston [m]."""
-        self.integral += self.resting(piston - self.before)
-
-    def piston(self, angle: float) -> float:
-        """Return the piston position [m] at a fin angle [rad]."""
-        return lever(self.p, angle)[0]
+    def _resting(self, piston: float) -> float:
+        """Return the integral [m/s] with which the speed reference at a piston position [m] is 0."""
+        return self.p["controller.position.kp"] * (1.0 - self.p["controller.position.setpoint_weight"]) * piston
 
     def read(self, angle: float) -> float:
         """Return the piston position [m] that the transducer measures at a fin angle [rad]."""
         step = self.p["transducer.resolution"]
-        return self.piston(step * math.floor(angle / step + 0.5) if step else angle)
+        return lever(self.p, step * math.floor(angle / step + 0.5) if step else angle)[0]
 
-    def resting(self, piston: float) -> float:
-        """Return the integral [m/s] with which the speed reference at a piston position [m] is 0."""
-        return self.p["controller.position.kp"] * (1.0 - self.p["controller.position.setpoint_weight"]) * piston
+    def sample(self, y: State, command: float, enable: bool) -> float:
+        """Return the output at a state of the actuator under a command [rad]."""
+        p, piston = self.p, self.read(y[FIN])
+        if not enable:
+            self._reset(piston)
+            return 0.0
+        target = lever(p, clip(command, p["command.limit"]))[0]
+        weighted = p["controller.position.setpoint_weight"] * target - piston
+        speed, error = p["controller.position.kp"] * weighted + self.integral, target - piston
+        sent, beyond = self.inner(clip(speed, self.fastest), piston, y)
+        if (abs(speed) > self.fastest and speed * error > 0.0) or beyond * error > 0.0:
+            self.integral += self._resting(piston - self.before)  # at a limit it moves with the piston
+        else:
+            self.integral += p["controller.sample_time"] * p["controller.position.ki"] * error
+        self.before = piston
+        return sent

@@ -35,6 +35,11 @@ def clip(value: float, limit: float) -> float:
     return max(-limit, min(limit, value))
 
 
+def sign(value: float) -> int:
+    """Return -1, 0 or 1."""
+    return (value > 0.0) - (value < 0.0)
+
+
 def cross(a: Triple, b: Triple) -> Triple:
     """Return the vector product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

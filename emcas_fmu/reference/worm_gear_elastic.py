@@ -8,10 +8,13 @@ sides at once. Which side rubs, which body rests, and which one breaks away are 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
+from operator import itemgetter
+from typing import Any
 
-from .events import Event, State, Successor, Value, Vector, friction_events
+from .drive import Driven
+from .events import Body, Event, State, Value
 from .plant import Mode
-from .simulate import Array
 from .simulate import simulate as in_time
 from .vehicle import Surroundings
 from .worm_gear import WormPlant
@@ -29,7 +32,7 @@ class MeshPlant(WormPlant):
         if refused := [name for name in _REFUSED if parameters[name]]:
             raise ValueError(f"{refused[0]} must be 0: this reference does not follow it")
         super().__init__(parameters)
-        p, square = self.parameters, self.wheel_radius**2
+        p, square = self.p, self.wheel_radius**2
         about_hinge = sum(1.0 / k for part in ("fork", "shaft", "structure")
                           if (k := p[f"drive_line.{part}_stiffness"]))
         gap = p["drive_line.backlash"]
@@ -42,123 +45,86 @@ class MeshPlant(WormPlant):
         self.stiffness = 1.0 / whole
         self.damping = sum(damping * (compliance / whole)**2 for compliance, damping in parts)
         self.half_gap = 0.5 * gap / self.wheel_radius  # rad, of the fin
+        self.bodies = (Body("motion", itemgetter(1), self._worm_excess, {1: 0.0}),
+                       Body("fin", itemgetter(5), self._fin_excess, {5: 0.0}, 4, self.stop))
 
     def start(self) -> tuple[State, Mode]:
         """Return the state at rest at the start angle, the tooth amid its gap, and its mode."""
         state, mode = super().start()
         return [*state, state[0], 0.0], mode
 
-    def fin(self, state: Vector) -> tuple[float, float]:
-        """Return angle [rad] and rate [rad/s] of the fin."""
-        return state[4], state[5]
+    def outputs(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+        """Return fin angle [rad], fin rate [rad/s], motor current [A] and motor voltage [V]."""
+        return *y[4:], *super().outputs(y, mode, around)[2:]
 
     # Forces -----------------------------------------------------------------------------------------------
 
-    def _penetration(self, state: Vector, side: int) -> float:
+    def _penetration(self, y: State, side: int) -> float:
         """Return the penetration [rad] of the flanks on a side."""
-        return side * (state[0] - state[4]) - self.half_gap
+        return side * (y[0] - y[4]) - self.half_gap
 
-    def _pressure(self, state: Vector, side: int) -> float:
+    def _pressure(self, y: State, side: int) -> float:
         """Return the moment [N.m] that presses the flanks on a side together; below 0 they would pull."""
-        return self.stiffness * self._penetration(state, side) + self.damping * side * (state[1] - state[5])
+        return self.stiffness * self._penetration(y, side) + self.damping * side * (y[1] - y[5])
 
-    def _moment(self, state: Vector, mode: Mode) -> float:
+    def _moment(self, y: State, mode: Mode) -> float:
         """Return moment [N.m] of the flanks on the wheel."""
-        return mode.flank * self._pressure(state, mode.flank) if mode.flank else 0.0
+        return mode.flank * self._pressure(y, mode.flank) if mode.flank else 0.0
 
-    def _worm_torque(self, state: Vector, mode: Mode, around: Surroundings, way: int) -> float:
+    def _worm_torque(self, y: State, mode: Mode, around: Surroundings, way: int) -> float:
         """Return torque [N.m] on a worm that slides along `way`."""
-        moment = self._moment(state, mode)
-        on_wheel, on_worm = self._levers(state[1], 1 if moment * way > 0.0 else -1)
-        return self._torques((state[4], *state[1:4]), around, way)[0] - moment / on_wheel * on_worm
+        moment = self._moment(y, mode)
+        on_wheel, on_worm = self._levers(y[1], 1 if moment * way > 0.0 else -1)
+        return self._torques([y[4], *y[1:3]], way, around)[0] - moment / on_wheel * on_worm
 
-    def _fin_moment(self, state: Vector, mode: Mode, around: Surroundings, way: int) -> float:
+    def _fin_moment(self, y: State, mode: Mode, around: Surroundings, way: int) -> float:
         """Return moment [N.m] on a fin that slides along `way`."""
-        return self._moment(state, mode) + self._torques((state[4], state[5], 0.0, 0.0), around, way)[1]
+        return self._moment(y, mode) + self._torques([y[4], y[5], 0.0], way, around)[1]
 
-    def slope(self, state: Vector, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
+        """Return the acceleration of the worm over the ratio [rad/s2]."""
+        way = mode.motion
+        return self._worm_torque(y, mode, around, way) / (self.motor_inertia * self.teeth) if way else 0.0
+
+    def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         """Return the time derivative of the state in `mode`."""
-        electrical = self.drive.slopes(self.motor(state), mode.drive, around, lambda: 0.0)
-        worm = fin = (0.0, 0.0)
-        if mode.motion:
-            torque = self._worm_torque(state, mode, around, mode.motion)
-            worm = state[1], torque / (self.motor_inertia * self.teeth)
-        if mode.fin:
-            fin = state[5], self._fin_moment(state, mode, around, mode.fin) / self.fin_inertia
-        return *worm, *electrical, *fin
+        fin = self._fin_moment(y, mode, around, mode.fin) / self.fin_inertia if mode.fin else 0.0
+        return *super().slope(y, mode, around), y[5], fin
 
     # Modes ------------------------------------------------------------------------------------------------
 
-    def _worm_excess(self, state: Vector, mode: Mode, around: Surroundings, side: int) -> float:
+    def _worm_excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
         """Return torque [N.m] on a resting worm towards `side` beyond what friction holds."""
-        return side * self._worm_torque((state[0], 0.0, *state[2:]), mode, around, side)
+        return side * self._worm_torque(y, mode, around, side)
 
-    def _fin_excess(self, state: Vector, mode: Mode, around: Surroundings, side: int) -> float:
-        """Return moment [N.m] on a resting fin towards `side` beyond what friction, or a stop, holds."""
-        if side * state[4] >= self.stop:
-            return -1.0
-        return side * self._fin_moment((*state[:5], 0.0), mode, around, side)
+    def _fin_excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+        """Return moment [N.m] on a resting fin towards `side` beyond what friction holds."""
+        return side * self._fin_moment(y, mode, around, side)
 
-    def _met(self, state: Vector, side: int) -> float:
+    def _met(self, y: State, side: int) -> float:
         """Return what is above 0 where flanks touch, or where a damped flank that has been left presses again.
 
         It begins below 0 where flanks are left, so that a return within the first step is seen.
         """
-        return min(self.stiffness * self._penetration(state, side), self._pressure(state, side)) - _LEFT
+        return min(self.stiffness * self._penetration(y, side), self._pressure(y, side)) - _LEFT
 
-    def _settled(self, state: Vector, mode: Mode, around: Surroundings) -> Mode:
+    def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
         """Return the mode in which every body that rests and is not held starts."""
         if not self.half_gap and not mode.flank:
-            mode = mode._replace(flank=1 if self._pressure(state, 1) >= 0.0 else -1)
-        for side in (1, -1):
-            if not mode.motion and self._worm_excess(state, mode, around, side) > 0.0:
-                mode = mode._replace(motion=side)
-            if not mode.fin and self._fin_excess(state, mode, around, side) > 0.0:
-                mode = mode._replace(fin=side)
-        return mode
-
-    def admit(self, state: State, mode: Mode, around: Surroundings) -> Mode:
-        """Return the mode after the surroundings have jumped; clears the current of an opened bridge in place."""
-        drive = self.drive.admit(self.motor(state), around, lambda: 0.0)
-        if not around.enable:
-            state[2] = state[3] = 0.0
-        return self._settled(state, mode._replace(drive=drive), around)
+            mode = mode._replace(flank=1 if self._pressure(y, 1) >= 0.0 else -1)
+        return Driven.settled(self, y, mode, around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
         """Return the events that end `mode`."""
-        def then(index: int | None = None, value: float = 0.0, **change: int) -> Successor:
-            """Change the mode, and set a state to the value that it has there to the bit."""
-            def successor(state: State) -> Mode:
-                if index is not None:
-                    state[index] = value
-                return self._settled(state, mode._replace(**change), around)
-            return successor
-
-        def strike(state: State) -> Mode:
-            state[4] = mode.fin * self.stop
-            state[5] = 0.0
-            return self._settled(state, mode._replace(fin=0), around)
+        events = Driven.events(self, mode, around)
+        if mode.flank:
+            left = 0 if self.half_gap else -mode.flank
+            return [*events, Event(lambda y: self._pressure(y, mode.flank), {"flank": left})]
 
         def meeting(side: int) -> Event:
-            return Event(lambda y: -self._met(y, side), then(flank=side))
+            return Event(lambda y: -self._met(y, side), {"flank": side})
 
-        # The acceleration of the motor does not matter without pole pairs.
-        events = self.drive.events(mode.drive, around, self.motor, lambda _: 0.0,
-                                   lambda _, drive: mode._replace(drive=drive))
-        events += friction_events(mode.motion, lambda y: y[1], lambda y, side: self._worm_excess(y, mode, around, side),
-                                  then(1, motion=0), lambda side: then(motion=side))
-        events += friction_events(mode.fin, lambda y: y[5], lambda y, side: self._fin_excess(y, mode, around, side),
-                                  then(5, fin=0), lambda side: then(fin=side))
-        if mode.fin:
-            events.append(Event(lambda y: self.stop - mode.fin * y[4], strike))
-        if mode.flank:
-            events.append(Event(lambda y: self._pressure(y, mode.flank),
-                                then(flank=0 if self.half_gap else -mode.flank)))
-        else:
-            events += [meeting(1), meeting(-1)]
-        return events
+        return [*events, meeting(1), meeting(-1)]
 
 
-def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
-    """Simulate one actuator from rest, as :func:`emcas_fmu.reference.simulate.simulate` does."""
-    return in_time(parameters, inputs, MeshPlant)
+simulate = partial(in_time, kind=MeshPlant)

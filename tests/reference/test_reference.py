@@ -21,7 +21,7 @@ from emcas_fmu.reference.cases import CASES, Case
 from emcas_fmu.reference.controllers import Controllers
 from emcas_fmu.reference.drive import ON_LIMIT, Motor
 from emcas_fmu.reference.plant import Plant
-from emcas_fmu.reference.simulate import INPUTS, OUTPUTS, simulate
+from emcas_fmu.reference.simulate import simulate
 from tests.default_actuator import THESIS_LOOPS
 
 Array = NDArray[np.floating[Any]]
@@ -34,6 +34,7 @@ def values(values: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**values, **THESIS_LOOPS}
 
 
+INPUTS = Plant(load_parameters().values).inputs()
 LOCKED = {"friction.fin_coulomb": 1e6}
 COULOMB = [f"friction.coulomb.{side}[{order}]" for side in ("positive", "negative") for order in range(7)]
 VISCOUS = ["friction.viscous.positive", "friction.viscous.negative"]
@@ -103,9 +104,9 @@ def test_a_gliding_demand_follows_a_limit_that_moves(values: Values, side: int, 
     """With pole pairs the limit changes with speed and current: it falls or rises while the demand glides on it."""
     plant = Plant({**values, "motor.pole_pairs": 4})
     drive, around = plant.drive, plant.surroundings({**INPUTS, "supply_voltage": 30.0}, 5.0)
-    start = Motor(300.0, side * 20.0, 0.0)
+    start = Motor(300.0, side * 20.0, 0.0, acceleration)
     start = start._replace(integral=side * drive.limit(start, around) - drive.demand(start, around))
-    current_slope, integral_slope = drive.slopes(start, side * ON_LIMIT, around, lambda: acceleration)
+    current_slope, integral_slope = drive.slopes(start, side * ON_LIMIT, around)
 
     def beyond(time: float) -> float:
         m = Motor(start.speed + acceleration * time, start.current + current_slope * time,
@@ -226,7 +227,7 @@ def test_encoder_speed_is_the_difference_of_floored_counts(values: Values, on_fi
     given = {**values, "encoder.on_fin": on_fin, "controller.position.kp": 0.0, "controller.position.ki": 0.0}
     plant, count = Plant(given), 2 * math.pi / (2048 * 4)
     path = [0.0, -1e-4, 2e-3, 0.0105, 0.0104]
-    controllers = Controllers(plant, plant, path[0])
+    controllers = Controllers(plant, plant)
     before = 0
     for delta in path:
         counts = math.floor(plant.motor_angle(delta) / count)
@@ -253,7 +254,7 @@ def test_compensation_is_the_friction_voltage_within_the_speed_band(
     friction = given[f"friction.coulomb.{side}[0]"]  # the polynomial at delta = 0
     expected = friction / given["motor.torque_constant"] / given["drive.current_gain"] * band
     # Some ten roundings of 0.2 V.
-    u = Controllers(plant, plant, 0.0).sample(0.0, 0.0, command, True)
+    u = Controllers(plant, plant).sample(0.0, 0.0, command, True)
     assert u == pytest.approx(expected, abs=1e-14)
 
 
@@ -404,7 +405,7 @@ def test_files_round_trip(short: Case, tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == names
 
     text = (tmp_path / "EMCAS_short_ref.csv").read_text()
-    assert text.splitlines()[0] == ",".join(("time", *OUTPUTS))
+    assert text.splitlines()[0] == ",".join(("time", *Plant.names))
     assert len(text.splitlines()) == 1 + 81
     read = files.read_csv(tmp_path / "EMCAS_short_in.csv")
     for name, column in short.inputs().items():
