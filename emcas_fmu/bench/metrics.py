@@ -255,7 +255,7 @@ def motion(run: Run, number: int = 0) -> dict[str, Any]:
 
 def rest(run: Run) -> dict[str, Any]:
     """Return the figures RESTING of a finished run at command 0 under a hinge moment."""
-    load = run.excitation.columns.get("aero_torque", np.zeros(1))
+    load = run.excitation.columns["aero_torque"]
     time, angle = since(run.excitation.begin, run.columns["time"], run.columns["fin_angle"])
     against = -np.sign(np.sum(load, axis=-1, keepdims=True)) * angle
     return {**hold_figures(time, angle, 0.0), **_current_ripple(run.columns, run.excitation.begin),

@@ -521,7 +521,7 @@ def test_gains_at_a_bound_are_marked(study: Study, tmp_path: Path) -> None:
 def test_every_figure_is_one_of_the_bench_and_measured() -> None:
     for kind, names in KINDS.items():
         assert set(names) <= set(FIGURES)
-        (found,) = measure(Test(kind, radians(5)), SHIPPED, [{}], names, ("maximum",) * len(names))
+        (found,) = measure(Test(kind, radians(5), torque=10.0), SHIPPED, [{}], names, ("maximum",) * len(names))
         assert dict(zip(names, np.isfinite(found), strict=True)) == dict.fromkeys(names, True)
 
 
