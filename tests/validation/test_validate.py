@@ -497,7 +497,7 @@ def test_of_a_users_actuator_nothing_is_said_that_is_the_thesiss(tmp_path: Path)
     text = " ".join(page.read_text(encoding="utf-8").split())
     for words in ("EMCAS", "shipped", "meets the thesis", "Source of the model"):
         assert words not in text
-    assert "engineering estimates</strong>. Meeting that table" in text
+    assert "engineering estimates</strong>. Meeting the requirements" in text
 
 
 def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:

@@ -15,6 +15,7 @@ from ...bench.references import EMBEDDED
 from ...figures import plots, traces
 from ...figures.plots import LIMIT, REQUIRED, Drawing
 from ...figures.traces import trace
+from ...pages.numbers import with_unit
 from ...reference.linear import LinearModel
 from .validation import TRAJECTORY_LIMIT, CaseResult, Result
 
@@ -83,7 +84,7 @@ def _over_time(result: Result, view: View) -> Drawing:
             for name in names:
                 traces.shade(panels[name], case.judged.columns, "saturated", window, "a limit is active")
         for j in (j for j in result.requirements if j.name == view.rate):
-            plots.limits(panels["fin_rate"], j.limit, label=f"{j.limit:g} deg/s required", **REQUIRED)
+            plots.limits(panels["fin_rate"], j.limit, label=f"required {with_unit(j.limit, j.unit)}", **REQUIRED)
         if error:
             panels["error"].axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10,
                                     linewidth=0)
