@@ -20,6 +20,7 @@ function element(tag, attributes = {}, ...children) {
 function paint(u, paints, within = false) {
     const {ctx, bbox} = u, {left, top, width, height} = bbox;
     ctx.save();
+    ctx.setLineDash([]);  // that of the last curve
     ctx.beginPath();
     if (within) {
         ctx.rect(left, top, width, height);
