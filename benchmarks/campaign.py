@@ -25,7 +25,6 @@ import numpy as np
 
 from emcas_fmu.studies.campaign.run import by_dask, in_process, local_client
 from emcas_fmu.studies.campaign.sample import rows
-from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
 from emcas_fmu.support.files import models_directory
@@ -114,14 +113,14 @@ def main() -> None:
             study = replace(load_study(file), samples=arguments.samples * share)
             (folder / label).mkdir()
             contest = Contest(study, folder / label)
-            first = Sampler(study).draw([0])
+            first = study.draw([0])
             rates: dict[str, list[float]] = {}
             for _ in range(arguments.repeat):
                 rates.setdefault("one process", []).append(contest.alone())
                 for workers in arguments.workers:
                     with local_client(workers) as client:
                         overhead(client, study)  # connections open
-                        client.run(rows, study.plan.packed(), [0], first)  # libraries loaded, kernel bound
+                        client.run(rows, study, [0], first)  # libraries loaded, kernel bound
                         rates.setdefault(f"{workers} worker{'s' * (workers > 1)}", []).append(contest.by(client))
                         if workers > 1:
                             rates.setdefault(f"{workers} workers, one killed", []).append(
@@ -129,9 +128,8 @@ def main() -> None:
             with local_client(max(arguments.workers)) as client:
                 overhead(client, study)
                 task = overhead(client, study)
-            sampler = Sampler(study)
             begin = time.perf_counter()
-            sampler.draw(range(1000) if study.samples >= 1000 else range(study.samples))
+            study.draw(range(1000) if study.samples >= 1000 else range(study.samples))
             draw = (time.perf_counter() - begin) / min(study.samples, 1000) * 1e6
             results[label] = {"samples": study.samples, "rates": rates, "bytes": contest.bytes,
                               "task_ms": task, "draw_us": draw}

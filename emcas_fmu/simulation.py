@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -70,12 +69,14 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
     _check_finite(table, unit.inputs, step)
     cores = codegen.multi_fin(sets, list(line_values.values()), model)
     mixing = [unit.reference[v.name] for v in MIXING]
-
-    def arranged(row: Sequence[float]) -> Sequence[tuple[Any, ...]]:
+    rows, acting = np.empty((len(table), len(unit.outputs))), tuple[Any, ...]()
+    for k, row in enumerate(table.tolist()):
+        if k:
+            rows[k] = cores.run(k * step, acting)
         fins = [[row[i] for i in indices] for indices in unit.fin_inputs]
-        return cores.acting(fins, cores.motion_loads(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
-
-    rows = np.array(list(_rows(cores, table, step, arranged)), dtype=float)
+        acting = cores.acting(fins, cores.motion_loads(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
+        if not k:
+            rows[k] = cores.outputs(acting)
     return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}
 
 
@@ -127,7 +128,8 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
 
 
 def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], kernel: str = "auto",
-                model: str = NONLINEAR, held: int = 1, fine: Collection[str] = ()) -> compiled.Tables:
+                model: str = NONLINEAR, held: int = 1, fine: Collection[str] = (),
+                spring: Array | float = 0.0) -> compiled.Tables:
     """Return the outputs of many actuators; see :func:`emcas_fmu.runtime.compiled.run_tables`.
 
     Without a compiled kernel they run in Python, with the same numbers. Raises EmcasError for an unknown `kernel`.
@@ -137,8 +139,8 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     count, _, points = compiled.table_shape(sets, inputs, model, held)
     steps = library.milliseconds(count * points, step)
     if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model)):
-        return compiled.run_tables(sets, inputs, step, outputs, model, held, fine)
-    return _by_python(sets, inputs, step, outputs, model, held, fine)
+        return compiled.run_tables(sets, inputs, step, outputs, model, held, fine, spring)
+    return _by_python(sets, inputs, step, outputs, model, held, fine, spring)
 
 
 def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None:
@@ -146,60 +148,6 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
     if len(bad):
         row, column = bad[0]
         raise ValueError(f"input {inputs[column].name} is {table[row, column]} at {row * step:.6g} s")
-
-
-class SteppedUnit:
-    """An actuator that is advanced by steps of `step` [s], so that inputs may depend on its outputs.
-
-    It is compiled if possible. `inputs` are the first inputs by name, SI; the others have their start values. Raises
-    ParameterError.
-    """
-
-    def __init__(self, values: Mapping[str, Any], step: float, model: str = NONLINEAR,
-                 inputs: Mapping[str, float] | None = None) -> None:
-        actuator = get(model)
-        self._core: Any
-        if library.available(model):
-            self._core = compiled.CompiledCore(values, model)  # which checks the parameters itself
-        else:
-            self._core = _python_core(values, model)
-        self._model, self._step = model, step
-        self._row = [v.initial(values) for v in actuator.inputs]
-        self._inputs = {v.name: i for i, v in enumerate(actuator.inputs)}
-        self._names = tuple(v.name for v in actuator.outputs)
-        self._set(inputs or {})
-        self._rows: list[tuple[Any, ...]] = [self._core.outputs(self._acting)]
-
-    def _set(self, inputs: Mapping[str, float]) -> None:
-        for name, value in inputs.items():
-            self._row[self._inputs[name]] = value
-        self._acting = codegen.core_inputs(self._core, self._row, self._model)
-
-    def index(self, output: str) -> int:
-        """Return the index of an output in `now` and in the result of `run`."""
-        return self._names.index(output)
-
-    @property
-    def now(self) -> tuple[Any, ...]:
-        """The outputs at the present time, in the interface's order."""
-        return self._rows[-1]
-
-    def run(self, **inputs: float) -> tuple[Any, ...]:
-        """Return the outputs after a step, with these inputs changed. Raises ArithmeticError."""
-        if inputs:
-            self._set(inputs)
-        time = len(self._rows) * self._step
-        try:
-            self._rows.append(self._core.run(time, self._acting))
-        except ArithmeticError as error:
-            raise ArithmeticError(f"at {time:.6g} s: {error}") from error
-        return self.now
-
-    def columns(self) -> dict[str, Array]:
-        """Return all outputs up to now by name, with ``time`` [s]."""
-        table = np.array(self._rows, dtype=float)
-        return {"time": np.arange(len(table)) * self._step,
-                **{name: table[:, i] for i, name in enumerate(self._names)}}
 
 
 def _python_core(values: Mapping[str, Any], model: str) -> Any:
@@ -210,38 +158,37 @@ def _python_core(values: Mapping[str, Any], model: str) -> Any:
 
 
 def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,
-               fine: Collection[str]) -> compiled.Tables:
+               fine: Collection[str], spring: Array | float) -> compiled.Tables:
     actuator = get(model)
+    index = {v.name: i for i, v in enumerate(actuator.outputs)}
     count, rows, points = compiled.table_shape(sets, inputs, model, held)
+    springs = np.broadcast_to(spring, count).tolist()
     out = np.full((len(actuator.outputs), count, points), np.nan)
     reached = np.zeros(count, dtype=np.int64)
     failures: dict[int, ValueError | ArithmeticError] = {}
     for run in range(count):
         values = dict(zip((v.name for v in actuator.parameters), sets[run % len(sets)].tolist(), strict=True))
         table = np.stack([np.broadcast_to(column, (count, rows))[run] for column in inputs], axis=1)
-        table = np.repeat(table, held, axis=0)[:points]
         try:
-            _check_finite(table, actuator.inputs, step)
+            _check_finite(table, actuator.inputs, held * step)
             core = _python_core(values, model)
-            for row in _rows(core, table, step, partial(codegen.core_inputs, core, model=model)):
-                out[:, run, reached[run]] = row
-                reached[run] += 1
+            now: Any = ()
+            acting: Any = ()
+            for k in range(points):
+                if k:
+                    now = core.run(k * step, acting)
+                if k % held == 0:
+                    acting = codegen.core_inputs(core, table[k // held].tolist(), model)
+                if k == 0:
+                    now = core.outputs(acting)
+                if springs[run] and k % held == 0:
+                    command, load, *others = acting
+                    acting = (command, load - springs[run] * now[index["fin_angle"]], *others)
+                out[:, run, k] = now
+                reached[run] = k + 1
         except ArithmeticError as error:
             failures[run] = ArithmeticError(f"at {reached[run] * step:.6g} s: {error}")
         except ValueError as error:
             failures[run] = error
-    index = {v.name: i for i, v in enumerate(actuator.outputs)}
     return compiled.Tables({name: np.ascontiguousarray(out[index[name]][:, ::1 if name in fine else held])
                             for name in outputs}, reached, failures)
-
-
-def _rows(core: Any, table: Array, step: float,
-          arranged: Callable[[Sequence[float]], Any]) -> Iterator[tuple[Any, ...]]:
-    """Yield the outputs of a core, or of several fins, at each row; `arranged` converts a row to the core's inputs."""
-    acting: Any = ()
-    for k, row in enumerate(table.tolist()):
-        if k:
-            yield core.run(k * step, acting)
-        acting = arranged(row)
-        if not k:
-            yield core.outputs(acting)

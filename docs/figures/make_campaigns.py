@@ -21,7 +21,7 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.motions import LEAD_IN, STEP
 from emcas_fmu.pages.numbers import with_unit
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.campaign import measure
+from emcas_fmu.studies.campaign import experiments
 from emcas_fmu.studies.campaign.experiments import REQUIREMENT, Experiment, excitation
 from emcas_fmu.studies.campaign.run import in_process
 from emcas_fmu.studies.campaign.store import Store
@@ -50,11 +50,12 @@ def differences(experiment: Experiment, given: Mapping[str, float], delay: float
     subject = ParameterSubject(load_parameters().with_values({"drive.transport_delay": delay}))
     numbers = {f"{experiment.prefix}.{name}": value for name, value in given.items()}
     made = excitation(experiment, subject.values, numbers, subject.model)
-    run = subject.run(made, substeps=measure.POWER_ROWS, fine=[measure.POWER])
-    found = measure.measured(experiment, numbers, run, measure.leaps(subject, {}, run))
+    _, run = subject.run_all(made, {}, substeps=experiments.POWER_ROWS, fine=[experiments.POWER]).finished()
+    found = {name: values.item() for name, values in experiments.measured(
+        experiment, numbers, run, experiments.leaps(subject, {}, run)).items()}
     first = round(LEAD_IN / STEP) * FINE
-    power = subject.run(made, outputs=[measure.POWER], substeps=FINE, fine=[measure.POWER]).columns[measure.POWER][
-        first:]
+    power = subject.run(made, outputs=[experiments.POWER], substeps=FINE, fine=[experiments.POWER]).columns[
+        experiments.POWER][first:]
     fine, coarse = _plain(power, STEP / FINE), _plain(power[::FINE], STEP)
     return ({name: found[name] / value - 1.0 for name, value in fine.items()},
             {name: coarse[name] / value - 1.0 for name, value in fine.items()})

@@ -19,9 +19,10 @@ import numpy as np
 from emcas_fmu.actuators.electromechanical import nonlinear
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import kinematics
-from emcas_fmu.simulation import Array, SteppedUnit
+from emcas_fmu.simulation import Array
 
 from .rigs import rig_values
+from .stepping import SteppedUnit
 
 RPM = 2.0 * pi / 60.0
 REACH = 0.95  # of command.limit, swept both ways

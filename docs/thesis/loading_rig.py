@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation
-from emcas_fmu.simulation import Array, SteppedUnit
+from emcas_fmu.simulation import Array
 
 from .rigs import Columns, rig_values
+from .stepping import SteppedUnit
 
 _SUBSTEPS = 5  # of the torque loop's sample: the coupling's oscillation is 35 Hz
 

@@ -29,9 +29,9 @@ from ..parameters import ParameterSet, check_combinations, load_parameters
 from ..reference.files import parameters_hash
 from ..reference.stored import Stored
 from ..runtime.compiled import parameter_row
-from ..simulation import Array, SteppedUnit, respond_all
+from ..simulation import Array, respond_all
 from ..variables import Variable
-from .excitation import LOAD, Excitation
+from .excitation import Excitation
 from .metrics import Figure
 from .runs import Run, Runs, spread
 
@@ -234,15 +234,11 @@ class ParameterSubject(Subject):
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        if excitation.spring:
-            return self._sprung(excitation, start_values or {}, outputs, substeps, fine)
         return self.run_all(excitation, start_values or {}, outputs, substeps, fine)[0]
 
     def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
                 substeps: int = 1, fine: Sequence[str] = ()) -> Runs:
         begin, changed = perf_counter(), self._changes(excitation, changes)
-        if np.any(excitation.spring):
-            return super().run_all(excitation, changes, outputs, substeps, fine)
         count, changed = spread(excitation, changed)
         names = tuple(self.outputs if outputs is None else outputs)
         inputs = [excitation.columns[v.name] if v.name in excitation.columns
@@ -252,7 +248,8 @@ class ParameterSubject(Subject):
         for name in changed.keys() & self._indices.keys():
             sets[:, self._indices[name]] = changed[name]
         step = excitation.step / substeps
-        tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
+        tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine,
+                             spring=excitation.spring)
         # A stopped run has the rows that it began, each of `substeps` points.
         stopped = {run: (-(-int(tables.reached[run]) // substeps), (str(error),))
                    for run, error in tables.failures.items() if isinstance(error, ArithmeticError)}
@@ -260,30 +257,6 @@ class ParameterSubject(Subject):
         time = np.arange(len(excitation.time)) * substeps * step
         return Runs(excitation, {"time": time, **tables.columns}, count, substeps, refused, stopped,
                     perf_counter() - begin)
-
-    def _sprung(self, excitation: Excitation, changes: Mapping[str, Any], outputs: Iterable[str] | None,
-                substeps: int, fine: Sequence[str]) -> Run:
-        """Return a response under a spring, whose moment follows the fin angle at the beginning of each row."""
-        begin, values = perf_counter(), {**self.values, **self._changes(excitation, changes)}
-        table = [np.broadcast_to(excitation.columns.get(v.name, v.initial(values)), excitation.time.shape).tolist()
-                 for v in self.inputs.values()]
-        rows = [dict(zip(self.inputs, row, strict=True)) for row in zip(*table, strict=True)]
-        stepped, messages = None, tuple[str, ...]()
-        try:
-            stepped = SteppedUnit(values, excitation.step / substeps, self.model, rows[0])
-            angle = stepped.index("fin_angle")
-            for row in rows[:-1]:
-                stepped.run(**{**row, LOAD: row[LOAD] - excitation.spring * stepped.now[angle]})
-                for _ in range(substeps - 1):
-                    stepped.run()
-        except ArithmeticError as error:
-            messages = (str(error),)
-        recorded = stepped.columns() if stepped else dict.fromkeys(("time", *self.outputs), np.empty(0))
-        count = -(-len(recorded["time"]) // substeps)
-        columns = {name: recorded[name][:max((count - 1) * substeps + 1, 0):1 if name in fine else substeps]
-                   for name in ("time", *(self.outputs if outputs is None else outputs))}
-        stopped = float(np.max(columns["time"], initial=0.0)) if messages else None
-        return Run(excitation, columns, stopped, messages, perf_counter() - begin)
 
     @cached_property
     def _indices(self) -> Mapping[str, int]:

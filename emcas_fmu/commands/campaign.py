@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -16,7 +15,6 @@ from ..errors import EmcasError
 from ..support import extras
 from . import common
 
-_SHOWN = 5, 50, 95  # percentiles on the terminal
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
           "\n\n  emcas campaign mine.toml --model my_actuator.py"
@@ -67,23 +65,23 @@ def campaign(
 
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
-        inputs = (file, fmu, Path(requirements) if requirements else None)
-        if only is not None:
-            if report is not None:
-                raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
-            common.check_outputs(as_json, inputs=inputs)
-            common.ends_in(".csv")(output)
-            study = load_study(file, fmu, fin, model, requirements)
-            common.warn(study.warnings)
-            _one(study, only, as_json, output, plot, inputs)
-            return
-        if plot is not None:
+        if only is None and plot is not None:
             raise EmcasError(f"--plot {plot}: draws one sample; name it with --only")
+        if only is not None and report is not None:
+            raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
+        inputs = (file, fmu, Path(requirements) if requirements else None)
         folder = output or Path(f"{file.stem}_results")
         page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
-        common.check_outputs(page, figures, folders=(folder,), inputs=inputs)
+        if only is not None:
+            common.check_outputs(as_json, inputs=inputs)
+            common.ends_in(".csv")(output)
+        else:
+            common.check_outputs(page, figures, folders=(folder,), inputs=inputs)
         study = load_study(file, fmu, fin, model, requirements)
         common.warn(study.warnings)
+        if only is not None:
+            _one(study, only, as_json, output, plot, inputs)
+            return
         extras.require("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
         from ..studies.campaign.store import Store
         from ..studies.campaign.summary import as_dict, summarise
@@ -96,7 +94,7 @@ def campaign(
                                  "same command goes on", soft_wrap=True)
                 raise typer.Exit(common.INTERRUPTED)
             from ..bench.writers import write_json
-            from ..studies.campaign.report import write_report
+            from ..studies.campaign.report import tables, write_report
 
             summary = summarise(study, store.table())
             command = shlex.join(["emcas", "campaign", str(file), *common.option("--fmu", fmu),
@@ -104,11 +102,8 @@ def campaign(
                                   *common.option("--requirements", requirements, "")])
             write_json(as_dict(summary, command), figures)
             write_report(summary, page, command)
-    common.out.print(_table(summary))
-    if summary.chances:
-        common.out.print(_chances(summary))
-    if summary.findings:
-        common.out.print(_faults(summary))
+    for table in tables(summary):
+        common.out.print(table)
     failed = f", {summary.failed} failed" if summary.failed else ""
     common.out.print(f"{summary.done} samples{failed}; GUID {study.guid}")
     for reason, count, first in summary.failures:
@@ -141,10 +136,9 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
             if workers == 0:
                 run.in_process(study, missing, keep, chunk)
             else:
-                client = run.remote_client(scheduler) if scheduler else run.local_client(
-                    workers or os.cpu_count() or 1, study.plan.model)
-                with client as ready:
-                    run.by_dask(ready, study, missing, keep, chunk)
+                with run.remote_client(scheduler) if scheduler else run.local_client(
+                        workers or os.cpu_count() or 1, study.model) as client:
+                    run.by_dask(client, study, missing, keep, chunk)
         except KeyboardInterrupt:
             return True
     return False
@@ -156,30 +150,28 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
     from ..bench.writers import write_json
     from ..figures.plots import check_ending
     from ..pages.numbers import rounded
-    from ..studies.campaign.extension_outputs import in_words
-    from ..studies.campaign.history import history
-    from ..studies.campaign.sample import columns, listed, observed, rows, subject_of
-    from ..studies.campaign.sampling import Sampler
+    from ..studies.campaign.extension_outputs import in_words, observed
+    from ..studies.campaign.sample import columns, history, listed, rows
 
     if not 0 <= index < study.samples:
         raise EmcasError(f"--only {index}: samples are numbered from 0 to {study.samples - 1}")
-    plan, outputs = study.plan, observed(study.plan)
     check_ending(plot)
-    files = {e: tuple(path and (path if len(plan.experiments) == 1 else path.with_stem(f"{path.stem}_{e.name}"))
-                      for path in (output, plot)) for e in plan.experiments}
-    common.check_outputs(as_json, *(path for each in files.values() for path in each), inputs=inputs)
-    drawn = Sampler(study).draw([index])
-    (row,) = listed(rows(plan.packed(), [index], drawn))
+    files = {e: [path and (path if len(study.experiments) == 1 else path.with_stem(f"{path.stem}_{e.name}"))
+                 for path in (output, plot)] for e in study.experiments}
+    written = [path for pair in files.values() for path in pair]
+    common.check_outputs(as_json, *written, inputs=inputs)
+    (row,) = listed(rows(study, [index], study.draw([index])))
     if as_json:
         write_json(row, as_json)
     for experiment, (table_file, picture) in files.items() if output or plot else ():
-        response = history(plan, experiment, drawn[0].tolist(), subject_of(plan))
+        response = history(study, experiment, index)
         if table_file:
             response.write_csv(table_file)
         if picture:
             response.plot(picture)
-    units = {**{v.name: v.unit for v in plan.actuator.file_entries}, **{f.name: f.unit for f in plan.factors},
-             **{name: figure.unit for name, figure in columns(plan).items()}}
+    outputs = observed(study)
+    units = {**{v.name: v.unit for v in study.actuator.file_entries}, **{f.name: f.unit for f in study.factors},
+             **{name: figure.unit for name, figure in columns(study).items()}}
     table = Table("", "value", "unit", title=f"Sample {index} of {study.path.name}", title_justify="left")
     for name, value in row.items():
         if value != "":
@@ -188,70 +180,6 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
             unit = units.get(name, "1")
             table.add_row(escape(name), escape(text), "" if unit == "1" else unit)
     common.out.print(common.right_aligned(table, 1))
-    common.print_written(*(path for each in files.values() for path in each))
+    common.print_written(*written)
     if row["error"]:
         raise typer.Exit(1)
-
-
-def _table(summary: Any) -> Table:
-    """Return the percentiles of every figure."""
-    from ..bench.metrics import shown
-    from ..studies.campaign.experiments import REQUIREMENT
-    from ..studies.campaign.summary import text
-
-    table = Table("figure", "unit", *(f"{p} %" for p in _SHOWN), "depends most on", title_justify="left",
-                  title="Percentiles over the samples")
-    table.columns[0].no_wrap = True
-    for s in summary.spreads:
-        if s.name.startswith(f"{REQUIREMENT}."):
-            continue
-        first = s.effects[0] if s.effects else None
-        figures = [text(s.figure, s.percentiles[p]) for p in _SHOWN]
-        table.add_row(s.name, shown(s.figure.unit)[0], *figures,
-                      f"{_short(first.factor)} ({first.rank_correlation:+.2f})" if first and first.sure else "")
-    return common.right_aligned(table, 2, 3, 4)
-
-
-def _chances(summary: Any) -> Table:
-    """Return the samples that meet each requirement, with the median and the worst percentile of its figure."""
-    from ..bench.verdict import SENSES
-    from ..studies.campaign.experiments import REQUIREMENT
-    from ..studies.campaign.summary import text
-
-    low, median, high = _SHOWN
-    table = Table("requirement", "required", f"{median} %", f"worst {low} %", "met by", "probability (95 %)",
-                  title_justify="left", title="Samples that meet the requirements", box=SIMPLE_HEAD,
-                  padding=(0, 1, 0, 0), pad_edge=False)
-    table.columns[0].no_wrap = True
-    *each, together = summary.chances
-    for chance in each:
-        r, s = chance.requirement, summary.by_name.get(f"{REQUIREMENT}.{chance.requirement.name}")
-        figures = [text(s.figure, s.percentiles[p]) for p in (median, high if r.sign > 0.0 else low)] if s else ["", ""]
-        table.add_row(escape(r.name), f"{SENSES[r.sense]} {r.shown_limit:g} {r.shown[0]}",
-                      *figures, f"{chance.met} of {chance.samples}", str(chance))
-    for j in summary.study.left_out:
-        table.add_row(escape(j.name), f"{j.sense} {j.limit:g} {j.unit}", "", "", "[dim]not judged[/]", "")
-    table.add_section()
-    every = "all of them" if not summary.study.left_out else "all that were judged"
-    table.add_row(every, "", "", "", f"{together.met} of {together.samples}", str(together))
-    return common.right_aligned(table)
-
-
-def _faults(summary: Any) -> Table:
-    """Return the injected faults with what was detected of them."""
-    from ..studies.campaign.report import seconds
-
-    table = Table("fault, alone", "samples", "detected", "after", "before", "by", title_justify="left",
-                  title="Faults, and what the built-in test detected")
-    table.columns[0].no_wrap = True
-    several = len({f.experiment for f in summary.findings}) > 1
-    for f in summary.findings:
-        by = ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n)
-        table.add_row(f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found),
-                      seconds(f.delay), str(f.before), by)
-    return table
-
-
-def _short(factor: str) -> str:
-    """Return a factor's name without its experiment."""
-    return factor.split(".", 2)[2].removeprefix("inputs.") if factor.startswith("experiments.") else factor

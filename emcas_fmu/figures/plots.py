@@ -81,6 +81,14 @@ def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
     return empty, grid[:, 0]
 
 
+def panels(count: int, columns: int, **more: Any) -> tuple[Figure, list[Any]]:
+    """Return a figure of `count` panels in rows of `columns`, and their axes; see `figure`."""
+    empty, grid = figure(-(-count // columns), columns, **more)
+    for axes in grid.flat[count:]:
+        axes.set_visible(False)
+    return empty, list(grid.flat[:count])
+
+
 def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True, **look: Any) -> None:
     """Draw levels as limits `across` the panel or along it, with `sides` also at their negatives.
 

@@ -136,7 +136,7 @@ static int row_at(actuator *a, const input_column *columns, size_t run, size_t k
 
 /* One run of actuators_simulate, with an actuator at its start. Returns how many points were reached. */
 static size_t simulate(actuator *a, size_t run, size_t points, double step, size_t held, const input_column *in,
-                       const output_column *out, size_t columns, int *result)
+                       const double *spring, size_t angle, const output_column *out, size_t columns, int *result)
 {
     core_inputs inputs;
     double now[MODEL_OUTPUTS];
@@ -150,6 +150,7 @@ static size_t simulate(actuator *a, size_t run, size_t points, double step, size
             return k;
         }
         if (k == 0) outputs(a, &inputs, now);
+        if (spring && k % held == 0) inputs.loads[0] -= spring[run] * now[angle];
         for (size_t j = 0; j < columns; ++j)
             if (kept_at(&out[j], k)) *value_at(&out[j], run, k) = now[out[j].index];
     }
@@ -158,18 +159,19 @@ static size_t simulate(actuator *a, size_t run, size_t points, double step, size
 
 /* Simulate `count` whole runs from the start. Their parameters are `apart` [doubles] from one run to the next (0: one set
  * for all). The outputs are those at `points` points of time, `step` [s] apart and the first at 0. Each row of the inputs,
- * of which there are MODEL_INPUTS columns, is held for `held` steps. Outputs at points that a run did not reach are NaN;
+ * of which there are MODEL_INPUTS columns, is held for `held` steps. The stiffness of each run's `spring`, unless NULL, times
+ * the output `angle` at a row is subtracted from the row's moment. Outputs at points that a run did not reach are NaN;
  * `reached` and `result` have a number for each run. Returns how many runs are incomplete. */
 API size_t actuators_simulate(size_t count, const double *parameters, size_t apart, size_t points, double step,
-                              size_t held, const input_column *in, const output_column *out, size_t columns,
-                              int64_t *reached, int *result)
+                              size_t held, const input_column *in, const double *spring, size_t angle,
+                              const output_column *out, size_t columns, int64_t *reached, int *result)
 {
     size_t failed = 0;
     for (size_t i = 0; i < count; ++i) {
         actuator a;
         size_t done = 0;
         if (actuator_start(&a, parameters + i * apart))
-            done = simulate(&a, i, points, step, held, in, out, columns, &result[i]);
+            done = simulate(&a, i, points, step, held, in, spring, angle, out, columns, &result[i]);
         else
             result[i] = RUN_REFUSED;
         reached[i] = (int64_t)done;
@@ -186,5 +188,5 @@ API size_t actuator_simulate(actuator *a, size_t rows, double step, const double
     output_column columns[MODEL_OUTPUTS];
     for (size_t i = 0; i < MODEL_INPUTS; ++i) inputs[i] = (input_column){in + i, 0, MODEL_INPUTS};
     for (size_t i = 0; i < MODEL_OUTPUTS; ++i) columns[i] = (output_column){out + i, 0, MODEL_OUTPUTS, i, 1};
-    return simulate(a, 0, rows, step, 1, inputs, columns, MODEL_OUTPUTS, result);
+    return simulate(a, 0, rows, step, 1, inputs, NULL, 0, columns, MODEL_OUTPUTS, result);
 }

@@ -155,14 +155,16 @@ class CompiledCore:
 
 
 def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str],
-               model: str = NONLINEAR, held: int = 1, fine: Collection[str] = ()) -> Tables:
+               model: str = NONLINEAR, held: int = 1, fine: Collection[str] = (),
+               spring: Array | float = 0.0) -> Tables:
     """Return the outputs of many actuators at the rows of their inputs; each row is held until the next.
 
     `parameters` is an array [runs, parameters] in their order (:func:`parameter_row`). `inputs` contains for each
     input, in the interface's order, an array in SI that broadcasts to [runs, rows]; no input is copied. From one row to
     the next a run takes `held` steps of `step` [s]. `outputs` are returned at the rows, those in `fine` at every step.
-    A run that fails does not affect the others. Raises ValueError for shapes that do not match, CompilerError if there
-    is no compiled kernel.
+    A run that fails does not affect the others. The stiffness of a `spring` [N.m/rad], a number or an array [runs],
+    times the fin angle at a row is subtracted from the row's hinge moment. Raises ValueError for shapes that do not
+    match, CompilerError if there is no compiled kernel.
     """
     library, actuator = loaded(model), get(model)
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
@@ -171,6 +173,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     index = {v.name: i for i, v in enumerate(actuator.outputs)}
     out = {name: np.empty((count, points if name in fine else rows)) for name in outputs}
     reached, results = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.intc)
+    springs = np.array(np.broadcast_to(spring, count), dtype=float) if np.any(spring) else None
 
     def simulate(function: Callable[..., object], runs: int, *sets: int, first: int = 0) -> None:
         """Compute `runs` runs from the `first` on."""
@@ -178,6 +181,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
         written = [_OutputColumn(*_layout(column, first), index[name], 1 if name in fine else held)
                    for name, column in out.items()]
         function(runs, *sets, points, step, held, (_InputColumn * len(read))(*read),
+                 None if springs is None else address(springs[first:]), index["fin_angle"],
                  (_OutputColumn * len(written))(*written), len(written), address(reached[first:]),
                  address(results[first:]))
 

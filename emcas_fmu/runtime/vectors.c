@@ -328,12 +328,13 @@ static unsigned table_row(const input_column *in, const size_t *run, size_t k, l
 /* actuators_simulate for the lanes `which` of a group, which are the runs `run`. A run that does not stay with the others,
  * or whose equations cannot be followed, is left RUN_APART. */
 static void simulate(const group_parameters *of, unsigned which, const size_t *run, size_t points, double step,
-                     size_t held, const input_column *in, const output_column *out, size_t columns, int64_t *reached,
-                     int *result)
+                     size_t held, const input_column *in, const double *spring, size_t angle, const output_column *out,
+                     size_t columns, int64_t *reached, int *result)
 {
     group at;
     group_inputs inputs;
-    lanes row[MODEL_INPUTS], now[MODEL_OUTPUTS];
+    lanes row[MODEL_INPUTS], now[MODEL_OUTPUTS], stiffness = lanes_set(0.0);
+    for (int l = 0; spring && l < LANES; ++l) *group_at(&stiffness, l) = spring[run[l]];
     group_step g = prepared(of, 0.0);
     start(&at, &g);
     which &= g.together;
@@ -349,6 +350,7 @@ static void simulate(const group_parameters *of, unsigned which, const size_t *r
             inputs_of(&at, row, &inputs);
         }
         if (k == 0) group_outputs(&g, which, &at.state, &inputs, now);
+        if (spring && k % held == 0) inputs.loads[0] = inputs.loads[0] - stiffness * now[angle];
         for (size_t j = 0; j < columns; ++j) {
             if (!kept_at(&out[j], k)) continue;
             double *to = value_at(&out[j], 0, k);
@@ -366,8 +368,8 @@ static void simulate(const group_parameters *of, unsigned which, const size_t *r
 /* actuators_simulate of batch.c for actuators with `values`, `apart` [doubles] from one to the next. In the `order` of runs
  * neighbours have like schedules. Runs with the result RUN_APART have to be simulated alone. */
 API void batch_simulate(size_t count, const size_t *order, const double *values, size_t apart, size_t points, double step,
-                        size_t held, const input_column *in, const output_column *out, size_t columns,
-                        int64_t *reached, int *result)
+                        size_t held, const input_column *in, const double *spring, size_t angle,
+                        const output_column *out, size_t columns, int64_t *reached, int *result)
 {
     group_parameters of;
     fill(&of, values);
@@ -377,6 +379,6 @@ API void batch_simulate(size_t count, const size_t *order, const double *values,
         for (size_t l = 0; l < LANES; ++l) run[l] = order[first + (l < full ? l : full - 1)];
         for (size_t l = 0; apart && l < LANES; ++l) to_lane(of.values, (int)l, values + run[l] * apart, GROUP_VALUES);
         for (size_t l = 0; l < full; ++l) result[run[l]] = RUN_APART;
-        simulate(&of, (1u << full) - 1u, run, points, step, held, in, out, columns, reached, result);
+        simulate(&of, (1u << full) - 1u, run, points, step, held, in, spring, angle, out, columns, reached, result);
     }
 }

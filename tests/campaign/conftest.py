@@ -17,7 +17,6 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.studies.campaign import sample
-from emcas_fmu.studies.campaign.plan import Plan
 from emcas_fmu.studies.campaign.run import local_client
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
@@ -90,12 +89,12 @@ def native_unit(model: str, folder: Path, **more: Any) -> Path:
                  **more).path
 
 
-def rows_of(packed: bytes, indices: Sequence[int], drawn: Any) -> list[dict[str, Any]]:
+def rows_of(study: Study, indices: Sequence[int], drawn: Any) -> list[dict[str, Any]]:
     """The rows of samples, one by one."""
-    return sample.listed(sample.rows(packed, indices, drawn))
+    return sample.listed(sample.rows(study, indices, drawn))
 
 
-def row_of(plan: Plan, index: int, drawn: Sequence[float], subject: Subject) -> dict[str, Any]:
+def row_of(plan: Study, index: int, drawn: Sequence[float], subject: Subject) -> dict[str, Any]:
     """The row of a sample alone."""
     (row,) = sample.listed(sample.together(plan, [index], np.array([drawn]), subject))
     return row
@@ -104,7 +103,7 @@ def row_of(plan: Plan, index: int, drawn: Sequence[float], subject: Subject) -> 
 def assert_same_rows(by_unit: Study, by_kernel: Study, drawn: Any) -> None:
     """Figures divide by rates and heights no smaller than 1e-3; trajectories are within 1e-9 rad."""
     indices = range(len(drawn))
-    pairs = zip(*(rows_of(study.plan.packed(), indices, np.array(drawn)) for study in (by_unit, by_kernel)),
+    pairs = zip(*(rows_of(study, indices, np.array(drawn)) for study in (by_unit, by_kernel)),
                 strict=True)
     for one, other in pairs:
         assert one["status"] == "ok"

@@ -15,11 +15,10 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.motions import LEAD_IN, STEP
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.campaign import measure, sample
+from emcas_fmu.studies.campaign import experiments, sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.run import by_dask, in_process
-from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import load_study
 
@@ -77,17 +76,17 @@ def direct(write: Write, tmp_path: Path) -> Path:
 def same_rows(file: Path, fmu: Path) -> None:
     by_kernel, by_unit = load_study(file), load_study(file, fmu)
     assert by_unit.guid == by_kernel.guid
-    assert_same_rows(by_unit, by_kernel, Sampler(by_kernel).draw([0, 1]))
+    assert_same_rows(by_unit, by_kernel, by_kernel.draw([0, 1]))
 
 
 def test_a_users_actuator_varies_by_spring_and_load(direct: Path) -> None:
     """A stiffer spring costs energy; what is drawn for a sample is what the actuator is run with."""
     study = load_study(direct)
-    plan, values = study.plan, study.plan.base
+    plan, values = study, study.base
     assert {name for name in sample.columns(plan) if name.startswith("pulled.")} == {
         f"pulled.{name}" for name in (*POWERED, "peak_rate", "tracking_error_peak", "tracking_error_rms",
                                       "saturated_share", "at_stop_share")}
-    soft, stiff, loaded = rows_of(plan.packed(), [0, 1, 2], np.array([[10.0, 0.0], [30.0, 0.0], [10.0, -4.0]]))
+    soft, stiff, loaded = rows_of(plan, [0, 1, 2], np.array([[10.0, 0.0], [30.0, 0.0], [10.0, -4.0]]))
     assert {row["status"] for row in (soft, stiff, loaded)} == {"ok"}
     assert stiff["step.energy"] > soft["step.energy"]
     assert not any(isnan(row[name]) for row in (soft, stiff, loaded) for name in sample.columns(plan))
@@ -100,11 +99,11 @@ def test_a_users_actuator_varies_by_spring_and_load(direct: Path) -> None:
 
 def test_power_of_one_without_delay_leaps_at_its_samples(direct: Path) -> None:
     """Against rows of 20 us, whose own error is about a third of the 1.2 % asked for."""
-    plan = load_study(direct).plan
-    (row,) = rows_of(plan.packed(), [0], np.array([[20.0, 0.0]]))
+    plan = load_study(direct)
+    (row,) = rows_of(plan, [0], np.array([[20.0, 0.0]]))
     made = excitation(plan.experiments[0], plan.base, {**plan.numbers, "inputs.aero_torque.value": 0.0}, plan.model)
-    fine = sample.subject_of(plan).run(made, {"spring.stiffness": 20.0}, substeps=50, fine=[measure.POWER]).columns
-    power = fine[measure.POWER][round(LEAD_IN / STEP) * 50:]
+    fine = sample.subject_of(plan).run(made, {"spring.stiffness": 20.0}, substeps=50, fine=[experiments.POWER]).columns
+    power = fine[experiments.POWER][round(LEAD_IN / STEP) * 50:]
     assert row["step.energy"] == pytest.approx(np.trapezoid(power, dx=STEP / 50), rel=0.012)
     assert row["step.power_rms"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.012)
 
@@ -127,7 +126,7 @@ def test_a_users_file_that_changed_is_another_campaign(direct: Path, tmp_path: P
         Store(tmp_path / "out", load_study(direct))
     sample._opened.cache_clear()
     with pytest.raises(CampaignError, match=r"direct_drive\.py: is not the file the campaign began with"):
-        rows_of(study.plan.packed(), [0], np.array([[20.0, 0.0]]))
+        rows_of(study, [0], np.array([[20.0, 0.0]]))
 
 
 @pytest.mark.slow
@@ -150,14 +149,14 @@ def test_an_fmu_of_a_users_actuator(direct: Path, tmp_path: Path) -> None:
     direct.write_text(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""), encoding="utf-8")
     with pytest.raises(EmcasError, match="does not tell its model; name it with --model"):
         load_study(direct, unit)
-    assert load_study(direct, unit, model=model).plan.actuator.name == "direct-drive"
+    assert load_study(direct, unit, model=model).actuator.name == "direct-drive"
 
 
 @pytest.mark.slow
 def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp_path: Path) -> None:
-    plan = load_study(write(SECOND_ORDER)).plan
+    plan = load_study(write(SECOND_ORDER))
     assert not {name.partition(".")[2] for name in sample.columns(plan)} & set(POWERED)
-    slow, quick = rows_of(plan.packed(), [0, 1], np.array([[60.0], [120.0]]))
+    slow, quick = rows_of(plan, [0, 1], np.array([[60.0], [120.0]]))
     # From the closed form of a damping near 0.7 the -90 deg frequency is the natural one, but for hold and delay.
     assert quick["sweep.bandwidth_90deg"] > 1.3 * slow["sweep.bandwidth_90deg"]
     assert slow["step.rise_time"] > 1.3 * quick["step.rise_time"]

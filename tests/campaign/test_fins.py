@@ -8,7 +8,6 @@ import pytest
 
 from emcas_fmu.bench.fmu_subject import FmuSubject
 from emcas_fmu.studies.campaign import sample
-from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import identity
 from emcas_fmu.studies.campaign.study import load_study
 
@@ -32,20 +31,20 @@ def test_a_fin_has_the_figures_of_its_parameters(write: Write, pair: Path) -> No
     assert by_fin[None] == by_fin[1]
     assert identity(by_fin[1]) != identity(by_fin[2])
     alone = {1: load_study(file), 2: load_study(write(f'[base]\nparameters = "{pair.parent / "worn.toml"}"\n{SMALL}'))}
-    drawn = Sampler(alone[1]).draw([0])
+    drawn = alone[1].draw([0])
     for fin, study in alone.items():
         assert_same_rows(by_fin[fin], study, drawn)
-        subject = sample.subject_of(by_fin[fin].plan)
+        subject = sample.subject_of(by_fin[fin])
         assert isinstance(subject, FmuSubject)
         assert subject.fmu.names["fin_command"] == f"fin[{fin}].fin_command"  # and no other with its parameters
-    sound, worn = (rows_of(study.plan.packed(), [0], drawn)[0] for study in alone.values())
+    sound, worn = (rows_of(study, [0], drawn)[0] for study in alone.values())
     assert worn["step.energy"] > 1.1 * sound["step.energy"]
 
 
 def test_the_file_may_choose_the_fin(write: Write, pair: Path) -> None:
     file = write(f'[base]\nfmu = "{pair}"\nfin = 2\n{SMALL}')
-    assert load_study(file).plan.base["motor.resistance"] == 0.4
-    assert load_study(file, fin=1).plan.base["motor.resistance"] != 0.4
+    assert load_study(file).base["motor.resistance"] == 0.4
+    assert load_study(file, fin=1).base["motor.resistance"] != 0.4
 
 
 def test_a_fin_there_is_not(write: Write, pair: Path, tmp_path: Path) -> None:

@@ -18,10 +18,9 @@ from emcas_fmu.motions import LEAD_IN
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.campaign import fault_detection, sample
+from emcas_fmu.studies.campaign import extension_outputs, sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
-from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store, identity
 from emcas_fmu.studies.campaign.study import Study, load_study
 from emcas_fmu.support.files import models_directory
@@ -77,16 +76,16 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_nonlinear_model_is_as_ever(small: Study) -> None:
     """A store of a campaign without a model goes on: nothing new is in its identity or its rows."""
-    assert small.plan.model == "nonlinear"
+    assert small.model == "nonlinear"
     assert "model" not in identity(small)
-    assert sample.observed(small.plan) == {}
-    assert sample.subject_of(small.plan).model == "nonlinear"
+    assert extension_outputs.observed(small) == {}
+    assert sample.subject_of(small).model == "nonlinear"
 
 
 def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     """Against the outputs of the same run, made here."""
     study = load_study(write(FAULTS))
-    rows = rows_of(study.plan.packed(), [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
+    rows = rows_of(study, [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
     jammed, sound = rows
     angle = radians(10.0)
     values = load_parameters(model="nonlinear+faults").with_values(
@@ -99,7 +98,7 @@ def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     assert jammed["fly.fault_word_ever"] == jammed["fly.fault_word_last"] == 1
     ever = np.bitwise_or.reduce(direct["built_in_test"].astype(int))
     assert jammed["fly.built_in_test_ever"] == ever != 0
-    assert "tracking" in sample.observed(study.plan)["fly.built_in_test_ever"].flags(int(ever))
+    assert "tracking" in extension_outputs.observed(study)["fly.built_in_test_ever"].flags(int(ever))
     assert jammed["fly.status_last"] == "failed"
     assert (sound["fly.fault_word_ever"], sound["fly.built_in_test_ever"]) == (0, 0)
     assert isnan(sound["fly.fault_word_first"])
@@ -111,8 +110,8 @@ def test_an_own_input_and_a_flag(write: Write, monkeypatch: pytest.MonkeyPatch, 
     """Stepped with a spring, by both kernels: `home` arrives, and nothing is homed before."""
     if not machine:
         monkeypatch.setattr(library, "available", lambda *_: False)
-    plan = load_study(write(HOMED)).plan
-    (row,) = rows_of(plan.packed(), [0], np.array([[0.02]]))
+    plan = load_study(write(HOMED))
+    (row,) = rows_of(plan, [0], np.array([[0.02]]))
     assert (row["status"], row["error"]) == ("ok", "")
     assert (row["home.status_last"], row["home.homed_last"], row["home.homed_share"]) == ("homing", False, 0.0)
     made = excitation(plan.experiments[0], plan.base, plan.numbers, plan.model)
@@ -125,8 +124,8 @@ def test_own_real_outputs_are_reduced(write: Write) -> None:
     text = FAULTS.replace("nonlinear+faults", "nonlinear+heat")
     text = text.replace("fault.jam.begin", "heat.case_start_rise").replace("0.1 s", "0 K").replace("0.2 s", "60 K")
     head, rest = text.split('[vary."fault.jam.end"]')
-    plan = load_study(write(head + rest[rest.index("[experiments"):])).plan
-    cold, warm = rows_of(plan.packed(), [0, 1], np.array([[0.0], [60.0]]))
+    plan = load_study(write(head + rest[rest.index("[experiments"):]))
+    cold, warm = rows_of(plan, [0, 1], np.array([[0.0], [60.0]]))
     rise = warm["fly.case_temperature_last"] - cold["fly.case_temperature_last"]
     assert rise == pytest.approx(60.0, abs=1.0)  # some of it goes into the winding
     for row in (cold, warm):
@@ -138,7 +137,7 @@ def test_own_real_outputs_are_reduced(write: Write) -> None:
 def test_a_model_is_another_campaign(write: Write, tmp_path: Path) -> None:
     study = load_study(write(FAULTS))
     with Store(tmp_path / "out", study) as store:
-        store.write(sample.rows(study.plan.packed(), [0, 1], Sampler(study).draw([0, 1])))
+        store.write(sample.rows(study, [0, 1], study.draw([0, 1])))
         told = store.table()
     assert told.schema.field("fly.status_last").type == pa.string()
     assert told.schema.field("fly.fault_word_ever").type == pa.int64()
@@ -152,7 +151,7 @@ def test_a_model_is_another_campaign(write: Write, tmp_path: Path) -> None:
 
 def test_a_sample_that_cannot_be_has_no_words(write: Write, tmp_path: Path) -> None:
     study = load_study(write(FAULTS))
-    rows = sample.rows(study.plan.packed(), [0], np.array([[-1.0, 0.0]]))
+    rows = sample.rows(study, [0], np.array([[-1.0, 0.0]]))
     (row,) = sample.listed(rows)
     assert row["status"] == "failed"
     assert "fault.jam.begin = -1 is below its minimum" in row["error"]
@@ -167,7 +166,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
     """Not by its file's name; figures, words and states are the kernel's."""
     plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
     by_unit, by_model = load_study(write(plain), faulty), load_study(write(FAULTS))
-    assert by_unit.plan.model == "nonlinear+faults"
+    assert by_unit.model == "nonlinear+faults"
     assert by_unit.guid == by_model.guid
     assert_same_rows(by_unit, by_model, [[0.15, 1000.0], [0.12, 0.0]])
     with pytest.raises(EmcasError, match=r"is of the model nonlinear\+faults, but nonlinear\+heat is requested"):
@@ -180,7 +179,7 @@ def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pyte
     plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
     with pytest.raises(EmcasError, match=r"does not tell its model; name it with --model"):
         load_study(write(plain), faulty)
-    assert load_study(write(FAULTS), faulty).plan.model == "nonlinear+faults"
+    assert load_study(write(FAULTS), faulty).model == "nonlinear+faults"
 
 
 @pytest.mark.parametrize(("text", "said"), [
@@ -210,30 +209,30 @@ def test_findings_on_rows_with_known_answers(write: Write) -> None:
         row(0, 0, never, never), row(0, 2, never, 0.4),  # a false alarm
         row(1, 3, 0.2, 0.5), row(1, 1, 0.3, 0.4), row(1, 0, 0.3, never), row(1, 1, 0.3, 0.1),  # the last one too soon
         row(5, 8, 0.1, 0.9)])
-    plan = load_study(write(FAULTS)).plan
-    none, jam, several = fault_detection.findings(plan, table)
-    assert (none.fault, none.samples, none.found) == (fault_detection.NONE, 2, 1)
+    plan = load_study(write(FAULTS))
+    none, jam, several = extension_outputs.findings(plan, table)
+    assert (none.fault, none.samples, none.found) == (extension_outputs.NONE, 2, 1)
     assert (jam.fault, jam.samples, jam.found, jam.before) == ("jam", 4, 2, 1)
     assert (jam.delay, jam.longest) == pytest.approx((0.2, 0.3))
     assert (jam.monitors["tracking"], jam.monitors["stall"]) == (3, 1)
-    assert (several.fault, several.samples, several.found) == (fault_detection.SEVERAL, 1, 1)
-    counts = fault_detection.tallies(plan, table)
+    assert (several.fault, several.samples, several.found) == (extension_outputs.SEVERAL, 1, 1)
+    counts = extension_outputs.tallies(plan, table)
     assert counts["fly.status_last"] == {"failed": 5, "operational": 2}
     assert counts["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
-    assert fault_detection.findings(load_study(write(SMALL)).plan, table) == ()
-    without = load_study(write(FAULTS), model="second-order+faults").plan  # neither motor nor bus to monitor
-    assert [list(f.monitors) for f in fault_detection.findings(without, table)] == [["tracking", "command"]] * 3
+    assert extension_outputs.findings(load_study(write(SMALL)), table) == ()
+    without = load_study(write(FAULTS), model="second-order+faults")  # neither motor nor bus to monitor
+    assert [list(f.monitors) for f in extension_outputs.findings(without, table)] == [["tracking", "command"]] * 3
 
 
 def test_findings_of_a_fault_that_the_actuator_declares(write: Write) -> None:
     bit = 2 ** len(fault_list.FAULTS)
     table = pa.Table.from_pylist([row(bit, 1, 0.2, 0.5), row(bit, 0, 0.3, float("nan"))])
     direct = Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py"
-    plan = load_study(write(FAULTS), model=f"{direct}+faults").plan
-    (found,) = fault_detection.findings(plan, table)
+    plan = load_study(write(FAULTS), model=f"{direct}+faults")
+    (found,) = extension_outputs.findings(plan, table)
     assert (found.fault, found.samples, found.found) == ("demagnetised", 2, 1)
     assert found.delay == pytest.approx(0.3)
-    assert fault_detection.tallies(plan, table)["fly.fault_word_ever"] == {"demagnetised": 2}
+    assert extension_outputs.tallies(plan, table)["fly.fault_word_ever"] == {"demagnetised": 2}
 
 
 def test_the_shipped_campaign(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.motions import LEAD_IN, STEP
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.campaign import measure
+from emcas_fmu.studies.campaign import experiments
 from emcas_fmu.studies.campaign.experiments import Experiment, Profile, excitation
 
 FINE = 50  # rows of 20 us
@@ -25,10 +25,10 @@ Set = Mapping[str, Any]
 def powered(experiment: Experiment, numbers: Set, changes: Set, power: Any = None) -> dict[str, float]:
     """Figures of an experiment, of its own power or another instead; by the bench's names."""
     made = excitation(experiment, SUBJECT.values, numbers, SUBJECT.model)
-    run = SUBJECT.run(made, changes, substeps=measure.POWER_ROWS, fine=[measure.POWER])
+    run = SUBJECT.run(made, changes, substeps=experiments.POWER_ROWS, fine=[experiments.POWER])
     if power is not None:
-        run = replace(run, columns={**run.columns, measure.POWER: power})
-    return measure.measured(experiment, numbers, run, measure.leaps(SUBJECT, changes, run))
+        run = replace(run, columns={**run.columns, experiments.POWER: power})
+    return experiments.measured(experiment, numbers, run, experiments.leaps(SUBJECT, changes, run))
 
 
 def stepped(degrees: float, *profiles: Profile, **more: float) -> tuple[Excitation, dict[str, float]]:
@@ -84,7 +84,8 @@ def test_a_spring_is_sampled_as_finely() -> None:
 def test_leaps_between_rows_cost_nothing(leap: float) -> None:
     """Of lines between leaps, wherever these lie, energy is exact but for rounding."""
     experiment = Experiment("a", "hold", 0.1)
-    time = np.arange(round((LEAD_IN + 0.1) / STEP) * measure.POWER_ROWS + 1) * STEP / measure.POWER_ROWS - LEAD_IN
+    rows = experiments.POWER_ROWS
+    time = np.arange(round((LEAD_IN + 0.1) / STEP) * rows + 1) * STEP / rows - LEAD_IN
     phase = np.mod(time / STEP - leap % 1.0 - 1e-6, 1.0)  # a row on a leap is before it
     found = powered(experiment, {"experiments.a.amplitude": 0.0}, {"drive.transport_delay": leap * 1e-3},
                     7.0 - 4.0 * phase)
@@ -94,6 +95,6 @@ def test_leaps_between_rows_cost_nothing(leap: float) -> None:
 def test_samples_too_close_to_be_told_apart() -> None:
     made = excitation(Experiment("a", "hold", 0.1), SUBJECT.values, {"experiments.a.amplitude": 0.0}, SUBJECT.model)
     run = SUBJECT.run(made)
-    lengths = [[len(each) for each in measure.leaps(SUBJECT, changes, run)] for changes in (
+    lengths = [[len(each) for each in experiments.leaps(SUBJECT, changes, run)] for changes in (
         {"controller.sample_time": 0.25e-3}, {}, {"controller.sample_time": np.array([0.25e-3, 1e-3])})]
     assert lengths == [[0], [100], [0, 100]]

@@ -19,7 +19,6 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.campaign import sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.run import by_dask, in_process
-from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
 from emcas_fmu.studies.campaign.summary import Chance, summarise
@@ -154,7 +153,7 @@ def test_a_sample_alone(tmp_path_factory: pytest.TempPathFactory, order: list[in
     for name, text in (("varied", VARIED), ("required", REQUIRED)):
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
     study = load_study(folder / "varied.toml", requirements=folder / "required.toml")
-    plan, drawn = study.plan, Sampler(study).draw(range(6))
+    plan, drawn = study, study.draw(range(6))
     drawn[2, 0] = -1.0  # refused
     subject = sample.subject_of(plan)
     alone = [sample.listed(sample.together(plan, [k], drawn[[k]], subject))[0] for k in range(6)]
@@ -166,9 +165,9 @@ def test_a_sample_alone(tmp_path_factory: pytest.TempPathFactory, order: list[in
 
 def test_figures_are_those_of_validate(varied: Study, required: Path) -> None:
     """Each sample as a parameter set of its own: the share of its supply, and a case over what was drawn."""
-    plan, drawn = varied.plan, Sampler(varied).draw([0, 1])
+    plan, drawn = varied, varied.draw([0, 1])
     drawn[:, 1] = 28.0, 39.0
-    found = sample.listed(sample.rows(plan.packed(), [0, 1], drawn))
+    found = sample.listed(sample.rows(plan, [0, 1], drawn))
     cases = set()
     for row, values in zip(found, drawn, strict=True):
         parameters = load_parameters().with_values(dict(zip(
@@ -190,7 +189,7 @@ def test_figures_are_those_of_validate(varied: Study, required: Path) -> None:
 @pytest.mark.fmu
 def test_an_fmu_gives_the_kernels_figures(write: Write, required: Path, native: Path) -> None:
     by_unit, by_kernel = (load_study(write(VARIED), fmu, requirements=required) for fmu in (native, None))
-    assert_same_rows(by_unit, by_kernel, Sampler(by_kernel).draw([0, 1]))
+    assert_same_rows(by_unit, by_kernel, by_kernel.draw([0, 1]))
 
 
 def test_half_of_the_samples_miss(write: Write, tmp_path: Path) -> None:
@@ -221,7 +220,7 @@ def test_a_percentage_of_a_case_is_of_the_sample(write: Write, tmp_path: Path) -
     """Of a resistance that varies, 130 % is of each sample's, as it is of a unit that is built that way."""
     hot = '[cases.hot]\n"motor.resistance" = "130 %"\n"inertia.fin" = "0.05 kg*m^2"\n'
     (tmp_path / "hot.toml").write_text(hot + HALF, encoding="utf-8")
-    specification = load_study(write(LIMITED), requirements=tmp_path / "hot.toml").plan.specification
+    specification = load_study(write(LIMITED), requirements=tmp_path / "hot.toml").specification
     values = {"motor.resistance": pytest.approx(1.3 * 0.2), "inertia.fin": 0.05, "command.limit": 0.3}
     assert specification.cases[0].of({"motor.resistance": 0.2, "inertia.fin": 0.02, "command.limit": 0.3}) == values
     nominal = load_parameters().values["motor.resistance"]
@@ -231,21 +230,21 @@ def test_a_percentage_of_a_case_is_of_the_sample(write: Write, tmp_path: Path) -
 def test_a_sample_that_failed_meets_nothing(write: Write, tmp_path: Path) -> None:
     (tmp_path / "half.toml").write_text(HALF, encoding="utf-8")
     study = load_study(write(LIMITED), requirements=tmp_path / "half.toml")
-    drawn = Sampler(study).draw(range(10))
-    good = {**sample.failed(study.plan, range(8), drawn[:8], [""] * 8), "status": ["ok"] * 8,
-            **dict.fromkeys(sample.columns(study.plan), np.ones(8)),
+    drawn = study.draw(range(10))
+    good = {**sample.failed(study, range(8), drawn[:8], [""] * 8), "status": ["ok"] * 8,
+            **dict.fromkeys(sample.columns(study), np.ones(8)),
             "requirement.rate": np.array([1.0, 1.0, 1.0, 1.0, nan, inf, 0.0, radians(10.0)])}
     with Store(tmp_path / "out", study) as store:
         store.write(good)
-        store.write(sample.failed(study.plan, [8, 9], drawn[8:], ["odd"] * 2))
+        store.write(sample.failed(study, [8, 9], drawn[8:], ["odd"] * 2))
         found = summarise(study, store.table())
     assert [(c.met, c.samples) for c in found.chances] == [(8, 10), (5, 10), (5, 10)]
 
 
 def test_sensitivities_leave_out_what_does_not_reach_it(varied: Study, tmp_path: Path) -> None:
     """The load of the experiments is no load of a requirement's test."""
-    rows = sample.failed(varied.plan, range(9), Sampler(varied).draw(range(9)), [""] * 9)
-    rows |= {"status": ["ok"] * 9, **dict.fromkeys(sample.columns(varied.plan), np.arange(9.0))}
+    rows = sample.failed(varied, range(9), varied.draw(range(9)), [""] * 9)
+    rows |= {"status": ["ok"] * 9, **dict.fromkeys(sample.columns(varied), np.arange(9.0))}
     rows = {name: [*column] * 2 for name, column in rows.items()} | {"index": np.arange(18)}
     with Store(tmp_path / "out", varied) as store:
         store.write(rows)
@@ -286,15 +285,15 @@ def test_other_requirements_are_another_campaign(write: Write, required: Path, t
 
 def test_the_shipped_ones_and_what_an_actuator_has_not(write: Write) -> None:
     study = load_study(write(VARIED), requirements="shipped")
-    assert study.plan.specification.file == "requirements.toml"
+    assert study.specification.file == "requirements.toml"
     assert not study.left_out
     simple = A_STEP + ('[base]\nmodel = "second-order"\n[vary."second_order.natural_frequency"]\n'
                        'distribution = "uniform"\nlow = "80 %"\nhigh = "120 %"\n')
     study = load_study(write(simple), requirements="shipped")
     left_out = {j.name: j.note for j in study.left_out}
     assert left_out["rest_current"] == "this actuator has no motor_current"
-    assert "requirement.rest_current" not in sample.columns(study.plan)
-    assert "requirement.accuracy_20deg" in sample.columns(study.plan)
+    assert "requirement.rest_current" not in sample.columns(study)
+    assert "requirement.accuracy_20deg" in sample.columns(study)
 
 
 def test_no_experiment_is_called_so(write: Write) -> None:

@@ -16,10 +16,11 @@ import pyarrow as pa
 import pytest
 
 from emcas_fmu.studies.campaign.distributions import CampaignError
-from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, local_client, waking
+from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, local_client
 from emcas_fmu.studies.campaign.sample import Rows
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.support.progress import waking
 
 from .conftest import SMALL, Write
 from .work import DEADLY, deadly, slow
@@ -158,5 +159,5 @@ def test_ctrl_c_leaves_what_is_done(write: Write, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("count", "threads", "size"), [(10, 2, 1), (160, 2, 10), (10**6, 4, 3333), (1, 64, 1)])
 def test_chunks(small: Study, count: int, threads: int, size: int) -> None:
-    assert chunk_size(small.plan, count, threads) == size  # of 0.3 s: 3333 samples are 200 s
-    assert chunk_size(replace(small.plan, fmu="EMCAS.fmu"), count, threads) == min(size, 66)
+    assert chunk_size(small, count, threads) == size  # of 0.3 s: 3333 samples are 200 s
+    assert chunk_size(replace(small, fmu="EMCAS.fmu"), count, threads) == min(size, 66)

@@ -20,10 +20,9 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.campaign import measure, sample
+from emcas_fmu.studies.campaign import experiments, sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import Experiment, Profile, excitation
-from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.study import Study, load_study
 from tests.bench.subjects import Broken
 
@@ -56,9 +55,10 @@ stiffness = "150 N.m/rad"
 
 def figures(experiment: Experiment, numbers: Mapping[str, float]) -> dict[str, float]:
     """Figures of an experiment with the shipped parameters, by the bench's names."""
-    run = SUBJECT.run(excitation(experiment, SUBJECT.values, numbers, SUBJECT.model), substeps=measure.POWER_ROWS,
-                      fine=[measure.POWER])
-    return measure.measured(experiment, numbers, run, measure.leaps(SUBJECT, {}, run))
+    _, run = SUBJECT.run_all(excitation(experiment, SUBJECT.values, numbers, SUBJECT.model), {},
+                             substeps=experiments.POWER_ROWS, fine=[experiments.POWER]).finished()
+    found = experiments.measured(experiment, numbers, run, experiments.leaps(SUBJECT, {}, run))
+    return {name: values.item() for name, values in found.items()}
 
 
 def test_a_step_has_the_benchs_figures() -> None:
@@ -98,7 +98,7 @@ def test_a_spring_pulls_by_the_angle_a_step_ago(monkeypatch: pytest.MonkeyPatch,
 
 
 def test_faults_show_in_the_figures(write: Write) -> None:
-    plan = load_study(write(FAULTY)).plan
+    plan = load_study(write(FAULTY))
     drawn = [0.11, 24.0, -20.0]
     low, full = (row_of(plan, 0, [*drawn, volts], SUBJECT) for volts in (12.0, 39.0))
     assert low["status"] == full["status"] == "ok"
@@ -109,21 +109,21 @@ def test_faults_show_in_the_figures(write: Write) -> None:
 
 def test_a_row_names_everything(write: Write) -> None:
     study = load_study(write(FAULTY))
-    row = rows_of(study.plan.packed(), [3], Sampler(study).draw([3]))[0]
+    row = rows_of(study, [3], study.draw([3]))[0]
     assert row["index"] == 3
     assert row["seed"] == 5
     assert {"motor.torque_constant", "motor.back_emf_constant", "friction.temperature", "inputs.aero_torque.value",
             "experiments.step.inputs.supply_voltage.value"} < set(row)
     # Settling may take longer than the run, and is then infinite: a figure all the same.
-    assert not any(isnan(row[name]) for name in sample.columns(study.plan))
-    assert list(row) == list(sample.failed(study.plan, [3], Sampler(study).draw([3]), [""]))
+    assert not any(isnan(row[name]) for name in sample.columns(study))
+    assert list(row) == list(sample.failed(study, [3], study.draw([3]), [""]))
 
 
 def test_a_sample_that_cannot_be_is_recorded(write: Write) -> None:
     """Tails beyond a limit, combinations that do not go, a response that cannot be followed: a reason each."""
     text = SMALL + '[vary."fin.start_angle"]\ndistribution = "normal"\nmean = "0 deg"\nsd = "20 deg"\n'
-    plan = load_study(write(text)).plan
-    rows = rows_of(plan.packed(), [0, 1, 2], np.array([[0.11, 20.0, radians(40.0), 0.0], [-1.0, 20.0, 0.0, 0.0],
+    plan = load_study(write(text))
+    rows = rows_of(plan, [0, 1, 2], np.array([[0.11, 20.0, radians(40.0), 0.0], [-1.0, 20.0, 0.0, 0.0],
                                                             [0.11, 20.0, 0.0, 0.0]]))
     assert [row["status"] for row in rows] == ["failed", "failed", "ok"]
     assert "fin.start_angle" in rows[0]["error"]
@@ -142,7 +142,7 @@ def test_a_sample_that_cannot_be_is_recorded(write: Write) -> None:
 
 def test_a_level_never_reached_is_no_failure(small: Study) -> None:
     """Against more than the motor can hold the fin goes the other way: times are missing, the rest is there."""
-    row = row_of(small.plan, 0, [0.11, 20.0, -2000.0], SUBJECT)
+    row = row_of(small, 0, [0.11, 20.0, -2000.0], SUBJECT)
     assert row["status"] == "ok"
     assert isnan(row["step.rise_time"])
     assert row["step.at_stop_share"] > 0.0
@@ -170,7 +170,7 @@ duration = "2 s"
 def test_every_kind_of_motion_is_an_experiment(write: Write, kind: str) -> None:
     shape = "".join(f'{field} = "{hertz} Hz"\n' for field, hertz in zip(
         MOTIONS[OLD_WORDS.get(kind, kind)].shape, (5, 20), strict=False))
-    plan = load_study(write(SMALL.replace('kind = "step"\n', f'kind = "{kind}"\n{shape}'))).plan
+    plan = load_study(write(SMALL.replace('kind = "step"\n', f'kind = "{kind}"\n{shape}')))
     row = row_of(plan, 0, [0.11, 20.0, -10.0], SUBJECT)
     assert (row["status"], row["error"]) == ("ok", "")
     assert row["step.peak_rate"] > 0.01
@@ -180,7 +180,7 @@ def test_every_kind_of_motion_is_an_experiment(write: Write, kind: str) -> None:
 
 def test_no_response_is_no_bandwidth(write: Write, recwarn: pytest.WarningsRecorder) -> None:
     """At rest 0, and no gain; -3 dB is at about 30 Hz: beyond sweeps that end before, which is infinite."""
-    plan = load_study(write(SWEPT)).plan
+    plan = load_study(write(SWEPT))
     dead, alive = (row_of(plan, 0, [0.11, enable, 6.0], SUBJECT) for enable in (0.0, 1.0))
     assert dead["status"] == alive["status"] == "ok"
     assert (dead["sweep.bandwidth_3db"], dead["sweep.bandwidth_90deg"], dead["sweep.peak_gain"]) == (0.0, 0.0, -inf)
@@ -197,12 +197,12 @@ value = "20 V"
 begin = "20 ms"
 end = { distribution = "uniform", low = "10 ms", high = "40 ms" }
 """
-    plan = load_study(write(text)).plan
+    plan = load_study(write(text))
     wrong, right = (row_of(plan, 0, [0.11, 20.0, 0.0, end], SUBJECT) for end in (0.012, 0.03))
     assert right["status"] == "ok"
     assert wrong["error"] == "a window's end = 0.012 s is before its begin = 0.02 s"
     tails = SWEPT.replace('{ levels = ["20 Hz", "6 Hz"] }', '{ distribution = "normal", mean = "20 Hz", sd = "5 Hz" }')
-    plan = load_study(write(tails)).plan
+    plan = load_study(write(tails))
     row = row_of(plan, 0, [0.11, 1.0, 1.5], SUBJECT)
     assert row["error"] == "the sweep's low = 2 Hz is not below its high = 1.5 Hz"
 
@@ -212,12 +212,12 @@ def test_an_fmu_gives_the_kernels_figures(write: Write, native: Path) -> None:
     path = write(FAULTY)
     by_unit, by_kernel = load_study(path, native), load_study(path)
     assert by_unit.guid == by_kernel.guid != ""
-    assert_same_rows(by_unit, by_kernel, Sampler(by_kernel).draw(range(3)))
+    assert_same_rows(by_unit, by_kernel, by_kernel.draw(range(3)))
 
 
 @pytest.mark.fmu
 def test_an_fmu_after_a_failure_and_another_file(write: Write, native: Path, tmp_path: Path) -> None:
-    plan = load_study(write(SMALL), native).plan
+    plan = load_study(write(SMALL), native)
     subject = sample.subject_of(plan)
     good = [0.11, 20.0, 0.0]
     before = row_of(plan, 0, good, subject)

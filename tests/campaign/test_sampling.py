@@ -13,8 +13,7 @@ from scipy import stats
 
 from emcas_fmu.parameters.schema import In
 from emcas_fmu.studies.campaign.distributions import KINDS, distribution
-from emcas_fmu.studies.campaign.sampling import Sampler
-from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.studies.campaign.study import Study, load_study
 
 from .conftest import GRID, SMALL, Write
 
@@ -35,9 +34,9 @@ MOMENTS = {
 }
 
 
-def method(write: Write, name: str, samples: int = 24) -> Sampler:
+def method(write: Write, name: str, samples: int = 24) -> Study:
     text = GRID if name == "grid" else SMALL.replace("seed = 5", f'seed = 5\nmethod = "{name}"')
-    return Sampler(load_study(write(text.replace("samples = 24", f"samples = {samples}"))))
+    return load_study(write(text.replace("samples = 24", f"samples = {samples}")))
 
 
 @pytest.mark.parametrize("name", [*RANDOM, "grid"])
@@ -53,7 +52,7 @@ def test_a_sample_is_the_same_whoever_asks(write: Write, name: str, asked: list[
 def test_the_seed_matters(write: Write, name: str) -> None:
     other = SMALL.replace("seed = 5", f'seed = 6\nmethod = "{name}"')
     first = method(write, name).draw(range(24))
-    assert not np.any(first == Sampler(load_study(write(other))).draw(range(24)))
+    assert not np.any(first == load_study(write(other)).draw(range(24)))
 
 
 def test_more_samples_leave_those_there_are(write: Write) -> None:

@@ -24,29 +24,29 @@ from .conftest import GRID, ODD, SMALL, Write, campaign, replaced
 def test_the_example_is_sound(write: Write, tmp_path: Path) -> None:
     study = load_study(models_directory() / "campaign.toml")
     assert study.samples == 1000
-    assert {e.kind for e in study.plan.experiments} == {"step", "sweep"}
+    assert {e.kind for e in study.experiments} == {"step", "sweep"}
     (tmp_path / "unit.toml").write_text('[drive]\nsupply_voltage = "19.5 V"\n', encoding="utf-8")
     small = load_study(write(f'[base]\nparameters = "{tmp_path / "unit.toml"}"\n{study.text}'))
     for each, limits in ((study, (18.0, 39.0)), (small, (9.0, 19.5))):  # the brown-out is a share of the supply
-        sag = next(f for f in each.plan.factors if f.name == "experiments.sag.inputs.supply_voltage.value")
+        sag = next(f for f in each.factors if f.name == "experiments.sag.inputs.supply_voltage.value")
         assert sag.distribution.limits() == limits
 
 
 def test_numbers_in_the_tables_units(small: Study) -> None:
-    constant, temperature, load = (f.distribution.numbers for f in small.plan.factors)
+    constant, temperature, load = (f.distribution.numbers for f in small.factors)
     base = load_parameters().values["motor.torque_constant"]
     # Left out, a mean is the base value; a percentage of an sd is one of the mean (one rounding).
     assert constant == pytest.approx({"mean": base, "sd": 0.03 * base}, rel=1e-15)
     assert temperature == {"low": -6.0, "high": 24.0}
     assert load == {"low": -40.0, "high": 0.0}
-    assert small.plan.numbers == {"experiments.step.amplitude": radians(5.0)}
+    assert small.numbers == {"experiments.step.amplitude": radians(5.0)}
 
 
 @pytest.mark.parametrize(("written", "expected"), [("5 K", 5.0), ("5 degC", 5.0), ("9 degF", 5.0)])
 def test_a_temperatures_deviation_is_a_difference(write: Write, written: str, expected: float) -> None:
     text = SMALL.replace('"uniform"\nlow = "-6 degC"\nhigh = "24 degC"',
                          f'"normal"\nmean = "10 degC"\nsd = "{written}"')
-    factor = load_study(write(text)).plan.factors[1]
+    factor = load_study(write(text)).factors[1]
     # 273.15 and a number near it are subtracted: a few of their roundings of 3e-14.
     assert factor.distribution.numbers["sd"] == pytest.approx(expected, abs=1e-12)
 
@@ -76,7 +76,7 @@ def test_what_does_not_vary_is_warned_of_too(write: Write) -> None:
 
 
 def test_a_follower_keeps_its_ratio(small: Study) -> None:
-    plan = small.plan
+    plan = small
     values, _ = plan.varied([1.5 * plan.base["motor.torque_constant"], 0.0, 0.0])
     assert values["motor.back_emf_constant"] == pytest.approx(1.5 * plan.base["motor.back_emf_constant"], rel=1e-15)
 
@@ -90,9 +90,9 @@ def test_any_parameter_may_vary(write: Write) -> None:
     entries = [f'[vary."{name}"]\nlevels = [{level}]' for name, level in levels.items()]
     text = '[campaign]\nmethod = "grid"\n[experiments.a]\nkind = "hold"\namplitude = "0 deg"\n' + "\n".join(entries)
     study = load_study(write(text))
-    assert len(study.plan.factors) == len(base) - len(temperatures)
+    assert len(study.factors) == len(base) - len(temperatures)
     assert study.samples == 1
-    assert {f.name: f.value(float(f.distribution.at(0.5))) for f in study.plan.factors} == {
+    assert {f.name: f.value(float(f.distribution.at(0.5))) for f in study.factors} == {
         name: value for name, value in base.items() if name not in temperatures}
 
 
@@ -115,7 +115,7 @@ kind = "hold"
 amplitude = "1 deg"
 duration = "0.2 s"
 """
-    plan = load_study(write(text)).plan
+    plan = load_study(write(text))
     step, quiet = plan.experiments
     numbers = {**plan.numbers, "inputs.aero_torque.value": -7.0}
     made = excitation(step, plan.base, numbers, plan.model)
@@ -224,6 +224,6 @@ def test_a_grid_multiplies(write: Write) -> None:
     study = load_study(write(GRID))
     assert study.samples == 24
     # A third of a tenth, added in floats: a rounding or two.
-    assert study.plan.factors[0].distribution.levels == pytest.approx((0.2, 0.7 / 3, 0.8 / 3, 0.3), rel=1e-15)
+    assert study.factors[0].distribution.levels == pytest.approx((0.2, 0.7 / 3, 0.8 / 3, 0.3), rel=1e-15)
     with pytest.raises(CampaignError, match="the grid has 24 points"):
         load_study(write(GRID.replace('"grid"', '"grid"\nsamples = 7')))

@@ -29,9 +29,9 @@ def summarised(write: Write, tmp_path: Path) -> Summarised:
     """Gives the summary of rows with figures 1, 2, 3, ... by index but for the columns given."""
     def made(text: str = SMALL, **columns: Any) -> summary.Summary:
         study = load_study(write(text))
-        drawn = np.tile(np.arange(100.0)[:, np.newaxis] % 7, len(study.plan.factors))
-        rows = {**sample.failed(study.plan, range(100), drawn, [""] * 100),
-                **dict.fromkeys(sample.columns(study.plan), np.arange(100) + 1.0), "status": ["ok"] * 100, **columns}
+        drawn = np.tile(np.arange(100.0)[:, np.newaxis] % 7, len(study.factors))
+        rows = {**sample.failed(study, range(100), drawn, [""] * 100),
+                **dict.fromkeys(sample.columns(study), np.arange(100) + 1.0), "status": ["ok"] * 100, **columns}
         with Store(tmp_path / "out", study) as store:
             store.write(rows)
             return summary.summarise(study, store.table())

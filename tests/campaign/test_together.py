@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 
 from emcas_fmu.simulation import Array
 from emcas_fmu.studies.campaign import sample
-from emcas_fmu.studies.campaign.plan import Plan
-from emcas_fmu.studies.campaign.sampling import Sampler
-from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.studies.campaign.study import Study, load_study
 
 # Everything varies that may; some parameters, windows and heights cannot be, and some loads cannot be followed.
 VARIED = """
@@ -64,27 +62,27 @@ SAMPLES = 24
 
 
 @pytest.fixture(scope="module")
-def varied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, Array, list[dict[str, object]]]:
+def varied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, Array, list[dict[str, object]]]:
     """The campaign, what is drawn, and its rows one by one."""
     path: Path = tmp_path_factory.mktemp("varied") / "varied.toml"
     path.write_text(VARIED, encoding="utf-8")
     study = load_study(path)
-    drawn = Sampler(study).draw(range(SAMPLES))
-    rows = computed(study.plan, drawn, [*range(SAMPLES)])
+    drawn = study.draw(range(SAMPLES))
+    rows = computed(study, drawn, [*range(SAMPLES)])
     drawn[[row["status"] for row in rows].index("ok"), 0] = -1.0
-    rows = [computed(study.plan, drawn, [k])[0] for k in range(SAMPLES)]
+    rows = [computed(study, drawn, [k])[0] for k in range(SAMPLES)]
     said = {str(row["error"]).partition(" ")[0] for row in rows}
     assert said >= {"", "the", "a", "at", "motor.torque_constant"}, said
-    return study.plan, drawn, rows
+    return study, drawn, rows
 
 
-def computed(plan: Plan, drawn: Array, indices: list[int]) -> list[dict[str, object]]:
+def computed(plan: Study, drawn: Array, indices: list[int]) -> list[dict[str, object]]:
     return sample.listed(sample.together(plan, indices, drawn[indices], sample.subject_of(plan)))
 
 
 @settings(max_examples=8)
 @given(st.permutations(range(SAMPLES)), st.lists(st.integers(1, SAMPLES - 1), max_size=4, unique=True))
-def test_rows_are_those_of_samples_alone(varied: tuple[Plan, Array, list[dict[str, object]]], order: list[int],
+def test_rows_are_those_of_samples_alone(varied: tuple[Study, Array, list[dict[str, object]]], order: list[int],
                                          cuts: list[int]) -> None:
     plan, drawn, alone = varied
     for part in np.split(np.array(order), sorted(cuts)):

@@ -33,9 +33,16 @@ from emcas_fmu.runtime.compiled import Tables
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.optimise import Result as Tuned
-from emcas_fmu.studies.tuning.optimise import _parted, tune
-from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned
-from emcas_fmu.studies.tuning.pictures import conflict, front
+from emcas_fmu.studies.tuning.optimise import _evaluated, tune
+from emcas_fmu.studies.tuning.output import (
+    at_bounds,
+    conflict,
+    front,
+    verdict,
+    write_json,
+    write_report,
+    write_tuned,
+)
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
 from emcas_fmu.support.files import models_directory
 from tests.campaign.conftest import ODD, replaced
@@ -255,14 +262,22 @@ def test_gains_are_judged_beside_others_as_alone() -> None:
     assert len({e.by_requirement()["bandwidth_1deg"].measured for e in together}) == len(gains)
 
 
-@pytest.mark.parametrize(("count", "workers"), [(0, 2), (1, 1), (1, 3), (2, 3), (40, 2), (33, 1)])
-def test_parts_are_of_all_gains_in_all_cases(count: int, workers: int) -> None:
+@pytest.mark.parametrize(("count", "workers"), [(0, 2), (1, 1), (1, 3), (1, 20), (2, 3), (40, 2), (33, 1)])
+def test_parts_are_of_all_gains_in_all_cases(count: int, workers: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a judgement for each case; workers get as much each as they can."""
     study, gains = load_study(models_directory() / "tuning.toml", load_parameters()), [{"g": k} for k in range(count)]
-    parts = list(_parted(gains, study, workers))
-    assert [each for part, _ in parts for each in part] == gains
-    for _, studies in parts:
-        assert tuple(case for each in studies for case in each.cases) == study.cases
-        assert all(each.cases for each in studies)
+    sizes: list[int] = []
+
+    def judged(study: Study, gains: Sequence[Any]) -> list[Evaluation]:
+        sizes.append(len(gains) * len(study.cases))
+        return [Evaluation(each, tuple(Judgement("r", case.name, 0.0, 0.0) for case in study.cases)) for each in gains]
+
+    monkeypatch.setattr("emcas_fmu.studies.tuning.optimise.evaluate", judged)
+    found = [each for several in _evaluated(map, study, gains, workers) for each in several]
+    assert [each.gains for each in found] == gains
+    assert all([j.case for j in each.judgements] == [case.name for case in study.cases] for each in found)
+    assert all(sizes)
+    assert len(sizes) >= min(workers, count if count > 1 else count * len(study.cases))
 
 
 @pytest.mark.slow

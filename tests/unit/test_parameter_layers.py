@@ -82,7 +82,7 @@ def test_a_campaign_names_several(files: tuple[Path, Path]) -> None:
     study.write_text('[base]\nparameters = ["low.toml", "high.toml"]\n'
                      '[vary."motor.resistance"]\ndistribution = "uniform"\nlow = "90 %"\nhigh = "110 %"\n'
                      '[experiments.step]\nkind = "step"\namplitude = "5 deg"\nduration = "0.3 s"\n', encoding="utf-8")
-    assert load_study(study).plan.base == load_parameters(files).values
+    assert load_study(study).base == load_parameters(files).values
 
 
 def test_what_is_written_is_the_same_set(files: tuple[Path, Path]) -> None:

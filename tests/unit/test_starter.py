@@ -86,7 +86,7 @@ def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) ->
     base = shipped(model)
     assert init(tmp_path, "--model", model).exit_code == 0
     assert load_requirements(tmp_path / "requirements.toml", base) == load_requirements(None, base)
-    assert campaign.load_study(tmp_path / "campaign.toml").plan.factors
+    assert campaign.load_study(tmp_path / "campaign.toml").factors
     tuned = tmp_path / "tuning.toml"
     if tuned.exists():
         assert load_study(tuned, base).requirements

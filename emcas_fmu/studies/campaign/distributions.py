@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache
 from inspect import signature
 from math import inf, log1p, sqrt
 from typing import Annotated, Any
@@ -42,6 +42,11 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     **{kind: tuple(signature(make).parameters) for kind, make in _CONTINUOUS.items()}, "choice": ("levels", "weights")}
 
 
+@cache
+def _frozen(kind: str, *numbers: float) -> Any:
+    return _CONTINUOUS[kind](*numbers)
+
+
 class CampaignError(EmcasError):
     """A campaign that cannot be read or run; the message names the file, the entry and the remedy."""
 
@@ -55,13 +60,6 @@ class Distribution:
     levels: tuple[Value, ...] = ()
     cumulated: tuple[float, ...] = ()
 
-    def __reduce__(self) -> tuple[Any, ...]:  # without SciPy's object, which is large
-        return type(self), (self.kind, self.numbers, self.levels, self.cumulated)
-
-    @cached_property
-    def _frozen(self) -> Any:
-        return _CONTINUOUS[self.kind](**self.numbers)
-
     @property
     def bounded(self) -> bool:
         """Whether the distribution has no tails."""
@@ -72,7 +70,7 @@ class Distribution:
         if self.kind == "choice":
             index = np.searchsorted(self.cumulated, share, side="right")
             return np.asarray(self.levels, dtype=float)[np.minimum(index, len(self.levels) - 1)]
-        values: Array = np.asarray(self._frozen.ppf(share), dtype=float)
+        values: Array = np.asarray(_frozen(self.kind, *self.numbers.values()).ppf(share), dtype=float)
         return values
 
     def limits(self, outside: float = 0.0) -> tuple[float, float]:
@@ -84,12 +82,20 @@ class Distribution:
             return self.numbers["low"], self.numbers["high"]
         return float(self.at(outside)), float(self.at(1.0 - outside))
 
-    def outside(self, minimum: float, maximum: float) -> float:
-        """Return the share of samples outside two limits; without tails 1 if any may lie there, otherwise 0."""
-        if self.bounded:
-            low, high = self.limits()
-            return float(low < minimum or high > maximum)
-        return float(self._frozen.cdf(minimum) + self._frozen.sf(maximum))
+
+@dataclass(frozen=True)
+class Factor:
+    """A quantity that varies between samples, in `unit`; `type` is Real, Integer or Boolean."""
+
+    name: str
+    unit: str
+    type: str
+    distribution: Distribution
+
+    def value(self, drawn: Any) -> Any:
+        """Return a drawn number, or an array of them, in the factor's type."""
+        made = np.asarray(drawn).astype({"Boolean": bool, "Integer": np.int64, "Real": float}[self.type])
+        return made if made.ndim else made.item()
 
 
 def _deviation(written: Any, info: ValidationInfo) -> float:
@@ -135,18 +141,15 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
     """Return the distribution that a table describes. Raises ValueError or ValidationError."""
     if "count" in written and "distribution" not in written:
         even = _Evenly.model_validate(written, context=unit)
-        width = even.high - even.low
-        levels = [even.low + width * k / (even.count - 1) for k in range(even.count)]
-        unit_of = "" if unit.unit == "1" else f" {unit.unit}"
-        return _checked(_choice(tuple(unit.number(f"{level!r}{unit_of}") for level in levels), None), unit)
+        width, unit_of = even.high - even.low, "" if unit.unit == "1" else f" {unit.unit}"
+        written = {"levels": [f"{even.low + width * k / (even.count - 1)!r}{unit_of}" for k in range(even.count)]}
     kind = kind_of({"distribution": "choice", **written} if "levels" in written else written, KINDS, "distribution")
     if kind != "choice" and unit.type != "Real":
         raise ValueError(f"{'true and false have' if unit.type == 'Boolean' else 'a whole number has'} no such "
                          "distribution; give levels = [...]")
     table: Any = _TABLES[kind].model_validate(written, context=unit)
-    if kind == "choice":
-        return _checked(_choice(tuple(table.levels), table.weights), unit)
-    return _checked(Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]}), unit)
+    return _checked(_choice(tuple(table.levels), table.weights) if kind == "choice" else
+                    Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]}), unit)
 
 
 def _checked(made: Distribution, unit: In) -> Distribution:
@@ -166,7 +169,12 @@ def _checked(made: Distribution, unit: In) -> Distribution:
             raise ValueError(f"{key} = {n[key]:g}: a {kind} needs a {key} above 0")
     if made.kind == "truncated-normal" and np.isnan(made.at(0.5)):
         raise ValueError("low and high are too far from the mean for a normal distribution")
-    share = made.outside(unit.minimum, unit.maximum)
+    if made.bounded:
+        low, high = made.limits()
+        share = float(low < unit.minimum or high > unit.maximum)
+    else:
+        law = _frozen(made.kind, *n.values())
+        share = float(law.cdf(unit.minimum) + law.sf(unit.maximum))
     if share > MOST_OUTSIDE:
         remedy = "" if made.bounded else (
             f": {share:.2g} of the samples are not; truncate it (distribution = \"truncated-normal\")")

@@ -1,4 +1,4 @@
-"""Reduce the outputs that extensions add to entries of a row, from the command on.
+"""Outputs that extensions add, as entries of a row from the command on, and counts over the samples of a campaign.
 
 Numbers become figures, like those of :mod:`emcas_fmu.bench.metrics`. States, flags and words of bits have no meaningful
 mean; they are observed: the last value, and for a word all bits that were ever set.
@@ -6,8 +6,11 @@ mean; they are observed: the last value, and for a word all bits that were ever 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
+from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +18,14 @@ import numpy as np
 from ...actuators import extension_outputs
 from ...bench.metrics import Figure, since
 from ...bench.runs import Run
+from ...extensions.faults import BUILT_IN_TEST, FAULT_WORD
+from ...extensions.monitors import possible
 from ...simulation import Array
 from ...variables import Variable
 from .experiments import Experiment
+from .study import Study
+
+NONE, SEVERAL = "no fault", "several faults"
 
 
 class Reduction(NamedTuple):
@@ -40,22 +48,23 @@ def _reductions(v: Variable) -> dict[str, tuple[Figure | None, Callable[[Array, 
     def figure(unit: str, title: str, bad: float = 1.0) -> Figure:
         return Figure(unit, title, (v.name,), bad)
 
+    def last(kind: type) -> Callable[[Array, Array], Any]:
+        return lambda column, time: column[..., -1].astype(kind)
+
     if v.kind == "Real":
-        return {"last": (figure(v.unit, f"{v.description}, at the end"), lambda column, time: column[..., -1]),
+        return {"last": (figure(v.unit, f"{v.description}, at the end"), last(float)),
                 "largest": (figure(v.unit, f"{v.description}, largest"), lambda column, time: column.max(axis=-1)),
                 "smallest": (figure(v.unit, f"{v.description}, smallest", -1.0),
                              lambda column, time: column.min(axis=-1))}
     if v.kind == "Boolean":
-        return {"last": (None, lambda column, time: column[..., -1].astype(bool)),
-                "share": (figure("1", f"share of the time in which {v.name} is true", -1.0),
-                          lambda column, time: np.mean(column, axis=-1))}
+        return {"last": (None, last(bool)), "share": (
+            figure("1", f"share of the time in which {v.name} is true", -1.0),
+            lambda column, time: column.mean(axis=-1))}
     if v.items:
         return {"last": (None, lambda column, time: np.array([v.in_words(x) for x in column[..., -1]], dtype=object))}
-    if not v.bits:
-        return {"last": (None, lambda column, time: column[..., -1].astype(np.int64))}
-    return {"last": (None, lambda column, time: column[..., -1].astype(np.int64)),
-            "ever": (None, lambda column, time: np.bitwise_or.reduce(column.astype(np.int64), axis=-1)),
-            "first": (figure("s", f"when {v.name} first has a bit set"), _first)}
+    return {"last": (None, last(np.int64)), **({
+        "ever": (None, lambda column, time: np.bitwise_or.reduce(column.astype(np.int64), axis=-1)),
+        "first": (figure("s", f"when {v.name} first has a bit set"), _first)} if v.bits else {})}
 
 
 def _first(column: Array, time: Array) -> Array:
@@ -76,3 +85,67 @@ def in_words(output: Variable, value: Any) -> str:
     if output.bits and value:
         return f"{value} ({', '.join(output.flags(value))})"
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def observed(study: Study) -> dict[str, Variable]:
+    """Return the outputs that are observed, not reduced to figures, by column name."""
+    return {f"{experiment.name}.{name}": r.output for experiment in study.experiments
+            for name, r in reductions(study.model).items() if r.figure is None}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The samples of an experiment with one fault, by its name, with none, or with several.
+
+    `found` is the number of samples in which a monitor tripped after the fault began; without a fault, in which any
+    tripped. In `before` samples one had tripped earlier. `monitors` counts the trips of each monitor at any time.
+    `delay` [s] from the beginning of the fault is the median of the detected samples, `longest` the largest; nan if
+    there are none.
+    """
+
+    experiment: str
+    fault: str
+    samples: int
+    found: int
+    before: int
+    monitors: Mapping[str, int]
+    delay: float
+    longest: float
+
+
+def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
+    """Return, for every observed column, how many samples have each value or each bit of a word; most frequent first.
+    """
+    return {name: dict(Counter(_values(output, table[name].to_pylist())).most_common())
+            for name, output in observed(study).items()}
+
+
+def _values(output: Variable, column: list[Any]) -> Iterator[str]:
+    for value in column:
+        yield from (output.flags(value) or ("none",)) if output.bits else (in_words(output, value),)
+
+
+def findings(study: Study, table: Any) -> tuple[Finding, ...]:
+    """Return the findings of each experiment, for each fault that was injected alone; none if the model has no faults.
+    """
+    words = {v.name: v for v in study.actuator.outputs if v.name in (FAULT_WORD, BUILT_IN_TEST.name)}
+    return tuple(finding for e in study.experiments for finding in _findings(e.name, words[FAULT_WORD], study, table)
+                 ) if len(words) == 2 else ()
+
+
+def _findings(experiment: str, faults: Variable, study: Study, table: Any) -> Iterator[Finding]:
+    injected, tripped = ([word.flags(value) for value in table[f"{experiment}.{word.name}_ever"].to_pylist()]
+                         for word in (faults, BUILT_IN_TEST))
+    begin, first = (table[f"{experiment}.{word.name}_first"].to_numpy() for word in (faults, BUILT_IN_TEST))
+    groups = [NONE if not those else those[0] if len(those) == 1 else SEVERAL for those in injected]
+    for fault in (NONE, *faults.bits, SEVERAL):
+        rows = [i for i, group in enumerate(groups) if group == fault]
+        if not rows:
+            continue
+        delays = first[rows] - begin[rows]
+        late = delays[delays >= 0.0].tolist()
+        counts = Counter(name for i in rows for name in tripped[i])
+        yield Finding(
+            experiment, fault, len(rows), sum(bool(tripped[i]) for i in rows) if fault == NONE else len(late),
+            int(np.sum(delays < 0.0)), {monitor.name: counts[monitor.name] for monitor in possible(study.actuator)},
+            float(np.median(late)) if late else nan, max(late, default=nan))

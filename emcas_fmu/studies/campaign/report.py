@@ -1,22 +1,117 @@
-"""The summary page of a campaign, one self-contained HTML file."""
+"""The summary of a campaign as a page, with pictures, and as tables for the terminal."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from math import isfinite
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Column, Table
 
 from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import shown
-from ...figures.plots import pictures
+from ...bench.verdict import SENSES
+from ...figures import plots
+from ...figures.plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing
 from ...pages.page import write_page
 from ...pages.provenance import Source
 from ...reference.files import parameters_hash
-from .figures import drawings
-from .measure import lacking
-from .plan import Factor
-from .summary import PERCENTILES, Summary, text
+from .distributions import Factor
+from .experiments import REQUIREMENT, Experiment, lacking
+from .sample import history
+from .summary import PERCENTILES, Spread, Summary, text
 
+_SHOWN = 5, 50, 95  # percentiles on the terminal
+_COLUMNS = 3
+_MOST_FACTORS = 12
+_BINS = 40
+_MOST_WORST = 6  # samples in a picture
 _MOST_LEVELS = 8
+
+
+def drawings(summary: Summary) -> Iterator[Drawing]:
+    """Yield the pictures of each experiment."""
+    for experiment in summary.study.experiments:
+        spreads = [s for s in summary.spreads_of(experiment.name) if isfinite(s.mean) and s.smallest != s.largest]
+        if spreads:
+            yield histograms(experiment.name, spreads)
+        if dependent := [s for s in spreads if s.effects]:
+            yield dependence(experiment.name, dependent)
+        if drawing := worst(summary, experiment, spreads):
+            yield drawing
+
+
+def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
+    """Plot histograms of the figures of an experiment."""
+    drawn, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=1.9)
+    for axes, s in zip(grid, spreads, strict=True):
+        unit, scale = shown(s.figure.unit)
+        axes.hist(s.values * scale, bins=min(_BINS, max(5, int(np.sqrt(len(s.values))))), color=BLUE, alpha=0.75)
+        for p, color in ((50, INK), (95, VERMILLION), (5, VERMILLION)):
+            if isfinite(s.percentiles[p]):
+                axes.axvline(s.percentiles[p] * scale, color=color, linewidth=1.0, linestyle="-" if p == 50 else "--")
+        without = f" ({s.without} without)" if s.without else ""
+        axes.set(title=f"{s.name.partition('.')[2]}{without}", xlabel=unit)
+        axes.grid(axis="x", visible=False)
+    return Drawing(f"Experiment {name}: spread", drawn,
+                   "Number of samples; the lines are the median and, dashed, 5 and 95 %.")
+
+
+def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
+    """Plot the rank correlations of the figures of an experiment with the factors, as bars with their intervals."""
+    strongest: dict[str, float] = {}
+    for s in spreads:
+        for e in s.effects:
+            strongest[e.factor] = max(strongest.get(e.factor, 0.0), abs(e.rank_correlation))
+    factors = sorted(strongest, key=lambda f: -strongest[f])[:_MOST_FACTORS]
+    height = 0.75 + 0.2 * len(factors)  # of a row, in inches
+    drawn, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=height, sharex=True, sharey=True)
+    for axes, s in zip(grid, spreads, strict=True):
+        effects = {e.factor: e for e in s.effects}
+        for position, factor in enumerate(factors):
+            if factor in effects:
+                e = effects[factor]
+                axes.barh(position, e.rank_correlation, color=BLUE if e.sure else GRAY, alpha=0.75, height=0.7)
+                axes.plot([e.low, e.high], [position, position], color=INK, linewidth=0.9)
+        axes.axvline(0.0, color=INK, linewidth=0.6)
+        axes.set(title=s.name.partition(".")[2], xlim=(-1.0, 1.0))
+        axes.set_yticks(range(len(factors)), factors, fontsize=7.0)
+        axes.grid(axis="y", visible=False)
+    for axes in grid[-_COLUMNS:]:  # the lowest of each column
+        axes.tick_params(labelbottom=True)
+    grid[0].invert_yaxis()
+    return Drawing(
+        f"Experiment {name}: what it depends on", drawn,
+        "Spearman's rank correlation with each factor; the line is its 95 % interval, grey where that holds zero. Of "
+        "the factors without any effect, one in twenty is coloured by chance.")
+
+
+def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -> Drawing | None:
+    """Plot over each other, run again, the samples that are the worst in a figure; None if there are none."""
+    by_sample: dict[int, list[str]] = {}
+    for s in spreads:
+        for index, _ in s.worst[:1]:
+            by_sample.setdefault(index, []).append(s.name.partition(".")[2])
+    if not by_sample:
+        return None
+    ranked = sorted(by_sample.items(), key=lambda item: -len(item[1]))[:_MOST_WORST]
+    drawn, (angle, error) = plots.column("fin angle [deg]", "tracking error [deg]", x="time from the command [s]",
+                                         width=10.0, height=2.4)
+    for k, (index, names) in enumerate(ranked):
+        response = history(summary.study, experiment, index)
+        time = response.time - response.excitation.begin
+        look = {"color": COLORS[k % len(COLORS)], "label": f"{index}: {', '.join(names)}"}
+        if not k:
+            angle.step(time, np.degrees(response.excitation.command), where="post", **COMMAND)
+        angle.plot(time, response.in_unit("fin_angle", "deg"), **look)
+        error.plot(time, response.in_unit("tracking_error", "deg"), **look)
+    plots.legend_above(angle, 1)
+    return Drawing(f"Experiment {experiment.name}: worst samples", drawn,
+                   "The samples that are the worst of all by the figures named; the command (dashed) is the first's.")
 
 
 def described(factor: Factor) -> tuple[str, str]:
@@ -35,18 +130,75 @@ def seconds(value: float) -> str:
     return f"{value:.2f} s" if isfinite(value) else "–"
 
 
-def _source(summary: Summary) -> Source:
-    study, plan = summary.study, summary.study.plan
-    what = f"FMU with SHA-256 {plan.fmu_sha256}, campaign" if plan.fmu else "campaign"
-    return Source(what, study.path.name, "", parameters_hash(plan.base), plan.actuator.name)
-
-
 def write_report(summary: Summary, path: Path, command: str) -> None:
     """Write the page, which names the `command` that runs the campaign; the same rows give the same bytes."""
-    plan = summary.study.plan
-    factors = [*((f.name, *described(f)) for f in plan.factors),
-               *((name, f"follows {leader}", "") for name, leader in plan.followers.items())]
-    write_page(path, "studies/campaign/page.html.j2", [_source(summary)], s=summary, study=summary.study, plan=plan,
-               command=command, pictures=pictures(drawings(summary)), shares=[f">{p} %" for p in PERCENTILES],
-               factors=factors, text=text, seconds=seconds, unit=lambda figure: shown(figure.unit)[0],
-               left_out=lacking(plan.model), bandwidths=BANDWIDTHS)
+    study = summary.study
+    source = Source(f"FMU with SHA-256 {study.fmu_sha256}, campaign" if study.fmu else "campaign", study.path.name, "",
+                    parameters_hash(study.base), study.actuator.name)
+    factors = [*((f.name, *described(f)) for f in study.factors),
+               *((name, f"follows {leader}", "") for name, leader in study.followers.items())]
+    write_page(path, "studies/campaign/page.html.j2", [source], s=summary, study=study, command=command,
+               pictures=plots.pictures(drawings(summary)), shares=[f">{p} %" for p in PERCENTILES], factors=factors,
+               text=text, seconds=seconds, unit=lambda figure: shown(figure.unit)[0], left_out=lacking(study.model),
+               bandwidths=BANDWIDTHS)
+
+
+def tables(summary: Summary) -> Iterator[Table]:
+    """Yield the percentiles of every figure, the requirements and the faults as tables for the terminal."""
+    yield _percentiles(summary)
+    if summary.chances:
+        yield _requirements(summary)
+    if summary.findings:
+        yield _faults(summary)
+
+
+def _right(*names: str) -> list[Column]:
+    return [Column(name, justify="right") for name in names]
+
+
+def _percentiles(summary: Summary) -> Table:
+    table = Table(Column("figure", no_wrap=True), "unit", *_right(*(f"{p} %" for p in _SHOWN)), "depends most on",
+                  title_justify="left", title="Percentiles over the samples")
+    for s in summary.spreads:
+        if s.name.startswith(f"{REQUIREMENT}."):
+            continue
+        first = s.effects[0] if s.effects else None
+        table.add_row(s.name, shown(s.figure.unit)[0], *(text(s.figure, s.percentiles[p]) for p in _SHOWN),
+                      f"{_short(first.factor)} ({first.rank_correlation:+.2f})" if first and first.sure else "")
+    return table
+
+
+def _requirements(summary: Summary) -> Table:
+    """Return the samples that meet each requirement, with the median and the worst percentile of its figure."""
+    low, median, high = _SHOWN
+    table = Table(Column("requirement", no_wrap=True), *_right(
+        "required", f"{median} %", f"worst {low} %", "met by", "probability (95 %)"), title_justify="left",
+        title="Samples that meet the requirements", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    *each, together = summary.chances
+    for chance in each:
+        r: Any = chance.requirement
+        s = summary.by_name.get(f"{REQUIREMENT}.{r.name}")
+        figures = [text(s.figure, s.percentiles[p]) for p in (median, high if r.sign > 0.0 else low)] if s else ["", ""]
+        table.add_row(escape(r.name), f"{SENSES[r.sense]} {r.shown_limit:g} {r.shown[0]}",
+                      *figures, f"{chance.met} of {chance.samples}", str(chance))
+    for j in summary.study.left_out:
+        table.add_row(escape(j.name), f"{j.sense} {j.limit:g} {j.unit}", "", "", "[dim]not judged[/]", "")
+    table.add_section()
+    table.add_row("all that were judged" if summary.study.left_out else "all of them", "", "", "",
+                  f"{together.met} of {together.samples}", str(together))
+    return table
+
+
+def _faults(summary: Summary) -> Table:
+    table = Table(Column("fault, alone", no_wrap=True), "samples", "detected", "after", "before", "by",
+                  title_justify="left", title="Faults, and what the built-in test detected")
+    several = len({f.experiment for f in summary.findings}) > 1
+    for f in summary.findings:
+        table.add_row(f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found),
+                      seconds(f.delay), str(f.before), ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n))
+    return table
+
+
+def _short(factor: str) -> str:
+    """Return a factor's name without its experiment."""
+    return factor.split(".", 2)[2].removeprefix("inputs.") if factor.startswith("experiments.") else factor

@@ -7,9 +7,9 @@ depend on the samples with which it is computed.
 from __future__ import annotations
 
 import atexit
-import pickle
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,41 +22,37 @@ from ...bench.metrics import Figure
 from ...bench.subject import Subject
 from ...bench.verdict import evaluate, worst_of
 from ...errors import EmcasError
-from ...motions import LEAD_IN, STEP
+from ...fmi.interface import FmuInterface
+from ...motions import LEAD_IN
+from ...parameters import load_parameters
+from ...response import Response
 from ...simulation import Array
-from ...variables import Variable
-from . import measure
+from . import experiments
 from .distributions import CampaignError
 from .experiments import REQUIREMENT, Experiment, excitation
-from .extension_outputs import reduced, reductions
-from .plan import Plan, source_sha256
+from .extension_outputs import observed, reduced, reductions
+from .study import Study, source_sha256
 
 OK, FAILED = "ok", "failed"
 Rows = dict[str, Any]
 """Columns by name, in the order of a row's entries."""
-# Size of the responses in memory at a time, which then stay in a processor's cache; least number of samples at a time,
-# for vectors.
-BYTES, FEWEST = 4e6, 8
+# Simulated time of the responses in memory at a time [s], some 4 MB that stay in a processor's cache; least number of
+# samples at a time, for vectors.
+TOGETHER, FEWEST = 30.0, 8
 
 
-def columns(plan: Plan) -> dict[str, Figure]:
+def columns(study: Study) -> dict[str, Figure]:
     """Return a row's figures by column name."""
-    added = {name: r.figure for name, r in reductions(plan.model).items() if r.figure}
-    return {**{f"{experiment.name}.{name}": figure for experiment in plan.experiments
-               for name, figure in {**measure.figures(experiment.kind, plan.model), **added}.items()},
+    added = {name: r.figure for name, r in reductions(study.model).items() if r.figure}
+    return {**{f"{experiment.name}.{name}": figure for experiment in study.experiments
+               for name, figure in {**experiments.figures(experiment.kind, study.model), **added}.items()},
             **{f"{REQUIREMENT}.{r.name}": Figure(r.unit, r.title or r.how, (), r.sign)
-               for r in plan.specification.requirements}}
+               for r in study.specification.requirements}}
 
 
-def observed(plan: Plan) -> dict[str, Variable]:
-    """Return the outputs that are observed, not reduced to figures, by column name."""
-    return {f"{experiment.name}.{name}": r.output for experiment in plan.experiments
-            for name, r in reductions(plan.model).items() if r.figure is None}
-
-
-def failed(plan: Plan, indices: Sequence[int], drawn: Array, errors: Sequence[str]) -> Rows:
+def failed(study: Study, indices: Sequence[int], drawn: Array, errors: Sequence[str]) -> Rows:
     """Return the rows of samples without figures."""
-    return _rows(plan, indices, drawn, {}, dict(enumerate(errors)))
+    return _rows(study, indices, drawn, {}, dict(enumerate(errors)))
 
 
 def listed(rows: Rows) -> list[dict[str, Any]]:
@@ -73,16 +69,16 @@ def joined(parts: Sequence[Rows]) -> Rows:
     return parts[0] if len(parts) == 1 else {name: column(name) for name in parts[0]}
 
 
-def _rows(plan: Plan, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
+def _rows(study: Study, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
           ) -> Rows:
     """Return rows from the entries of samples and, by their positions, the errors of those that failed."""
     count, bad = len(indices), [*errors]
-    rows: Rows = {"index": np.asarray(indices), "seed": np.full(count, plan.seed),
-                  **{name: np.broadcast_to(values, count) for name, values in plan.chosen(drawn.T).items()}}
-    for name in columns(plan):
+    rows: Rows = {"index": np.asarray(indices), "seed": np.full(count, study.seed),
+                  **{name: np.broadcast_to(values, count) for name, values in study.chosen(drawn.T).items()}}
+    for name in columns(study):
         rows[name] = entries.get(name, np.full(count, np.nan))
         rows[name][bad] = np.nan
-    for name in observed(plan):
+    for name in observed(study):
         values = [None] * count if name not in entries else entries[name].tolist()
         rows[name] = [None if k in errors else value for k, value in enumerate(values)]
     rows["status"] = [FAILED if k in errors else OK for k in range(count)]
@@ -90,17 +86,17 @@ def _rows(plan: Plan, indices: Sequence[int], drawn: Array, entries: Mapping[str
     return rows
 
 
-def together(plan: Plan, indices: Sequence[int], drawn: Array, subject: Subject) -> Rows:
+def together(study: Study, indices: Sequence[int], drawn: Array, subject: Subject) -> Rows:
     """Return the rows of samples: index, seed, factors, figures (nan if there is none), status and error."""
     try:
-        return _rows(plan, indices, drawn, *_entries(plan, drawn, subject))
+        return _rows(study, indices, drawn, *_entries(study, drawn, subject))
     # One sample must not end a campaign. Halving the samples leads to the one that failed.
     except Exception as error:  # noqa: BLE001
         half = len(indices) // 2
         if half:
-            return joined([together(plan, indices[:half], drawn[:half], subject),
-                           together(plan, indices[half:], drawn[half:], subject)])
-        return failed(plan, indices, drawn, [_message(error)])
+            return joined([together(study, indices[:half], drawn[:half], subject),
+                           together(study, indices[half:], drawn[half:], subject)])
+        return failed(study, indices, drawn, [_message(error)])
 
 
 def _message(error: Exception) -> str:
@@ -108,17 +104,17 @@ def _message(error: Exception) -> str:
     return str(error) if expected else f"{type(error).__name__}: {error}"
 
 
-def _entries(plan: Plan, drawn: Array, subject: Subject) -> tuple[dict[str, Any], dict[int, str]]:
+def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, Any], dict[int, str]]:
     """Return the figures and observations of samples and, by their positions, the errors of those that failed."""
-    values, numbers = plan.varied(drawn.T)
+    values, numbers = study.varied(drawn.T)
     changes = {name: value for name, value in values.items() if np.ndim(value) or value != subject.values[name]}
-    excitations = [excitation(experiment, values, numbers, plan.model) for experiment in plan.experiments]
+    excitations = [excitation(experiment, values, numbers, study.model) for experiment in study.experiments]
     entries: dict[str, Any] = {}
     errors: dict[int, str] = {}
-    for experiment, applied in zip(plan.experiments, excitations, strict=True):
-        outputs = _outputs(experiment.kind, plan.model)
-        runs = subject.run_all(applied, changes, outputs, measure.POWER_ROWS,
-                               [name for name in outputs if name == measure.POWER])
+    for experiment, applied in zip(study.experiments, excitations, strict=True):
+        outputs = _outputs(experiment.kind, study.model)
+        runs = subject.run_all(applied, changes, outputs, experiments.POWER_ROWS,
+                               [name for name in outputs if name == experiments.POWER])
         errors = {**{k: _message(error) for k, error in runs.refused.items()},
                   **{k: "; ".join(messages[-3:]) or runs[k].reason for k, (_, messages) in runs.stopped.items()},
                   **errors}
@@ -127,17 +123,17 @@ def _entries(plan: Plan, drawn: Array, subject: Subject) -> tuple[dict[str, Any]
             continue
         changes_of_run, numbers_of_run = ({name: value[finished] if np.ndim(value) else value
                                            for name, value in table.items()} for table in (changes, numbers))
-        leaps = measure.leaps(subject, changes_of_run, run)
-        figures = measure.measured(experiment, numbers_of_run, run, leaps)
-        for name, column in {**measure.named(experiment, plan.model, figures),
-                             **reduced(experiment, plan.model, run)}.items():
+        leaps = experiments.leaps(subject, changes_of_run, run)
+        figures = experiments.measured(experiment, numbers_of_run, run, leaps)
+        for name, column in {**experiments.named(experiment, study.model, figures),
+                             **reduced(experiment, study.model, run)}.items():
             entries[name] = np.full(len(drawn), np.nan if column.dtype.kind == "f" else 0, column.dtype)
             entries[name][finished] = column
     good = [k for k in range(len(drawn)) if k not in errors]
     differences = [{name: value[k].item() if np.ndim(value) else value for name, value in changes.items()}
                    for k in good]
-    verdicts = evaluate(subject, plan.specification, differences) if good else []
-    for r in plan.specification.requirements:
+    verdicts = evaluate(subject, study.specification, differences) if good else []
+    for r in study.specification.requirements:
         column = entries[f"{REQUIREMENT}.{r.name}"] = np.full(len(drawn), np.nan)
         column[good] = [worst_of(f for f in verdict if f.requirement is r).measured for verdict in verdicts]
     return entries, errors
@@ -146,22 +142,16 @@ def _entries(plan: Plan, drawn: Array, subject: Subject) -> tuple[dict[str, Any]
 @cache
 def _outputs(kind: str, model: str) -> tuple[str, ...]:
     """Return the outputs that are recorded in a kind of experiment."""
-    needed = (name for figure in measure.figures(kind, model).values() for name in figure.needs)
+    needed = (name for figure in experiments.figures(kind, model).values() for name in figure.needs)
     return tuple(dict.fromkeys((*needed, *(v.name for v in extension_outputs(model)))))
 
 
-@lru_cache(maxsize=4)
-def _unpacked(packed: bytes) -> Plan:
-    plan: Plan = pickle.loads(packed)
-    return plan
-
-
-def subject_of(plan: Plan) -> Subject:
+def subject_of(study: Study) -> Subject:
     """Return the subject of a campaign, which is opened once in a process.
 
     Raises CampaignError if its file differs from that at the beginning of the campaign.
     """
-    return _opened(plan.fmu, plan.fmu_sha256, plan.fin, plan.model, plan.model_sha256)
+    return _opened(study.fmu, study.fmu_sha256, study.fin, study.model, study.model_sha256)
 
 
 @lru_cache(maxsize=4)
@@ -180,25 +170,32 @@ def _check_same(path: str, digest: str, begun: str) -> None:
                             f"{begun[:16]}); every worker must see the same file")
 
 
-def rows(packed: bytes, indices: Sequence[int], drawn: Array) -> Rows:
+def rows(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
     """Return the rows of samples with the drawn values [indices, factors], which is the work of a task.
 
     Raises CampaignError if no sample can be run, for instance without the FMU.
     """
-    plan = _unpacked(packed)
-    subject, size = subject_of(plan), _together(plan)
-    for r in plan.specification.requirements:
+    subject = subject_of(study)
+    size = max(FEWEST, int(TOGETHER / max(LEAD_IN + experiment.duration for experiment in study.experiments)))
+    for r in study.specification.requirements:
         if why := r.obstacle(subject):
             raise CampaignError(f"requirement {r.name}: {why}")
-    return joined([together(plan, indices[k:k + size], drawn[k:k + size], subject)
+    return joined([together(study, indices[k:k + size], drawn[k:k + size], subject)
                    for k in range(0, len(indices), size)])
 
 
-def _together(plan: Plan) -> int:
-    """Return the number of samples that are simulated together."""
-    def size(experiment: Experiment) -> float:
-        outputs = _outputs(experiment.kind, plan.model)
-        columns = len(outputs) + 1 + (measure.POWER_ROWS - 1) * (measure.POWER in outputs)
-        return 8.0 * columns * (LEAD_IN + experiment.duration) / STEP
+def history(study: Study, experiment: Experiment, index: int) -> Response:
+    """Return all outputs of a sample in an experiment; the sample is run again, since rows contain figures only.
 
-    return max(FEWEST, int(BYTES / max(map(size, plan.experiments))))
+    The history of a sample that failed ends there. Raises EmcasError if there is none.
+    """
+    subject, (values, numbers) = subject_of(study), study.varied(study.draw([index])[0].tolist())
+    changes = {name: value for name, value in values.items() if value != subject.values[name]}
+    run = subject.run(excitation(experiment, values, numbers, study.model), changes)
+    rows = len(run.columns["time"])
+    if rows < 2:
+        raise EmcasError(f"experiment {experiment.name}: there is no history; {'; '.join(run.messages) or run.reason}")
+    followed = replace(run.excitation, title=f"{experiment.name}: {run.excitation.title}", columns={
+        name: column[:rows] for name, column in run.excitation.columns.items()})
+    parameters = load_parameters(model=study.model).with_values(values)
+    return Response(FmuInterface(1, study.model), (parameters,), followed, run.columns)

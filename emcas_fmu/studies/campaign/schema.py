@@ -18,9 +18,8 @@ from ...motions import STEP
 from ...parameters import ParameterSet
 from ...parameters.schema import In, Table, each, kind_of, leaves
 from ...variables import Variable
-from .distributions import MOST_OUTSIDE, Value, distribution
+from .distributions import MOST_OUTSIDE, Factor, Value, distribution
 from .experiments import OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile
-from .plan import Factor
 
 LONGEST = 300.0  # s, of an experiment: half a gigabyte of rows
 # Limits of numbers that are not inputs: rows are a millisecond apart, and a spring acts once in each.
@@ -40,15 +39,16 @@ class _Follower(Table):
 
 
 class Entries(Table):
-    """The tables of a campaign file that a `Reader`, the context, collects."""
+    """The tables of a campaign file, read by a `Reader`, the context, which collects factors and fixed numbers."""
 
     vary: Annotated[Any, PlainValidator(lambda written, info: info.context.read_factors(written))] = None
-    inputs: Annotated[Any, PlainValidator(lambda written, info: info.context.read_inputs(written))] = None
-    experiments: Annotated[Any, PlainValidator(lambda written, info: info.context.read_experiments(written))] = None
+    inputs: Annotated[Any, PlainValidator(lambda written, info: info.context.profiles("inputs", written))] = None
+    experiments: Annotated[Any, PlainValidator(lambda written, info: each(
+        written, partial(info.context.experiment, info.data.get("inputs") or {})))] = None
 
 
 class Reader:
-    """Collects the factors, fixed numbers, followers and experiments of a campaign on the parameter set `base`."""
+    """Collects the factors, fixed numbers and followers of a campaign on the parameter set `base`."""
 
     def __init__(self, base: ParameterSet) -> None:
         self.base, self.model = base.values, base.model
@@ -57,21 +57,11 @@ class Reader:
         self.factors: list[Factor] = []
         self.numbers: dict[str, Value] = {}
         self.followers: dict[str, str] = {}
-        self.experiments: list[Experiment] = []
-        self._common: dict[str, Profile] = {}
 
     def read_factors(self, written: Any) -> None:
         """Read the table `vary`. Raises ValueError or ValidationError, as the others do."""
         each(_tables(written, self._parameters), self._parameter)
         each(((f"{name}.follows", leader) for name, leader in self.followers.items()), self._check_follower)
-
-    def read_inputs(self, written: Any) -> None:
-        """Read the profiles of inputs that all experiments have."""
-        self._common = self._profiles("inputs", written)
-
-    def read_experiments(self, written: Any) -> None:
-        """Read the table `experiments`."""
-        self.experiments = list(each(written, self._experiment).values())
 
     def _parameter(self, name: str, entry: Any) -> None:
         variable = self._parameters.get(name)
@@ -99,7 +89,8 @@ class Reader:
         else:
             self.numbers[name] = unit.limited(written)
 
-    def _profiles(self, prefix: str, entries: Any) -> dict[str, Profile]:
+    def profiles(self, prefix: str, entries: Any) -> dict[str, Profile]:
+        """Return the profiles of a table of inputs, whose numbers are named `prefix`, a dot, input, dot and field."""
         inputs = {name: v for name, v in self._inputs.items() if name != COMMAND}
         return each(_tables(entries, inputs), partial(self._profile, prefix, inputs))
 
@@ -141,14 +132,15 @@ class Reader:
             return float(self.numbers[name]), float(self.numbers[name])
         return next(f for f in self.factors if f.name == name).distribution.limits(outside)
 
-    def _experiment(self, name: str, entry: Any) -> Experiment:
+    def experiment(self, common: Mapping[str, Profile], name: str, entry: Any) -> Experiment:
+        """Return an experiment, which has the `common` profiles of inputs unless its table has others."""
         if "." in name or name == REQUIREMENT:
             raise ValueError(f"a name without dots is needed, and another than {REQUIREMENT}")
         kind, prefix = motions.motion_in(entry), f"experiments.{name}"
         units = {field: motions.FIELDS[field].unit for field in motions.KINDS[kind].shape}
         numbers = self._fields(prefix, COMMAND, {"amplitude": SAME, **units})
         numbers["duration"] = (Annotated[float, PlainValidator(_duration)], 1.0)
-        profiles = Annotated[Any, PlainValidator(partial(self._profiles, f"{prefix}.inputs"))]
+        profiles = Annotated[Any, PlainValidator(partial(self.profiles, f"{prefix}.inputs"))]
         table = motions.schema(kind, numbers, inputs=(profiles, {})).model_validate(entry)
         if motions.KINDS[kind].jumps and self.numbers.get(f"{prefix}.amplitude") == 0.0:
             raise ValueError(f"a {kind} needs an amplitude other than 0")
@@ -156,7 +148,7 @@ class Reader:
             (_, low), (high, _) = (self._limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
             if not low < high:
                 raise ValueError(f"low (up to {low:g} Hz) must be below high (from {high:g} Hz on)")
-        return Experiment(name, kind, table.duration, tuple({**self._common, **table.inputs}.values()))
+        return Experiment(name, kind, table.duration, tuple({**common, **table.inputs}.values()))
 
 
 def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[str, Any]]:

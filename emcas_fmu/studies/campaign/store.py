@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -27,7 +27,8 @@ from ...bench.requirements import Specification
 from ...parameters.schema import leaves
 from ...support.writing import PARTIAL, write
 from .distributions import CampaignError
-from .sample import Rows, columns, observed
+from .extension_outputs import observed
+from .sample import Rows, columns
 from .study import Study
 
 SCHEMA = "emcas-campaign/1"
@@ -39,13 +40,12 @@ _MOST_NAMED = 6  # changes named in a refusal
 
 def identity(study: Study) -> dict[str, Any]:
     """Return all on which the rows depend, for JSON: the campaign, parameters, model or FMU, the program's version."""
-    plan = study.plan
-    model = {} if plan.model == NONLINEAR else {"model": plan.actuator.name}
-    if plan.model_sha256:
-        model["model_sha256"] = plan.model_sha256
-    return {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": plan.fmu_sha256, **model,
-            "fin": plan.fin, **_judged(plan.specification), "campaign": json.loads(json.dumps(study.document)),
-            "parameters": dict(plan.base)}
+    model = {} if study.model == NONLINEAR else {"model": study.actuator.name}
+    if study.model_sha256:
+        model["model_sha256"] = study.model_sha256
+    return {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": study.fmu_sha256, **model,
+            "fin": study.fin, **_judged(study.specification), "campaign": json.loads(json.dumps(study.document)),
+            "parameters": dict(study.base)}
 
 
 def _judged(specification: Specification) -> dict[str, Any]:
@@ -67,9 +67,7 @@ class Store:
     """
 
     def __init__(self, folder: Path, study: Study) -> None:
-        self.folder, self._parts_folder, self._study = folder, folder / PARTS, study
-        self._identity = identity(study)
-        self._schema = _schema(study)
+        self.folder, self._parts, self._study, self._schema = folder, folder / PARTS, study, _schema(study)
         manifest = folder / MANIFEST
         if folder.exists() and not folder.is_dir():
             raise CampaignError(f"{folder}: is a file; name a folder")
@@ -78,21 +76,16 @@ class Store:
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(folder)
         try:
-            self._begin(manifest)
+            for partial in (*folder.glob(f".*{PARTIAL}"), *self._parts.glob(f".*{PARTIAL}")):
+                partial.unlink()  # left by a run that was killed
+            if manifest.is_file():
+                _check_same(manifest, identity(study))
+            else:
+                self._parts.mkdir(exist_ok=True)
+                write(manifest, json.dumps({**identity(study), "text": study.text}, indent=1) + "\n")
         except BaseException:
             self.close()
             raise
-
-    def _begin(self, manifest: Path) -> None:
-        for folder in (self.folder, self._parts_folder):
-            for partial in folder.glob(f".*{PARTIAL}"):  # left by a run that was killed
-                partial.unlink()
-        if manifest.is_file():
-            _check_same(manifest, self._identity)
-            return
-        self._parts_folder.mkdir(exist_ok=True)
-        text = json.dumps({**self._identity, "text": self._study.text}, indent=1)
-        write(manifest, text + "\n")
 
     def close(self) -> None:
         """Let another run write here."""
@@ -109,8 +102,8 @@ class Store:
     def missing(self) -> NDArray[np.int64]:
         """Return the indices of the samples without a row, ascending."""
         missing = np.ones(self._study.samples, dtype=bool)
-        for part in self._parts():
-            missing[_read(part, ["index"])["index"].to_numpy()] = False
+        for table in self._tables(["index"]):
+            missing[table["index"].to_numpy()] = False
         return np.flatnonzero(missing)
 
     def write(self, rows: Rows) -> Path:
@@ -121,22 +114,24 @@ class Store:
         # Figures hardly repeat and are not searched by range: dictionaries and statistics would only take space.
         pq.write_table(pa.Table.from_pydict(rows, self._schema), sink, compression="zstd",
                        use_dictionary=["status", "error"], write_statistics=["index"])
-        part = self._parts_folder / name
+        part = self._parts / name
         write(part, sink.getvalue().to_pybytes())
         return part
 
     def table(self) -> pa.Table:
         """Return all rows, sorted by index and without duplicates."""
-        parts = [_read(part) for part in self._parts()]
-        if not parts:
-            return self._schema.empty_table()
-        rows = pa.concat_tables(parts)
+        rows = pa.concat_tables([self._schema.empty_table(), *self._tables()])
         # Parts that were copied from another folder may contain a sample again; its row is the same.
         _, first = np.unique(rows["index"].to_numpy(), return_index=True)
         return rows.take(pa.array(first))
 
-    def _parts(self) -> list[Path]:
-        return sorted(self._parts_folder.glob("part-*.parquet"))
+    def _tables(self, names: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        for part in sorted(self._parts.glob("part-*.parquet")):
+            try:
+                yield pq.ParquetFile(part).read(names)
+            except (OSError, pa.ArrowException) as error:
+                raise CampaignError(f"{part}: cannot be read ({error}); remove it, and its samples will be run "
+                                    "again") from error
 
 
 def _locked(folder: Path) -> FileLock:
@@ -166,26 +161,15 @@ def _unused(folder: Path) -> bool:
 
 
 def _schema(study: Study) -> pa.Schema:
-    plan = study.plan
-    fields = [("index", pa.int64()), ("seed", pa.int64()), *((f.name, _TYPES[f.type]) for f in plan.factors),
-              *((name, pa.float64()) for name in plan.followers),
-              *((name, pa.float64()) for name in columns(plan)),
-              *((name, _TYPES[output.kind]) for name, output in observed(plan).items()),
+    fields = [("index", pa.int64()), ("seed", pa.int64()), *((f.name, _TYPES[f.type]) for f in study.factors),
+              *((name, pa.float64()) for name in (*study.followers, *columns(study))),
+              *((name, _TYPES[output.kind]) for name, output in observed(study).items()),
               ("status", pa.string()), ("error", pa.string())]
-    metadata = {"emcas.schema": SCHEMA, "emcas.version": __version__, "emcas.guid": study.guid,
-                "emcas.fmu_sha256": plan.fmu_sha256, "emcas.campaign": study.text,
-                "emcas.campaign_sha256": hashlib.sha256(study.text.encode()).hexdigest(),
-                "emcas.parameters": json.dumps(plan.base), **{
-                    f"emcas.{name}": json.dumps(entry) for name, entry in _judged(plan.specification).items()}}
-    return pa.schema(fields, metadata=metadata)
-
-
-def _read(part: Path, names: Sequence[str] | None = None) -> pa.Table:
-    try:
-        return pq.ParquetFile(part).read(names)
-    except (OSError, pa.ArrowException) as error:
-        raise CampaignError(f"{part}: cannot be read ({error}); remove it, and its samples will be run "
-                            "again") from error
+    texts = {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": study.fmu_sha256,
+             "campaign": study.text, "campaign_sha256": hashlib.sha256(study.text.encode()).hexdigest()}
+    entries = {"parameters": study.base, **_judged(study.specification)}
+    texts |= {name: json.dumps(entry) for name, entry in entries.items()}
+    return pa.schema(fields, metadata={f"emcas.{name}": text for name, text in texts.items()})
 
 
 def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:

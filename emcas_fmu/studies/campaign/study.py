@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator
+from scipy.stats import qmc
 
 from ...actuators import NONLINEAR, full_name, get
+from ...actuators.declaration import Actuator
 from ...bench.fmu_subject import open_subject
-from ...bench.requirements import load_requirements
+from ...bench.requirements import Specification, load_requirements
 from ...bench.subject import ParameterSubject
 from ...bench.verdict import Judged, judged
 from ...errors import EmcasError
@@ -30,8 +34,9 @@ from ...parameters import (
 )
 from ...parameters.schema import Table
 from ...rules import Rule
-from .distributions import MOST_OUTSIDE, CampaignError
-from .plan import UNJUDGED, Factor, Plan, source_sha256
+from ...simulation import Array
+from .distributions import MOST_OUTSIDE, CampaignError, Factor, Value
+from .experiments import Experiment
 from .schema import Entries, Reader
 
 MOST_SAMPLES = 100_000_000
@@ -68,11 +73,16 @@ class _File(Table):
 
 @dataclass(frozen=True)
 class Study:
-    """A campaign.
+    """A campaign of the file `path`, whose `text` contains the `document`; it is sent to the workers.
 
-    `guid` is that of its FMU, or of the FMU that would be built from its parameters. `warnings` are those of the
-    parameters with all factors at their medians and with each at either end, one for each rule. `left_out` are the
-    requirements that cannot be measured of the actuator, with the reasons.
+    `guid` is that of its FMU, or of the FMU that would be built from its parameters. `base` are the parameters (flat,
+    SI) of the actuator `model`, by its full name; `numbers` are the fixed numbers of motions and profiles by name.
+    `followers` keep their ratio to a factor. `fmu` is the path of an FMU, or empty for the kernel, and `fin` the number
+    of its fin, from 1. `model_sha256` is that of the user's file that declares the model, or empty. Every sample is
+    judged by the `specification`, which contains only what can be measured of the model; its tests have their own
+    inputs, so that only those factors matter to it that are parameters. `left_out` are the requirements that cannot be
+    measured, with the reasons. `warnings` are those of the parameters with all factors at their medians and with each
+    at either end, one for each rule.
     """
 
     path: Path
@@ -80,10 +90,90 @@ class Study:
     document: Mapping[str, Any]
     method: str
     samples: int
+    seed: int
     guid: str
-    plan: Plan
+    base: Mapping[str, Value]
+    numbers: Mapping[str, Value]
+    factors: tuple[Factor, ...]
+    followers: Mapping[str, str]
+    experiments: tuple[Experiment, ...]
+    fmu: str
+    fmu_sha256: str
+    fin: int
+    model: str
+    model_sha256: str
+    specification: Specification
+    left_out: tuple[Judged, ...]
     warnings: tuple[str, ...] = ()
-    left_out: tuple[Judged, ...] = ()
+
+    @property
+    def actuator(self) -> Actuator:
+        """The declaration of the model."""
+        return get(self.model)
+
+    @property
+    def duration(self) -> float:
+        """Approximate simulated time of a sample [s]."""
+        tests = {(r.test, case) for r in self.specification.requirements if r.test for case in r.cases}
+        return sum(e.duration for e in self.experiments) + sum(test.simulated for test, _ in tests)
+
+    def draw(self, indices: Sequence[int]) -> Array:
+        """Return the values [indices, factors] of samples in the factors' units, which depend on index and seed only.
+
+        Sample i of a ``monte-carlo`` campaign has its own generator, seeded with (seed, i); of a ``sobol`` one it is
+        point i of a scrambled sequence, of a ``latin-hypercube`` row i of one hypercube for all samples, of a ``grid``
+        the digits of i in mixed radix, of which the last factor's change fastest. Raises IndexError outside the
+        campaign.
+        """
+        if any(not 0 <= i < self.samples for i in indices):
+            raise IndexError(f"samples are numbered from 0 to {self.samples - 1}")
+        distributions = [f.distribution for f in self.factors]
+        if self.method == "grid":
+            positions = np.unravel_index(np.asarray(indices), [len(d.levels) for d in distributions])
+            return np.column_stack([np.asarray(d.levels, dtype=float)[k]
+                                    for d, k in zip(distributions, positions, strict=True)])
+        if self.method == "sobol":
+            shares = _sobol(len(self.factors), self.seed, indices)
+        elif self.method == "latin-hypercube":
+            shares = _hypercube(len(self.factors), self.seed, self.samples)[np.asarray(indices)]
+        else:
+            shares = np.array([np.random.default_rng([self.seed, i]).random(len(self.factors)) for i in indices])
+        return np.column_stack([d.at(shares[:, k]) for k, d in enumerate(distributions)])
+
+    def chosen(self, drawn: Iterable[Any]) -> dict[str, Any]:
+        """Return the factors and their followers by name, for the values `drawn`: numbers, or arrays [samples]."""
+        chosen = {f.name: f.value(x) for f, x in zip(self.factors, drawn, strict=True)}
+        return chosen | {name: self.base[name] * (chosen[leader] / self.base[leader])
+                         for name, leader in self.followers.items()}
+
+    def varied(self, drawn: Iterable[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return parameters (flat, SI) and numbers of motions and profiles for the values `drawn` of the factors.
+
+        For many samples those that vary are arrays [samples].
+        """
+        values, numbers = dict[str, Any](self.base), dict[str, Any](self.numbers)
+        for name, value in self.chosen(drawn).items():
+            (values if name in values else numbers)[name] = value
+        return values, numbers
+
+
+@lru_cache(maxsize=1)
+def _hypercube(factors: int, seed: int, samples: int) -> Array:
+    cube: Array = qmc.LatinHypercube(factors, rng=np.random.default_rng([seed])).random(samples)
+    return cube
+
+
+def _sobol(factors: int, seed: int, indices: Sequence[int]) -> Array:
+    """Return points in the order of `indices`; each is drawn once, in ascending order, as the engine requires."""
+    engine = qmc.Sobol(factors, scramble=True, rng=np.random.default_rng([seed]))
+    ordered, positions = np.unique(np.asarray(indices), return_inverse=True)
+    points = np.empty((len(ordered), factors))
+    for row, index in zip(points, ordered.tolist(), strict=True):
+        if index > engine.num_generated:
+            engine.fast_forward(index - engine.num_generated)
+        row[:] = engine.random(1)[0]
+    # A scrambled point may contain 0, where a normal distribution is infinite.
+    return np.clip(points, 2.0**-53, 1.0 - 2.0**-53)[positions]
 
 
 def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, model: str | None = None,
@@ -97,46 +187,57 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
     file = schema.read(_File, document, path, CampaignError)
     base, guid, unit, digest, chosen = _base(path, file.base, fmu, fin, model)
     reader = Reader(base)
-    schema.read(Entries, {key: document[key] for key in Entries.model_fields if key in document}, path, CampaignError,
-                reader)
+    written = {key: document[key] for key in Entries.model_fields if key in document}
+    entries = schema.read(Entries, written, path, CampaignError, reader)
     if not reader.factors:
         raise CampaignError(f"{path}: nothing varies; give at least one [vary.\"NAME\"] with a distribution")
-    if not reader.experiments:
+    if not entries.experiments:
         raise CampaignError(f"{path}: nothing is done; give at least one [experiments.NAME] with a kind")
-    specification = UNJUDGED
+    specification, subject = Specification(()), ParameterSubject(base)
     if requirements is not None:
         specification = load_requirements(None if str(requirements) == SHIPPED else Path(requirements), base)
-    subject = ParameterSubject(base)
     able = tuple(r for r in specification.requirements if not r.obstacle(subject))
     if specification.requirements and not able:
         raise CampaignError(f"{requirements}: none of its requirements can be measured of {base.model}; leave "
                             "--requirements out")
-    plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers, tuple(reader.experiments),
-                file.campaign.seed, unit, digest, chosen, base.model, source_sha256(base.model),
-                replace(specification, requirements=able))
-    samples = _samples(path, file.campaign, plan.factors)
+    study = Study(
+        path, text, document, file.campaign.method, _samples(path, file.campaign, reader.factors), file.campaign.seed,
+        guid, dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
+        tuple(entries.experiments.values()), fmu=unit, fmu_sha256=digest, fin=chosen, model=base.model,
+        model_sha256=source_sha256(base.model), specification=replace(specification, requirements=able),
+        left_out=tuple(judged(r, (), subject) for r in specification.requirements if r not in able))
     # If the parameters contradict each other at the medians, few samples could be run.
-    values, _ = plan.varied(float(f.distribution.at(0.5)) for f in plan.factors)
-    if problems := check_parameters({v.name: values[v.name] for v in plan.actuator.parameters}, plan.model):
+    if problems := _problems(study, study.varied(_medians(study))[0]):
         raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")
-    warnings = tuple(_warnings(base, plan))
-    left_out = tuple(judged(r, (), subject) for r in specification.requirements if r not in able)
-    return Study(path, text, document, file.campaign.method, samples, guid, plan, warnings, left_out)
+    return replace(study, warnings=tuple(_warnings(base, study)))
 
 
-def _warnings(base: ParameterSet, plan: Plan) -> Iterator[str]:
+def source_sha256(model: str) -> str:
+    """Return the SHA-256 of the user's file that declares an actuator; empty for a shipped one."""
+    source = get(model).source
+    return "" if source is None else hashlib.sha256(source.read_bytes()).hexdigest()
+
+
+def _medians(study: Study) -> list[float]:
+    return [float(f.distribution.at(0.5)) for f in study.factors]
+
+
+def _problems(study: Study, values: Mapping[str, Any]) -> list[str]:
+    return check_parameters({v.name: values[v.name] for v in study.actuator.parameters}, study.model)
+
+
+def _warnings(base: ParameterSet, study: Study) -> Iterator[str]:
     """Yield the first warning of each rule: at the medians, or with one factor at an end."""
     varied = check_combinations(base.values, base.actuator, warnings=True)
     yield from (warning for warning in base.warnings if warning not in varied)
-    median = [float(f.distribution.at(0.5)) for f in plan.factors]
-    points = [median, *([*median[:k], end, *median[k + 1:]] for k, factor in enumerate(plan.factors)
-                        for end in factor.distribution.limits(MOST_OUTSIDE))]
-    sets = [values for values, _ in map(plan.varied, points) if not check_parameters(
-        {v.name: values[v.name] for v in plan.actuator.parameters}, plan.model)]  # other samples fail with an error
+    medians = _medians(study)
+    points = [medians, *([*medians[:k], end, *medians[k + 1:]] for k, factor in enumerate(study.factors)
+                         for end in factor.distribution.limits(MOST_OUTSIDE))]
     first: dict[Rule, str] = {}
-    for values in sets:
-        first = {**broken_rules(values, plan.actuator, warnings=True), **first}
-    yield from (first[rule] for rule in plan.actuator.all_rules if rule in first)
+    for values, _ in map(study.varied, points):
+        if not _problems(study, values):  # other samples fail with an error
+            first = {**broken_rules(values, study.actuator, warnings=True), **first}
+    yield from (first[rule] for rule in study.actuator.all_rules if rule in first)
 
 
 def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
@@ -176,7 +277,7 @@ def _model(path: Path, entry: _Base, chosen: str | None) -> str | None:
         raise CampaignError(where + str(error).removeprefix("--model ")) from error
 
 
-def _samples(path: Path, campaign: _Campaign, factors: tuple[Factor, ...]) -> int:
+def _samples(path: Path, campaign: _Campaign, factors: Sequence[Factor]) -> int:
     if campaign.method != "grid":
         return campaign.samples or 1000
     for factor in factors:

@@ -18,10 +18,8 @@ from ...bench.metrics import Figure, shown
 from ...bench.requirements import Requirement
 from ...pages.numbers import rounded
 from ...simulation import Array
-from . import fault_detection
-from .experiments import REQUIREMENT
-from .measure import lacking
-from .plan import Plan
+from .experiments import REQUIREMENT, lacking
+from .extension_outputs import Finding, findings, tallies
 from .sample import OK, columns
 from .study import Study
 
@@ -120,7 +118,7 @@ class Summary:
     failures: tuple[tuple[str, int, int], ...]
     """Message, number of samples and index of the first."""
     tallies: Mapping[str, Mapping[str, int]]
-    findings: tuple[fault_detection.Finding, ...]
+    findings: tuple[Finding, ...]
     chances: tuple[Chance, ...] = ()
     """One for each requirement, and at the end one for all together."""
 
@@ -142,19 +140,18 @@ class Summary:
 def summarise(study: Study, table: pa.Table) -> Summary:
     """Return the summary of a campaign's rows, some or all."""
     good = table.filter(pa.compute.equal(table["status"], OK))
-    factors = {f.name: np.asarray(good[f.name].to_numpy(zero_copy_only=False), dtype=float)
-               for f in study.plan.factors}
+    factors = {f.name: np.asarray(good[f.name].to_numpy(), dtype=float) for f in study.factors}
+    parameters = {name: x for name, x in factors.items() if name in study.base}
     index = good["index"].to_numpy()
-    parameters = {name: x for name, x in factors.items() if name in study.plan.base}
     spreads = tuple(_spread(name, figure, good[name].to_numpy(), index,
                             parameters if name.startswith(f"{REQUIREMENT}.") else factors)
-                    for name, figure in columns(study.plan).items()) if good.num_rows else ()
-    return Summary(study, table.num_rows, spreads, _failures(table), fault_detection.tallies(study.plan, good),
-                   fault_detection.findings(study.plan, good), _chances(study.plan, table))
+                    for name, figure in columns(study).items()) if good.num_rows else ()
+    return Summary(study, table.num_rows, spreads, _failures(table), tallies(study, good), findings(study, good),
+                   _chances(study, table))
 
 
-def _chances(plan: Plan, table: pa.Table) -> tuple[Chance, ...]:
-    requirements = plan.specification.requirements
+def _chances(study: Study, table: pa.Table) -> tuple[Chance, ...]:
+    requirements = study.specification.requirements
     if not requirements or not table.num_rows:
         return ()
     kept = [r.kept(table[f"{REQUIREMENT}.{r.name}"].to_numpy()) for r in requirements]
@@ -202,11 +199,9 @@ def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, t
     if len(figure) < max(_FEWEST, len(varying) + 3) or not varying or len(np.unique(figure)) < 2:
         return nan, ()
     coefficients, errors, explained = _regression(figure, varying)
-    effects = []
-    for k, (name, x) in enumerate(varying.items()):
-        rank = float(stats.spearmanr(x, figure).statistic)
-        low, high = _interval(rank, len(figure))
-        effects.append(Effect(name, rank, low, high, coefficients[k], errors[k]))
+    ranks = [float(stats.spearmanr(x, figure).statistic) for x in varying.values()]
+    effects = [Effect(name, rank, *_interval(rank, len(figure)), coefficient, error)
+               for name, rank, coefficient, error in zip(varying, ranks, coefficients, errors, strict=True)]
     return explained, tuple(sorted(effects, key=lambda e: -abs(e.rank_correlation)))
 
 
@@ -248,31 +243,30 @@ def _judged(summary: Summary) -> dict[str, Any]:
         return {}
     *each, together = ({"met": c.met, "samples": c.samples, "share": c.share, "low": c.interval[0],
                         "high": c.interval[1]} for c in summary.chances)
-    specification = summary.study.plan.specification
+    specification = summary.study.specification
+    names = ("name", "title", "source", "how", "sense", "limit", "unit", "cases")
     return {"requirements": {
         "file": specification.file, "confidence": _CONFIDENCE, "all": together,
-        "each": [{"name": r.name, "title": r.title, "source": r.source, "how": r.how, "sense": r.sense,
-                  "limit": r.limit, "unit": r.unit, "cases": r.cases, **counts}
+        "each": [{**{name: getattr(r, name) for name in names}, **counts}
                  for r, counts in zip(specification.requirements, each, strict=True)],
         "not_judged": {j.name: j.note for j in summary.study.left_out}}}
 
 
 def as_dict(summary: Summary, command: str) -> dict[str, Any]:
     """Return the summary for JSON, in SI."""
-    study, plan = summary.study, summary.study.plan
-    of_model = {} if plan.model == NONLINEAR else {
-        "model": plan.actuator.name, "left_out": lacking(plan.model),
+    study = summary.study
+    of_model = {} if study.model == NONLINEAR else {
+        "model": study.actuator.name, "left_out": lacking(study.model),
         "tallies": [{"name": name, "samples": counts} for name, counts in summary.tallies.items()],
         "findings": [asdict(finding) for finding in summary.findings]}
     return {
         "schema": "emcas-campaign-summary/1", "version": __version__, "guid": study.guid, "command": command,
-        "method": study.method, "seed": plan.seed, "samples": study.samples, "done": summary.done,
-        "failed": summary.failed, "runs": "FMU" if plan.fmu else "kernel", "fmu_sha256": plan.fmu_sha256,
-        "fin": plan.fin, **of_model,
-        "factors": [{"name": f.name, "unit": f.unit, "distribution": f.distribution.kind,
-                     **f.distribution.numbers, **({"levels": list(f.distribution.levels)}
-                                                  if f.distribution.levels else {})} for f in plan.factors],
-        "follow": dict(plan.followers),
+        "method": study.method, "seed": study.seed, "samples": study.samples, "done": summary.done,
+        "failed": summary.failed, "runs": "FMU" if study.fmu else "kernel", "fmu_sha256": study.fmu_sha256,
+        "fin": study.fin, **of_model,
+        "factors": [{"name": f.name, "unit": f.unit, "distribution": f.distribution.kind, **f.distribution.numbers,
+                     **({"levels": f.distribution.levels} if f.distribution.levels else {})} for f in study.factors],
+        "follow": dict(study.followers),
         "failures": [{"error": e, "samples": n, "first": first} for e, n, first in summary.failures],
         **_judged(summary),
         "figures": [{

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf, isfinite, nextafter
 from pathlib import Path
 
@@ -52,7 +53,7 @@ class Evaluation:
         """The judgement with the largest share."""
         return max(self.judgements, key=lambda j: j.share)
 
-    @property
+    @cached_property
     def objective(self) -> float:
         """The objective that the search minimises."""
         shares = [j.share for j in self.by_requirement().values()]
@@ -94,27 +95,24 @@ class Journal:
     """
 
     def __init__(self, path: Path | None, study: Study) -> None:
-        self.path = path
+        self._path = path
         self._evaluations: dict[tuple[float, ...], Evaluation] = {}
         if path is None:
             return
         header = {"study": study.digest}
         text = path.read_text(encoding="utf-8") if path.is_file() else ""
         # A last line without an end was cut when the run was killed: its evaluation is repeated.
-        lines = text.splitlines(keepends=True)
-        whole = [line for line in lines if line.endswith("\n")]
-        if not whole:
-            write(path, json.dumps(header) + "\n")
-            return
+        whole = text[:text.rfind("\n") + 1] or json.dumps(header) + "\n"
         try:
-            if json.loads(whole[0]) != header:
-                raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
-            for entry in map(json.loads, whole[1:]):
-                self._add(Evaluation(dict(entry["gains"]), tuple(Judgement(*j) for j in entry["judgements"])))
+            first, *entries = map(json.loads, whole.splitlines())
+            evaluations = [Evaluation(dict(e["gains"]), tuple(Judgement(*j) for j in e["judgements"])) for e in entries]
+            self._evaluations = {tuple(e.gains.values()): e for e in evaluations}
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise StudyError(f"{path}: is no journal: {error}") from error
-        if len(whole) < len(lines):
-            write(path, "".join(whole))
+        if first != header:
+            raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
+        if whole != text:
+            write(path, whole)
 
     def find(self, gains: Mapping[str, float]) -> Evaluation | None:
         """Return the evaluation of exactly these gains, if there is one."""
@@ -122,17 +120,11 @@ class Journal:
 
     def add(self, evaluations: Iterable[Evaluation]) -> None:
         """Add evaluations, also to the file."""
-        lines = []
-        for evaluation in evaluations:
-            if self.find(evaluation.gains) is None:
-                self._add(evaluation)
-                lines.append(json.dumps({"gains": evaluation.gains, "judgements": [
-                    [j.requirement, j.case, j.measured, j.share] for j in evaluation.judgements]}) + "\n")
-        if self.path is not None and lines:
-            append(self.path, "".join(lines))
-
-    def _add(self, evaluation: Evaluation) -> None:
-        self._evaluations[tuple(evaluation.gains.values())] = evaluation
+        new = {tuple(e.gains.values()): e for e in evaluations if self.find(e.gains) is None}
+        self._evaluations |= new
+        if self._path is not None and new:
+            append(self._path, "".join(json.dumps({"gains": e.gains, "judgements": [
+                [j.requirement, j.case, j.measured, j.share] for j in e.judgements]}) + "\n" for e in new.values()))
 
     def __iter__(self) -> Iterator[Evaluation]:
         return iter(self._evaluations.values())

@@ -11,11 +11,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, repeat
 from math import exp, floor, inf, log, log10, nan
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
-from threading import Thread, current_thread, main_thread
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from scipy.optimize import differential_evolution, minimize
 
 from ...parameters import ParameterSet
 from ...runtime import library
-from ...support.progress import Progress, silent
+from ...support.progress import Progress, silent, waking
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Study, Tunable
 
@@ -38,7 +39,7 @@ _SLACK = 0.03  # share of a limit; a requirement this close to the worst one bin
 _CHOICE, _HURRIED = 20, 4
 
 Gains = Mapping[str, float]
-_Evaluator = Callable[[list[Gains]], Iterable[list[Evaluation]]]
+_Map = Callable[..., Iterable[list[Evaluation]]]
 
 
 @dataclass(frozen=True)
@@ -116,14 +117,14 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
     gains so far; raises KeyboardInterrupt if not even the initial ones were judged.
     """
     evaluations = journal if journal is not None else Journal(None, study)
-    search = _Search(study, evaluations, progress, generations)
+    search = _Search(study, evaluations, progress, generations, workers)
     bounds = [(log(t.lower), log(t.upper)) for t in study.tunables]
     begun: Gains = {t.name: float(study.base.values[t.name]) for t in study.tunables}
     before: Evaluation | None = None
     judged = (_POPULATION * (generations + 1) + _LOCAL) * len(bounds)
     library.compile_for(study.base.model, judged * len(study.requirements) * len(study.cases) * _STEPS)
     try:
-        with _pool(study, workers) as search.evaluator:
+        with _processes(workers) as search.map:
             (before,) = search.all([begun])
             differential_evolution(
                 lambda x: np.array(search.objectives(list(np.atleast_2d(x.T)))), bounds,
@@ -139,21 +140,16 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
     except KeyboardInterrupt:
         if before is None:
             raise
-        with _pool(study, 1) as search.evaluator:
-            returned, nearby, _ = _chosen(search, before, _written(evaluations, study, _HURRIED))
+        search.map, search.workers = map, 1
+        returned, nearby, _ = _chosen(search, before, _written(evaluations, study, _HURRIED))
         stopped = True
     return Result(study, seed, returned, before, nearby, tuple(evaluations), tuple(search.history), stopped)
 
 
 def _written(evaluations: Iterable[Evaluation], study: Study, count: int) -> list[Gains]:
     """Return the best gains of a search, rounded and without duplicates."""
-    written: list[Gains] = []
-    for evaluation in sorted(evaluations, key=lambda e: e.objective):
-        if len(written) == count:
-            break
-        if (gains := rounded(evaluation.gains, study)) not in written:
-            written.append(gains)
-    return written
+    written: Iterable[Gains] = (rounded(e.gains, study) for e in sorted(evaluations, key=lambda e: e.objective))
+    return list({tuple(gains.values()): gains for gains in written}.values())[:count]
 
 
 def _chosen(search: _Search, before: Evaluation, choice: list[Gains]) -> tuple[Evaluation, float, bool]:
@@ -184,26 +180,28 @@ def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
 
 
 class _Search:
-    """Evaluates gains that are not in the journal, and remembers the best."""
+    """Evaluates gains that are not in the journal, and remembers the best.
 
-    def __init__(self, study: Study, journal: Journal, progress: Progress, generations: int) -> None:
-        self.study = study
+    `map` is the function of that name, or that of `workers` processes; `seen` are the evaluations of this search, in
+    order, of which the journal may have more.
+    """
+
+    def __init__(self, study: Study, journal: Journal, progress: Progress, generations: int, workers: int) -> None:
+        self.study, self.workers = study, workers
         self._names = [t.name for t in study.tunables]
         self._journal, self._progress = journal, progress
         self._done, self._total = 0, generations + 1
-        self.evaluator: _Evaluator = lambda _: ()
+        self.map: _Map = map
         self.history: list[float] = []
-        self.seen: list[Evaluation] = []  # by this search, in order; the journal may hold more
-        self._best: Evaluation | None = None
+        self.seen: list[Evaluation] = []
 
     @property
     def best(self) -> Evaluation:
-        assert self._best is not None
-        return self._best
+        return min(self.seen, key=lambda e: e.objective)
 
     def all(self, gains: list[Gains]) -> list[Evaluation]:
         missing = {tuple(g.values()): g for g in gains if self._journal.find(g) is None}
-        for several in self.evaluator(list(missing.values())):
+        for several in _evaluated(self.map, self.study, list(missing.values()), self.workers):
             self._journal.add(several)
         return [e for e in map(self._journal.find, gains) if e is not None]
 
@@ -212,7 +210,6 @@ class _Search:
         gains: list[Gains] = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
         evaluations = self.all(gains)
         self.seen += evaluations
-        self._best = min([*([self._best] if self._best else []), *evaluations], key=lambda e: e.objective)
         return [e.objective for e in evaluations]
 
     def note(self, stage: str, generations: int = 0) -> None:
@@ -231,63 +228,43 @@ def _begin() -> None:
         Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
 
 
-def _parted(gains: Sequence[Gains], study: Study, workers: int) -> Iterator[tuple[Sequence[Gains], list[Study]]]:
-    """Yield parts of the gains, each with studies that share the cases: one, or for single gains one for each worker.
-    """
-    together = _TOGETHER if library.available(study.base.model) else 1  # the Python kernel has no vectors
-    size = min(together, -(-len(gains) // workers) or 1)
-    groups = 1 if len(gains) > 1 else min(workers, len(study.cases))
-    ends = [len(study.cases) * k // groups for k in range(groups + 1)]
-    for first in range(0, len(gains), size):
-        yield gains[first:first + size], [replace(study, cases=study.cases[low:high]) for low, high in pairwise(ends)]
+def _evaluated(run: _Map, study: Study, gains: Sequence[Gains], workers: int) -> Iterator[list[Evaluation]]:
+    """Yield the evaluations of gains part by part; workers share the gains, of a single set of gains the cases."""
+    if len(gains) > 1:
+        together = _TOGETHER if library.available(study.base.model) else 1  # the Python kernel has no vectors
+        size = min(together, -(-len(gains) // workers))
+        yield from run(evaluate, repeat(study), [gains[k:k + size] for k in range(0, len(gains), size)])
+    elif gains:
+        ends = [len(study.cases) * k // workers for k in range(workers + 1)]
+        studies = [replace(study, cases=study.cases[low:high]) for low, high in pairwise(ends) if low < high]
+        of_cases = [each for (each,) in run(evaluate, studies, repeat(gains))]
+        yield [Evaluation(gains[0], tuple(j for each in of_cases for j in each.judgements))]
 
 
 @contextmanager
-def _pool(study: Study, workers: int) -> Iterator[_Evaluator]:
-    """A function that evaluates lists of gains part by part, by several worker processes or in this one.
+def _processes(count: int) -> Iterator[_Map]:
+    """The `map` of several worker processes, or the usual one.
 
     Processes, since most of the work is Python's: threads would wait for the interpreter's lock.
     """
-    if workers <= 1:
-        yield lambda gains: (evaluate(study, part) for part, _ in _parted(gains, study, 1))
+    if count <= 1:
+        yield map
         return
-    executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin)
-
-    def by_workers(gains: list[Gains]) -> Iterator[list[Evaluation]]:
-        parts = [[executor.submit(evaluate, each, part) for each in studies]
-                 for part, studies in _parted(gains, study, workers)]
-        for futures in parts:
-            yield [Evaluation(of[0].gains, tuple(j for each in of for j in each.judgements))
-                   for of in zip(*(future.result() for future in futures), strict=True)]
-
+    executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+    interrupts: SimpleQueue[None] = SimpleQueue()
+    masks = hasattr(signal, "pthread_sigmask")  # not on Windows, whose workers may report a Ctrl-C as they start
     try:
-        with _interrupts_held():
-            for _ in range(workers):  # a task starts one process, or all of them
-                executor.submit(int)
-        yield by_workers
+        with waking(interrupts):
+            if masks:  # processes inherit the mask
+                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                for _ in range(count):  # a task starts one process, or all of them
+                    executor.submit(int)
+            finally:
+                if masks:
+                    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        if not interrupts.empty():
+            raise KeyboardInterrupt
+        yield executor.map
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Protect processes that are started inside from Ctrl-C, which this one handles at the end of the block.
-
-    Only the main thread can do so; in others nothing changes.
-    """
-    if current_thread() is not main_thread():
-        yield
-        return
-    caught: list[int] = []
-    masks = hasattr(signal, "pthread_sigmask")  # not on Windows, whose workers may report a Ctrl-C as they start
-    handler = signal.signal(signal.SIGINT, lambda number, _: caught.append(number))
-    if masks:
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        if masks:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        signal.signal(signal.SIGINT, handler)
-    if caught:
-        raise KeyboardInterrupt
