@@ -33,9 +33,12 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
     """Return the class attributes of a generated slave (:class:`.fmi2.slave.Slave`), without its equations."""
     actuator = interface.actuator
     # Hosts get enumerations as integers.
-    rows = tuple((interface.spelt(v.name), "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum,
+    rows = tuple((interface.spelt(v.name), "Integer" if v.items else v.kind, v.variability == "fixed", v.minimum,
                   v.maximum) for v in interface.variables)
-    one = {"rows": rows, "start_values": starts, "fmu_guid": guid, "motion": interface.reference[VEHICLE[0]],
+    first, end, motion = len(interface.inputs), len(rows) - len(interface.parameters), interface.reference[VEHICLE[0]]
+    one = {"rows": rows, "start_values": starts, "fmu_guid": guid,
+           "inputs": range(first), "outputs": range(first, end), "parameters": range(end, len(rows)),
+           "motion": slice(motion, motion + len(VEHICLE)),
            "rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning) for rule in actuator.all_rules),
            "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
     return one if interface.fins == 1 else {

@@ -110,7 +110,7 @@ def test_a_made_up_state_is_refused_or_does_no_harm(unit: FmuInterface, changes:
             assert not slave.do_step(STEPS * STEP, STEP)
             assert slave.do_step(STEPS * STEP, STEP)
         elif slave.do_step(after[0] + after[1], STEP):
-            outputs = [row for row in slave._outputs if slave.rows[row][1] == "Real"]
+            outputs = [row for row in slave.outputs if slave.rows[row][1] == "Real"]
             assert all(map(isfinite, slave.get_real(outputs)))
     for message in slave.log_queue:
         message.msg.encode()

@@ -58,13 +58,7 @@ class ReportingSlave(Fmi2Slave):  # type: ignore[misc]
     def _misused(self, message: str) -> None:
         self._misuse = message
         self._ready = False
-        self._error(message)
-
-    def _warning(self, message: str) -> None:
-        self._log(message, Fmi2Status.warning)
-
-    def _error(self, message: str) -> None:
-        self._log(message, Fmi2Status.error)
+        self._log(message)
 
     def _say(self, message: str) -> None:
         """Print a message once, for hosts that have logging off."""
@@ -72,10 +66,6 @@ class ReportingSlave(Fmi2Slave):  # type: ignore[misc]
             print(f"{self.instance_name}: {message}", file=sys.stderr)
         self._said.add(message)
 
-    def _discard(self, message: str) -> bool:
-        self._log(message, Fmi2Status.discard)
-        return False
-
-    def _log(self, message: str, status: Any) -> None:
+    def _log(self, message: str, status: str = "error") -> None:
         # The wrapper hands the text to the host as a printf format.
-        self.log(message.replace("%", "%%"), status)
+        self.log(message.replace("%", "%%"), Fmi2Status[status])

@@ -15,7 +15,7 @@ from ...rules import TOO_LATE, check_ranges, check_rules
 from ...runtime.core import Core, Functions, Sizes, finite, inputs_of
 from . import stored
 from .reporting import RefusedError, ReportingSlave
-from .stored import CorruptState, StoredState, is_text, wrong_variable
+from .stored import StoredState, is_text, wrong_variable
 
 _BEFORE_RUN = ("instantiated", "initialization")
 
@@ -26,20 +26,19 @@ class Slave(ReportingSlave):
     make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the core's functions with these parameters
     make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
     rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of each check: message, whether scanned, whether a warning
-    # Each variable's name, kind, causality, variability, minimum and maximum, by value reference: inputs first, then
-    # outputs, then parameters. And their start values.
-    rows: ClassVar[tuple[tuple[str, str, str, str, float, float], ...]]
+    # Each variable's name, kind, whether it is fixed, minimum and maximum, by value reference; their start values.
+    rows: ClassVar[tuple[tuple[str, str, bool, float, float], ...]]
     start_values: ClassVar[tuple[Any, ...]]
+    # Indices among the rows: inputs come first, then outputs, then parameters; `motion` are inputs of the vehicle's.
+    inputs: ClassVar[range]
+    outputs: ClassVar[range]
+    parameters: ClassVar[range]
+    motion: ClassVar[slice]
     fmu_guid: ClassVar[str]
-    motion: ClassVar[int]  # index of the first of the vehicle's motion among the rows
     sizes: ClassVar[tuple[int, ...]]  # of a core, the fields of Sizes
     power: ClassVar[int | None]  # index of the supply's power among a fin's outputs; None without a supply
     # Derived from the rows once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
-    _inputs: ClassVar[range]
-    _outputs: ClassVar[range]
-    _parameters: ClassVar[range]
-    _motion_slice: ClassVar[slice]  # of the vehicle's motion
     _output_slice: ClassVar[slice]
     _core_sizes: ClassVar[Sizes]
     _unknown: ClassVar[Any]  # motion loads of a motion that is not finite
@@ -48,16 +47,10 @@ class Slave(ReportingSlave):
         super().__init_subclass__(**kwargs)
         if not hasattr(cls, "rows"):  # a base
             return
-        rows = cls.rows
-        cls._kinds = {kind: frozenset(i for i, r in enumerate(rows) if r[1] == kind)
+        cls._kinds = {kind: frozenset(i for i, r in enumerate(cls.rows) if r[1] == kind)
                       for kind in ("Real", "Integer", "Boolean", "String")}
-        counts = [sum(r[2] == causality for r in rows) for causality in ("input", "output", "parameter")]
-        cls._inputs = range(counts[0])
-        cls._outputs = range(counts[0], counts[0] + counts[1])
-        cls._parameters = range(counts[0] + counts[1], len(rows))
-        cls._output_slice = slice(cls._outputs.start, cls._outputs.stop)
+        cls._output_slice = slice(cls.outputs.start, cls.outputs.stop)
         cls._core_sizes = Sizes(*cls.sizes)
-        cls._motion_slice = slice(cls.motion, cls.motion + cls._core_sizes.motion)
         cls._unknown = (nan,) * (cls._core_sizes.loads - 1)
 
     def __init__(self, **kwargs: Any) -> None:
@@ -68,7 +61,7 @@ class Slave(ReportingSlave):
         self._start = 0.0
         self._now = 0.0  # seconds since the start
         self._refusal = ""
-        self._warned: set[tuple[str, str]] = set()  # warnings that have been logged
+        self._warned: set[tuple[str, int]] = set()  # warnings that have been logged
         self._changed = True  # parameters have changed since the core was bound to them
         self._current = False  # outputs in _values are up to date
         self._motion: list[float] = []
@@ -106,7 +99,7 @@ class Slave(ReportingSlave):
         if problems:
             self._refusal = "; ".join(problems)
             for problem in problems:
-                self._error(f"initialization refused: {problem}")
+                self._log(f"initialization refused: {problem}")
             self._say(f"initialization refused: {self._refusal}")
             return
         self._warn()
@@ -129,11 +122,13 @@ class Slave(ReportingSlave):
                 return True
             return self._step(current_time, step_size)
         except RefusedError as error:
-            return self._discard(str(error))
+            reason = str(error)
         except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see reporting.py
             if before is not None:
                 core.state, self._now, self._current = before, now, False
-            return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
+            reason = f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}"
+        self._log(reason, "discard")
+        return False
 
     def _step(self, current_time: float, step_size: float) -> bool:
         """Check a step in full, and compute it."""
@@ -164,11 +159,11 @@ class Slave(ReportingSlave):
         if self._finite(inputs):
             self._held = inputs
             return inputs
-        bad = [f"{self.rows[i][0]} = {self._values[i]!r}" for i in self._inputs if not isfinite(self._values[i])]
+        bad = [f"{self.rows[i][0]} = {self._values[i]!r}" for i in self.inputs if not isfinite(self._values[i])]
         raise RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
 
     def _core_inputs(self, core: Core) -> tuple[Any, ...]:
-        motion = self._values[self._motion_slice]
+        motion = self._values[self.motion]
         if motion != self._motion:
             # Where it is not finite, the caller's check finds it; trigonometry would raise.
             self._motion_loads = core.motion_loads(*motion) if isfinite(sum(motion)) else self._unknown
@@ -203,12 +198,12 @@ class Slave(ReportingSlave):
         return Core(self._functions(values), self._core_sizes)
 
     def _acting(self, core: Any) -> tuple[Any, ...]:
-        return inputs_of(self._values[:self._outputs.start], self._motion_loads, self._core_sizes.motion,
+        return inputs_of(self._values[:self.outputs.start], self._motion_loads, self._core_sizes.motion,
                          self.power is not None)
 
     def _shape_of_inputs(self) -> tuple[Any, ...]:
         """Return inputs of a core, all 0."""
-        return inputs_of((0.0,) * len(self._inputs), self._unknown, self._core_sizes.motion, self.power is not None)
+        return inputs_of((0.0,) * len(self.inputs), self._unknown, self._core_sizes.motion, self.power is not None)
 
     @staticmethod
     def _finite(inputs: tuple[Any, ...]) -> bool:
@@ -218,29 +213,27 @@ class Slave(ReportingSlave):
         """Return each fin's parameters by their names in a single actuator, by the prefix of its messages."""
         return {"": values}
 
-    def _broken_rules(self, values: Mapping[str, Any]) -> list[str]:
-        """Return a message for each rule that a fin's parameters break."""
-        return [prefix + problem for prefix, one in self._fins(values).items() for problem in check_rules(
-            (check, *rule) for check, rule in zip(type(self).make_checks(one), self.rules, strict=True))]
+    def _broken_rules(self, values: Mapping[str, Any], warnings: bool = False) -> dict[tuple[str, int], str]:
+        """Return the message of each rule that a fin's parameters break, or of the `warnings`, by fin and rule."""
+        return {(prefix, i): prefix + message for prefix, one in self._fins(values).items()
+                for i, (check, rule) in enumerate(zip(type(self).make_checks(one), self.rules, strict=True))
+                for message in check_rules([(check, *rule)], warnings)}
 
     def _warn(self) -> None:
         """Log the warnings about the parameters, each once until it no longer holds."""
-        warnings = {(prefix, rule[0]): message
-                    for prefix, one in self._fins(self._parameter_values()).items()
-                    for check, rule in zip(type(self).make_checks(one), self.rules, strict=True)
-                    for message in check_rules([(check, *rule)], warnings=True)}
-        for (prefix, rule), message in warnings.items():
-            if (prefix, rule) not in self._warned:
-                self._warning(prefix + message)
+        warnings = self._broken_rules(self._parameter_values(), warnings=True)
+        for rule in warnings:
+            if rule not in self._warned:
+                self._log(warnings[rule], "warning")
         self._warned = set(warnings)
 
     def _parameter_values(self) -> dict[str, Any]:
-        return {self.rows[i][0]: self._values[i] for i in self._parameters}
+        return {self.rows[i][0]: self._values[i] for i in self.parameters}
 
     def _parameter_problems(self, values: Mapping[str, Any] | None = None) -> list[str]:
         values = self._parameter_values() if values is None else values
-        limits = ((r[0], r[4], r[5]) for r in (self.rows[i] for i in self._parameters) if r[1] != "Boolean")
-        return check_ranges(values, limits) or self._broken_rules(values)
+        limits = ((r[0], r[3], r[4]) for r in (self.rows[i] for i in self.parameters) if r[1] != "Boolean")
+        return check_ranges(values, limits) or list(self._broken_rules(values).values())
 
     # -- variables -------------------------------------------------------------
 
@@ -253,7 +246,7 @@ class Slave(ReportingSlave):
             if references.issuperset(vrs):
                 return list(map(values.__getitem__, vrs))
             unknown = ", ".join(str(v) for v in vrs if v not in references)
-            self._error(f"no {kind} variable has value reference {unknown}")
+            self._log(f"no {kind} variable has value reference {unknown}")
             return [values[vr] if vr in references else missing for vr in vrs]
         except BaseException as error:  # noqa: BLE001  see reporting.py
             self._misused(f"reading variables: {type(error).__name__}: {error}")
@@ -265,7 +258,7 @@ class Slave(ReportingSlave):
         if self._phase in _BEFORE_RUN:
             core = None if self._parameter_problems() else self._bind(anew=True)
         if core is None or self._refusal:
-            self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self._outputs]
+            self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self.outputs]
         elif self._finite(inputs := self._held or self._core_inputs(core)):
             self._values[self._output_slice] = core.outputs(inputs)
         self._current = True  # inputs that are not finite, which the next step will refuse, change no output
@@ -276,7 +269,7 @@ class Slave(ReportingSlave):
             self._current = False
             references = self._kinds[kind]
             for vr, value in zip(vrs, values, strict=False):
-                if vr in self._inputs and vr in references:
+                if vr in self.inputs and vr in references:
                     self._values[vr] = value
                 else:
                     self._set_other(kind, vr, value)
@@ -286,11 +279,11 @@ class Slave(ReportingSlave):
     def _set_other(self, kind: str, vr: int, value: Any) -> None:
         if vr not in self._kinds[kind]:
             message = f"no {kind} variable has value reference {vr}"
-            self._error(message)
+            self._log(message)
             self._say(f"{message}; it is not set")
-        elif vr in self._outputs:
+        elif vr in self.outputs:
             self._misused(f"{self.rows[vr][0]} is an output and cannot be set")
-        elif self._phase in ("running", "terminated") and self.rows[vr][3] == "fixed":
+        elif self._phase in ("running", "terminated") and self.rows[vr][2]:
             self._misused(f"{self.rows[vr][0]} is fixed and cannot be set after initialization")
         else:
             self._values[vr] = value
@@ -316,10 +309,10 @@ class Slave(ReportingSlave):
                 tuple(self._values), self._bound, core)
 
     def _set_fmu_state(self, state: Any) -> None:
-        if isinstance(state, CorruptState):
+        if isinstance(state, str):  # the reason why bytes contain none
             self._misused(f"FMU state refused: {state}")
-            return
-        self._guard(lambda: self._restore(self._checked(state) if isinstance(state, StoredState) else state))
+        else:
+            self._guard(lambda: self._restore(self._checked(state) if isinstance(state, StoredState) else state))
 
     def _restore(self, state: Any) -> None:
         start, now, phase, misuse, refusal, changed, values, bound, core_state = state
@@ -327,7 +320,7 @@ class Slave(ReportingSlave):
         if core_state is None:
             core = None
         elif core is None or bound != self._bound:
-            parameters = {self.rows[i][0]: v for i, v in zip(self._parameters, bound, strict=True)}
+            parameters = {self.rows[i][0]: v for i, v in zip(self.parameters, bound, strict=True)}
             core = self._made(parameters)
         self._start, self._now, self._phase, self._misuse, self._refusal = start, now, phase, misuse, refusal
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
@@ -344,7 +337,7 @@ class Slave(ReportingSlave):
         if len(state) != len(self._get_fmu_state()):
             raise RefusedError("FMU state refused: number of values")
         start, now, phase, misuse, refusal, changed, values, bound, core_state = state
-        parameters = [self.rows[i] for i in self._parameters]
+        parameters = [self.rows[i] for i in self.parameters]
         if phase not in (*_BEFORE_RUN, "running", "terminated"):
             problem = "unknown phase"
         elif not (finite(start) and finite(now) and now >= 0.0):
@@ -359,7 +352,7 @@ class Slave(ReportingSlave):
             problem = "" if bound == () and (refusal or phase == "terminated") else "no core"
         elif wrong := wrong_variable(bound, parameters):
             problem = wrong
-        elif not changed and values[self._parameters.start:] != bound:
+        elif not changed and values[self.parameters.start:] != bound:
             problem = "parameters"
         else:
             by_name = {row[0]: value for row, value in zip(parameters, bound, strict=True)}
@@ -373,7 +366,7 @@ class Slave(ReportingSlave):
 
     @classmethod
     def _fmu_state_to_bytes(cls, state: Any) -> bytes:
-        return stored.to_bytes(cls.fmu_guid, None if isinstance(state, CorruptState) else state)
+        return stored.to_bytes(cls.fmu_guid, None if isinstance(state, str) else state)
 
     @classmethod
     def _fmu_state_from_bytes(cls, data: bytes) -> Any:

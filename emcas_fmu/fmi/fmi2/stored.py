@@ -13,10 +13,6 @@ from typing import Any
 from ...runtime.core import finite
 
 
-class CorruptState(str):
-    """The reason why bytes are not a state of this FMU; the result of deserializing them."""
-
-
 class StoredState(tuple[Any, ...]):
     """A state deserialized from bytes with the right checksum; it may still be made up."""
 
@@ -29,18 +25,18 @@ def to_bytes(guid: str, state: Any) -> bytes:
     return f"{guid} {zlib.crc32(body):08x} ".encode() + body
 
 
-def from_bytes(guid: str, data: bytes) -> CorruptState | StoredState:
+def from_bytes(guid: str, data: bytes) -> str | StoredState:
     """Return the state of the FMU with this GUID that bytes contain, or the reason why they do not."""
     try:
         of, check, body = bytes(data).split(b" ", 2)
         if of.decode() != guid:
-            return CorruptState(f"it is of another FMU, not of {guid}")
+            return f"it is of another FMU, not of {guid}"
         if int(check, 16) != zlib.crc32(body):
-            return CorruptState("its checksum is wrong")
+            return "its checksum is wrong"
         state = _tuples(json.loads(body))
-        return StoredState(state) if isinstance(state, tuple) else CorruptState("it contains no state")
+        return StoredState(state) if isinstance(state, tuple) else "it contains no state"
     except Exception as error:  # noqa: BLE001  nothing may leave the slave
-        return CorruptState(f"it cannot be read ({type(error).__name__})")
+        return f"it cannot be read ({type(error).__name__})"
 
 
 def _tuples(value: Any) -> Any:
