@@ -11,6 +11,7 @@ import fmpy
 import numpy as np
 
 from ..errors import BuildError
+from .fmi3.absent import absent_header
 from .fmi3.arrays import CLOCK, TIME, Array, arrays
 from .interface import FmuInterface
 
@@ -59,14 +60,16 @@ class Format:
         return "TOKEN" if self.arrays else "GUID"
 
     def standard_headers(self) -> dict[str, str]:
-        """Return the headers of the FMI standard, as fmpy ships them, with a prefix of the functions if one is defined.
+        """Return the headers of the FMI standard, as fmpy ships them, and those derived from them.
 
         Raises BuildError if the headers of the installed fmpy are not known.
         """
         folder = Path(fmpy.__file__).parent / "c-code"
         names = [f"fmi{self.version}{name}.h" for name in self.headers]
         texts = {name: (folder / name).read_text(encoding="utf-8") for name in names}
-        if not self.arrays:
+        if self.arrays:
+            texts["absent.h"] = absent_header(texts["fmi3FunctionTypes.h"])
+        else:
             if _NO_PREFIX not in texts[names[0]]:
                 raise BuildError(f"{names[0]} of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are "
                                  "known")
@@ -98,7 +101,7 @@ FORMATS = {
         "canInterpolateInputs": "true", "maxOutputDerivativeOrder": "0", "canRunAsynchronuously": "false",
         "canBeInstantiatedOnlyOncePerProcess": "false", "canNotUseMemoryManagementFunctions": "false",
         "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "false"}),
-    "3": Format(3, ("Functions", "FunctionTypes", "PlatformTypes"), ("absent.h", "clock.h", "events.h"), {
+    "3": Format(3, ("Functions", "FunctionTypes", "PlatformTypes"), ("clock.h", "events.h"), {
         "needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
         "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
         "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",

@@ -16,11 +16,11 @@ from .interface import MIXING, VEHICLE, FmuInterface
 
 # Modules of this package that the slave needs.
 _EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/reporting.py", "fmi/fmi2/slave.py",
-             "fmi/fmi2/stored.py", "fmi/fmi2/wrapper.py", "runtime/__init__.py", "runtime/core.py", "rules.py")
+             "fmi/fmi2/stored.py", "fmi/fmi2/wrapper.py", "runtime/__init__.py", "runtime/core.py",
+             "runtime/multi_fin.py", "rules.py")
 # Modules of pythonfmu that the slave needs: its base class, without what builds FMUs.
 _BASE = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 _PYTHONFMU = Path(pythonfmu.__file__).resolve().parent
-_SEVERAL = ("fmi/fmi2/multi_fin_slave.py", "runtime/multi_fin.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
 OPTIONS = {
     "needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "false",
@@ -36,22 +36,21 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
     rows = tuple((interface.spelt(v.name), "Integer" if v.items else v.kind, v.variability == "fixed", v.minimum,
                   v.maximum) for v in interface.variables)
     first, end, motion = len(interface.inputs), len(rows) - len(interface.parameters), interface.reference[VEHICLE[0]]
-    one = {"rows": rows, "start_values": starts, "fmu_guid": guid,
-           "inputs": range(first), "outputs": range(first, end), "parameters": range(end, len(rows)),
-           "motion": slice(motion, motion + len(VEHICLE)),
-           "rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning) for rule in actuator.all_rules),
-           "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
-    return one if interface.fins == 1 else {
-        **one, "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "fin_inputs": interface.fin_inputs,
-        "mixing": tuple(interface.reference[v.name] for v in MIXING), "of_fin": interface.of_fin("%d"),
-        "line_start": codegen.line_start(actuator)}
+    several = interface.fins > 1
+    return {"rows": rows, "start_values": starts, "fmu_guid": guid,
+            "inputs": range(first), "outputs": range(first, end), "parameters": range(end, len(rows)),
+            "motion": slice(motion, motion + len(VEHICLE)),
+            "rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning)
+                           for rule in actuator.all_rules),
+            "sizes": codegen.sizes(actuator), "power": codegen.power_place(actuator),
+            "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "fin_inputs": interface.fin_inputs,
+            "mixing": tuple(interface.reference[v.name] for v in MIXING if several),
+            "of_fin": f"{interface.of_fin('%d')}: " if several else "", "line_start": codegen.line_start(actuator)}
 
 
 def _sources(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     """Return the embedded package: file name to text."""
-    several = interface.fins > 1
-    embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
-    files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
+    files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in _EMBEDDED}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {interface.model}.fmu; generated, do not edit."""\n'
     # Inside the package's folder: a host may have another version of pythonfmu.
     files["fmi/fmi2/reporting.py"] = files["fmi/fmi2/reporting.py"].replace("from pythonfmu", "from ...pythonfmu")
@@ -59,17 +58,17 @@ def _sources(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dic
     files["pythonfmu/__init__.py"] = (
         '"""The base class of a slave, from PythonFMU; generated, do not edit."""\n\n'
         "from .fmi2slave import Fmi2Slave as Fmi2Slave\n")
-    files["kernel.py"] = codegen.source(several, interface.kind, interface.spelt)
+    files["kernel.py"] = codegen.source(interface.fins > 1, interface.kind, interface.spelt)
     files["checks.py"] = python_source(codegen.traced_rules(interface.kind),
                                        "Rules for the parameters as straight-line code; generated, do not edit.",
                                        interface.spelt)
-    base, module = ("MultiFinSlave", "multi_fin_slave") if several else ("Slave", "slave")
     attributes = "".join(f"    {name} = {pformat(value, width=110)}\n"
                          for name, value in slave_attributes(interface, starts, guid).items())
     files["model.py"] = (
         f'"""The slave class of {interface.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
-        f"from math import inf\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.{module} import {base}\n\n\n"
-        f"class {interface.model}({base}):\n    make = staticmethod(kernel.make)\n"
+        f"from math import inf\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.slave import Slave\n"
+        "from .runtime.core import Sizes\n\n\n"
+        f"class {interface.model}(Slave):\n    make = staticmethod(kernel.make)\n"
         f"    make_checks = staticmethod(checks.make)\n{attributes}")
     return files
 

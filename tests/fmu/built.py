@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from emcas_fmu.fmi import python
-from emcas_fmu.fmi.fmi2.multi_fin_slave import MultiFinSlave
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import build
@@ -40,6 +39,6 @@ def _programs(unit: FmuInterface) -> tuple[dict[str, Any], dict[str, Any]]:
 def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:
     """The Python unit's class in this process, on the package's own modules; `sets` are the fins' values."""
     kernel, checks = _programs(unit)
-    return type("Local", (MultiFinSlave if unit.fins > 1 else Slave,), {
+    return type("Local", (Slave,), {
         "make": staticmethod(kernel["make"]), "make_checks": staticmethod(checks["make"]),
         **python.slave_attributes(unit, start_values(unit, sets), "{guid}")})

@@ -1,4 +1,4 @@
-"""The co-simulation slave: FMI calls on one side, :class:`emcas_fmu.runtime.core.Core` on the other.
+"""The co-simulation slave: FMI calls on one side, the core of one fin or those of several on the other.
 
 Standard library only, but for pythonfmu's base class: it is embedded in the FMU.
 reporting.py describes what it refuses and logs, and how.
@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 from ...rules import TOO_LATE, check_ranges, check_rules
 from ...runtime.core import Core, Functions, Sizes, finite, inputs_of
+from ...runtime.multi_fin import MultiFin
 from . import stored
 from .reporting import RefusedError, ReportingSlave
 from .stored import StoredState, is_text, wrong_variable
@@ -35,28 +36,34 @@ class Slave(ReportingSlave):
     parameters: ClassVar[range]
     motion: ClassVar[slice]
     fmu_guid: ClassVar[str]
-    sizes: ClassVar[tuple[int, ...]]  # of a core, the fields of Sizes
+    sizes: ClassVar[Sizes]  # of a core
     power: ClassVar[int | None]  # index of the supply's power among a fin's outputs; None without a supply
+    names: ClassVar[tuple[str, ...]]  # of one fin's parameters; those of the line come before those of the fins
+    fin_inputs: ClassVar[tuple[tuple[int, ...], ...]]  # value references of each fin's inputs
+    mixing: ClassVar[tuple[int, ...]]  # and of the mixing inputs of several fins
+    of_fin: ClassVar[str]  # prefix of a fin's messages; empty for a single fin
+    line_start: ClassVar[float]  # initial state of the supply's line
     # Derived from the rows once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
     _output_slice: ClassVar[slice]
-    _core_sizes: ClassVar[Sizes]
+    _several: ClassVar[bool]  # fins
+    _line_parameters: ClassVar[int]
     _unknown: ClassVar[Any]  # motion loads of a motion that is not finite
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if not hasattr(cls, "rows"):  # a base
-            return
         cls._kinds = {kind: frozenset(i for i, r in enumerate(cls.rows) if r[1] == kind)
                       for kind in ("Real", "Integer", "Boolean", "String")}
         cls._output_slice = slice(cls.outputs.start, cls.outputs.stop)
-        cls._core_sizes = Sizes(*cls.sizes)
-        cls._unknown = (nan,) * (cls._core_sizes.loads - 1)
+        cls._several = len(cls.fin_inputs) > 1
+        cls._line_parameters = len(cls.parameters) - len(cls.names) * len(cls.fin_inputs)
+        unknown = (nan,) * (cls.sizes.loads - 1)
+        cls._unknown = [unknown] * len(cls.fin_inputs) if cls._several else unknown
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self._values: list[Any] = list(self.start_values)
-        self._core: Core | None = None
+        self._core: Core | MultiFin | None = None
         self._bound: tuple[Any, ...] = ()  # parameter values of the core
         self._start = 0.0
         self._now = 0.0  # seconds since the start
@@ -154,7 +161,7 @@ class Slave(ReportingSlave):
             raise RefusedError(f"step from {current_time!r} s, but the instance is at {self._start + self._now!r} s")
         return self.do_step(current_time, step_size)
 
-    def _checked_inputs(self, core: Core, current_time: float) -> tuple[Any, ...]:
+    def _checked_inputs(self, core: Any, current_time: float) -> tuple[Any, ...]:
         inputs = self._core_inputs(core)
         if self._finite(inputs):
             self._held = inputs
@@ -162,7 +169,7 @@ class Slave(ReportingSlave):
         bad = [f"{self.rows[i][0]} = {self._values[i]!r}" for i in self.inputs if not isfinite(self._values[i])]
         raise RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
 
-    def _core_inputs(self, core: Core) -> tuple[Any, ...]:
+    def _core_inputs(self, core: Any) -> tuple[Any, ...]:
         motion = self._values[self.motion]
         if motion != self._motion:
             # Where it is not finite, the caller's check finds it; trigonometry would raise.
@@ -170,7 +177,7 @@ class Slave(ReportingSlave):
             self._motion = motion
         return self._acting(core)
 
-    def _bind(self, anew: bool) -> Core:
+    def _bind(self, anew: bool) -> Any:
         """Bind the core to the parameters; with `anew`, before the end of initialization, start it anew."""
         values = self._parameter_values()
         if self._core is None or anew:
@@ -189,29 +196,37 @@ class Slave(ReportingSlave):
             # The times of a clock that starts late are coarser than the core's slack.
             self._slack = self._core.slack + 1e-15 * abs(self._start)
 
-    # Overridden for several fins.
-
-    def _functions(self, values: Mapping[str, Any]) -> Any:
-        return type(self).make(values)
-
-    def _made(self, values: Mapping[str, Any]) -> Any:
-        return Core(self._functions(values), self._core_sizes)
-
-    def _acting(self, core: Any) -> tuple[Any, ...]:
-        return inputs_of(self._values[:self.outputs.start], self._motion_loads, self._core_sizes.motion,
-                         self.power is not None)
-
-    def _shape_of_inputs(self) -> tuple[Any, ...]:
-        """Return inputs of a core, all 0."""
-        return inputs_of((0.0,) * len(self.inputs), self._unknown, self._core_sizes.motion, self.power is not None)
-
-    @staticmethod
-    def _finite(inputs: tuple[Any, ...]) -> bool:
-        return isfinite(sum(inputs))
-
     def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Return each fin's parameters by their names in a single actuator, by the prefix of its messages."""
-        return {"": values}
+        count, numbers = len(self.names), list(values.values())[self._line_parameters:]
+        return {self.of_fin.replace("%d", str(fin + 1)):
+                dict(zip(self.names, numbers[fin * count:(fin + 1) * count], strict=True))
+                for fin in range(len(self.fin_inputs))}
+
+    def _functions(self, values: Mapping[str, Any]) -> Any:
+        functions = [type(self).make(one) for one in self._fins(values).values()]
+        return functions if self._several else functions[0]
+
+    def _made(self, values: Mapping[str, Any]) -> Core | MultiFin:
+        if not self._several:
+            return Core(self._functions(values), self.sizes)
+        line = list(values.values())[:self._line_parameters]
+        return MultiFin(self._functions(values), line, self.line_start, self.power, self.sizes)
+
+    def _acting(self, core: Any) -> tuple[Any, ...]:
+        values = self._values
+        if not self._several:
+            return self._of_core(values[:self.outputs.start], self._motion_loads)
+        rows = [[values[i] for i in indices] for indices in self.fin_inputs]
+        acting: tuple[Any, ...] = core.acting(rows, self._motion_loads, [values[i] for i in self.mixing])
+        return acting
+
+    def _of_core(self, row: Sequence[Any], motion_loads: Sequence[float]) -> tuple[Any, ...]:
+        """Return the inputs of one core from those of its actuator."""
+        return inputs_of(row, motion_loads, self.sizes.motion, self.power is not None)
+
+    def _finite(self, inputs: tuple[Any, ...]) -> bool:
+        return all(isfinite(sum(each)) for each in inputs) if self._several else isfinite(sum(inputs))
 
     def _broken_rules(self, values: Mapping[str, Any], warnings: bool = False) -> dict[tuple[str, int], str]:
         """Return the message of each rule that a fin's parameters break, or of the `warnings`, by fin and rule."""
@@ -359,7 +374,8 @@ class Slave(ReportingSlave):
             problem = "; ".join(self._parameter_problems(by_name))
             if not problem:
                 core = self._made(by_name)
-                problem = _too_late(start, core) or core.unsound(core_state, now, self._shape_of_inputs())
+                shape = self._of_core((0.0,) * len(self.fin_inputs[0]), (0.0,) * (self.sizes.loads - 1))
+                problem = _too_late(start, core) or core.unsound(core_state, now, shape)
         if problem:
             raise RefusedError(f"FMU state refused: {problem}")
         return state

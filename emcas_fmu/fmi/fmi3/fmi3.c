@@ -120,24 +120,6 @@ DEFINE_ACCESS(UInt32, UINT32)
 DEFINE_ACCESS(Int64, INT64)
 DEFINE_ACCESS(Boolean, BOOL)
 
-#define NONE_OF(Kind)                                                                                             \
-    UNSUPPORTED(Get##Kind, ANY_PHASE, n, "there is no variable of this type",                                     \
-                (fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##Kind value[], size_t count))      \
-    UNSUPPORTED(Set##Kind, BEFORE_END, n, "there is no variable of this type",                                    \
-                (fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3##Kind value[], size_t count))
-
-NONE_OF(Float32)
-NONE_OF(Int8)
-NONE_OF(UInt8)
-NONE_OF(Int16)
-NONE_OF(UInt16)
-NONE_OF(UInt64)
-NONE_OF(String)
-UNSUPPORTED(GetBinary, ANY_PHASE, n, "there is no variable of this type", (fmi3Instance c, const fmi3ValueReference
-            vr[], size_t n, size_t sizes[], fmi3Binary value[], size_t count))
-UNSUPPORTED(SetBinary, BEFORE_END, n, "there is no variable of this type", (fmi3Instance c, const fmi3ValueReference
-            vr[], size_t n, const size_t sizes[], const fmi3Binary value[], size_t count))
-
 /* -- stepping ----------------------------------------------------------------- */
 
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 size, fmi3Boolean no_set_state,
