@@ -222,7 +222,7 @@ def analyse(parameters: ParameterSet | None = None, fin_angle: float | str = 0.0
 def tune(parameters: ParameterSet | None = None, study: Study | Path | str | None = None, seed: int = 1,
          generations: int = 12, workers: int | None = None, journal: Path | str | None = None,
          progress: Progress = silent) -> Tuning:
-    """Search controller gains that meet requirements in all cases, with limits, friction and delay; takes minutes.
+    """Search controller gains that meet requirements in all cases, with limits, friction and delay; needs minutes.
 
     `study` is a file with requirements, cases and the parameters to tune, by default the one shipped for the actuator.
     `generations` is the number of generations of the global search; the same `seed` gives the same gains. The file
@@ -286,7 +286,7 @@ class Batch:
         if count is None:
             count = len(chosen)
         elif len(chosen) > 1:
-            raise EmcasError(f"Batch: count = {count} goes with one parameter set")
+            raise EmcasError(f"Batch: count = {count} needs exactly one parameter set")
         _check_counts("Batch", count=count, threads=threads)
         actuator = chosen[0].actuator
         different = {id(each): each for each in chosen}  # one set is often used for many actuators

@@ -130,7 +130,7 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
 def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], kernel: str = "auto",
                 model: str = NONLINEAR, held: int = 1, fine: Collection[str] = (),
                 spring: Array | float = 0.0) -> compiled.Tables:
-    """Return the outputs of many actuators; see :func:`emcas_fmu.runtime.compiled.run_tables`.
+    """Return the outputs of many actuators; shapes and units as in :func:`emcas_fmu.runtime.compiled.run_tables`.
 
     Without a compiled kernel they run in Python, with the same numbers. Raises EmcasError for an unknown `kernel`.
     """

@@ -159,7 +159,7 @@ def table2() -> str:
     rows = [(row[0].title.replace("N.m", "N·m"), f"{'≥' if row[0].sense == '>=' else '≤'} "
              f"{with_unit(row[0].limit, row[0].unit)}",
              *(("" if j.passed else "**") + j.more + with_unit(j.measured, j.unit) + ("" if j.passed else "**")
-               for j in row)) for row in found.rows]
+               for j in row)) for row in found.rows if "Table 2" in row[0].source]
     return markdown(("", "required", *KINDS.values()), rows)
 
 

@@ -198,7 +198,7 @@ def extensions() -> str:
         rows.append([f"[`{name}`]({page}.md)", extension.title,
                      ", ".join(extension.needs) or "nothing but the fin port", ", ".join(extension.replaces),
                      ", ".join(f"`{each}`" for each in added)])
-    return markdown(("extension", "what it is", "needs", "takes the place of", "adds"), rows)
+    return markdown(("extension", "description", "needs", "replaces", "adds"), rows)
 
 
 def models() -> str:

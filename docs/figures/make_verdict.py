@@ -220,7 +220,7 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         _no_integral("accuracy_loaded"),
         _fault("clutch worn to half", "powder_loss", why="250 N·m take 4.4 of the 5 N·m that are left"),
         _fault("clutch worn to 30 %", "powder_loss", share=0.3, why="**a gap in the requirements**: the no-back holds "
-               "250 N·m, and no row asks for a motion against more than 100 N·m"),
+               "250 N·m, and no row requires a motion against more than 100 N·m"),
         Defect("drive of 30 A", {"drive.current_limit": 30.0}, (), why="the same gap"),
         _fault("open clutch that drags", "drag", why="it is open only while the actuator is disabled, which no row "
                "judges"),

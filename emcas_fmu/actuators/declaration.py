@@ -12,8 +12,8 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
     output_values(ops, p, x, u)  every output
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
-The functions return a mapping of names to values; all but `output_values` may leave out what does not change (in
-`initial`, what is 0).
+The functions return a mapping of names to values; all but `output_values` may leave out values that do not change (in
+`initial`, values of 0).
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Supply:
             raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
                              "every actuator's is supply_power [W]")
         if (count := len(signature(self.inverse_inductance).parameters)) not in (2, 3):
-            raise EmcasError(f"supply {self.input.name}: inverse_inductance takes {count} argument{'s'[:count != 1]}; "
+            raise EmcasError(f"supply {self.input.name}: inverse_inductance has {count} argument{'s'[:count != 1]}; "
                              "give a function of (ops, p) or of (ops, p, interval)")
 
     def within(self, ops: Ops, p: Parameters, interval: Value) -> Value:
@@ -157,8 +157,8 @@ class Actuator:
     states: tuple[State, ...] = ()
     controller_states: tuple[State, ...] = ()
     sampled_states: tuple[State, ...] = ()
-    # The states of angle and speed that the sensors read; and those of the fin, referred to the motor, if it has its
-    # own behind an elastic drive line: an encoder on the fin (encoder.on_fin) reads that angle.
+    # The states of angle and speed that the sensors read; and those of the fin, referred to the motor, behind an
+    # elastic drive line: an encoder on the fin (encoder.on_fin) reads that angle.
     encoder: tuple[str, str] = ("fin_angle", "fin_rate")
     fin_side: tuple[str, str] | None = None
 
@@ -185,8 +185,8 @@ class Actuator:
     derivatives: Derivatives | None = None
     step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step
     output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = _no_outputs
-    # Which of the shared equations hold; and the parameters that these use, with constants in place of those that this
-    # actuator does not have.
+    # Which of the shared equations hold; and their parameters, with constants for those that this actuator does
+    # not have.
     structure: Structure = field(default_factory=Structure)
     equation_parameters: Callable[[Ops, Parameters], Parameters] = _unchanged
     # The plant's parameters where they differ from those that the controllers know, and the values of the deviations
@@ -245,7 +245,7 @@ class Actuator:
                                  f"{v.maximum:g}")
         for capability in self.provides:
             if capability not in capabilities.NEEDED_VARIABLES:
-                raise EmcasError(f"actuator {self.name} provides {capability!r}, which nothing asks for"
+                raise EmcasError(f"actuator {self.name} provides {capability!r}, which nothing needs"
                                  f"{hint(capability, capabilities.NEEDED_VARIABLES)}")
             missing = [name for name in capabilities.NEEDED_VARIABLES[capability] if name not in count]
             missing += [f"state {name}" for name in capabilities.NEEDED_STATES.get(capability, ())

@@ -51,12 +51,12 @@ def load(path: Path) -> Actuator:
     Raises EmcasError with file and line if the file cannot be used.
     """
     if not path.is_file():
-        raise EmcasError(f"{path}: there is no such file; --model takes an actuator's name or a Python file with its "
+        raise EmcasError(f"{path}: there is no such file; --model needs an actuator's name or a Python file with its "
                          "ACTUATOR")
     module = load_module(path)
     actuator = getattr(module, "ACTUATOR", None)
     if not isinstance(actuator, Actuator):
-        raise EmcasError(f"{path}: gives no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")
+        raise EmcasError(f"{path}: defines no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")
     beside = path.with_suffix(".toml")
     if not actuator.files and not beside.is_file():
         raise EmcasError(f"{beside}: there is no such file; it has the parameters of {path.name}, unit and source")

@@ -30,7 +30,7 @@ class Line:
     supply: str  # description of the terminal
     source: str  # descriptions of the fins' common input and of the power that they draw together
     power: str
-    outputs: tuple[Variable, Variable]  # the actuators' level, and what they draw together
+    outputs: tuple[Variable, Variable]  # the actuators' level, and their total current or flow
     parameters: tuple[Variable, ...]
     values: Mapping[str, float]  # defaults of the parameters
     start: float  # of the state

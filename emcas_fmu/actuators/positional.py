@@ -21,7 +21,7 @@ Function = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
 
 
 def identifier(name: str) -> str:
-    """Return a variable's name as an identifier: ``acceleration.x`` gives acceleration_x."""
+    """Return a variable's name as an identifier: ``acceleration.x`` becomes acceleration_x."""
     return re.sub(r"\W+", "_", name)
 
 

@@ -17,15 +17,16 @@ def complete(function: Callable[..., Any], values: Any, names: Iterable[str], op
     Raises EmcasError, with the function's location, if they are not.
     """
     if not isinstance(values, Mapping):
-        raise EmcasError(f"{location(function)} gives {type(values).__name__}; a mapping of names to values is needed")
+        raise EmcasError(f"{location(function)} returns {type(values).__name__}; a mapping of names to values is "
+                         "needed")
     needed = list(names)
     known = {*needed, *optional}
     if missing := [name for name in needed if name not in values]:
-        raise EmcasError(f"{location(function)} gives no {', '.join(missing)}")
+        raise EmcasError(f"{location(function)} returns no {', '.join(missing)}")
     if unknown := [name for name in values if name not in known]:
-        raise EmcasError(f"{location(function)} gives {', '.join(map(str, unknown))}, which is not declared; there is "
-                         f"{', '.join(sorted(known))}")
+        raise EmcasError(f"{location(function)} returns {', '.join(map(str, unknown))}, which is not declared; there "
+                         f"is {', '.join(sorted(known))}")
     for name, value in values.items():
         if value is None or isinstance(value, (str, Sequence, Mapping)) or (isinstance(value, float) and isnan(value)):
-            raise EmcasError(f"{location(function)} gives {name} = {value!r}; a number is needed")
+            raise EmcasError(f"{location(function)} returns {name} = {value!r}; a number is needed")
     return values

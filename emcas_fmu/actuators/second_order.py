@@ -65,7 +65,7 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return angle [rad] and rate [rad/s] after `h` [s], and `h`: events within a step have second order, as the step.
 
-    A disabled fin comes to rest at once and stays, whatever delayed command arrives.
+    A disabled fin comes to rest at once and stays, also when delayed commands arrive.
     """
     angle, rate = ops.branch(u.enabled, lambda: _driven(ops, p, x.fin_angle, x.fin_rate, u.reference, h),
                              lambda: (x.fin_angle, 0.0))

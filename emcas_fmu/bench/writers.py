@@ -17,7 +17,7 @@ from ..support.writing import whole, write
 
 
 def plain(value: Any) -> Any:
-    """Return a document for JSON: lists in place of arrays, and null in place of infinity and NaN."""
+    """Return a document for JSON: lists for arrays, and null for infinity and NaN."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):

@@ -48,7 +48,7 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
 
 def _identify(kind: str, files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
               as_json: Path | None, **choice: Any) -> None:
-    """Identify, write what is called for and print the estimates."""
+    """Identify, write the requested files and print the estimates."""
     from ..bench.writers import write_json
     from ..studies.identification.result import write_identified
 

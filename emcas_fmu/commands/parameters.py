@@ -37,7 +37,7 @@ def parameters(
         help="Order the shipped estimates by how far 10 % of each move the fin within 0.5 s of a step to half of "
              "command.limit against this hinge moment in N.m (0: none).", metavar="TORQUE")] = None,
 ) -> None:
-    """Print the parameter set with units and sources, checked; of a file, what is still a shipped estimate."""
+    """Print the checked parameter set with units and sources; of a file, also the remaining shipped estimates."""
     from ..studies.overview import amounts_to, by_effect, shipped_estimates
 
     if sets:
@@ -88,7 +88,7 @@ def _show_estimates(chosen: ParameterSet, estimates: Iterable[Estimate]) -> None
 
     count = sum(len(estimate.names) for estimate in estimates)
     common.say(f"Still shipped estimates: {count} of {len(chosen.entries)} values, by --sensitivity in the order of "
-               "what they do")
+               "their effect")
     on_sheets = {e.variable.name for entries in offered(chosen).values() for e in entries}
     listed = [estimate for estimate in estimates if on_sheets.intersection(estimate.names)]
     for group, names in by_group(listed).items():
@@ -121,7 +121,7 @@ def _show_sets(as_json: bool) -> None:
     if as_json:
         print(json.dumps([{"name": name, "description": text} for name, text in described.items()], indent=1))
         return
-    table = Table("set", "what it is", title="Sets for --parameters", title_justify="left")
+    table = Table("set", "description", title="Sets for --parameters", title_justify="left")
     for name, text in described.items():
         table.add_row(name, escape(text))
     common.out.print(table)

@@ -40,7 +40,7 @@ def read_settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
         if parameter not in known:
             if fin and not number:
                 raise EmcasError(f"--set {text}: there is no fin {fin[1]}; " + (
-                    f"fins are 1 to {unit.fins}" if unit.fins > 1 else "fin[N] goes with --fins, of several fins"))
+                    f"fins are 1 to {unit.fins}" if unit.fins > 1 else "fin[N] needs --fins, several fins"))
             raise EmcasError(f"--set {text}: {_unknown(parameter, unit, [*inputs, *line, *known])}")
         parameters[number][parameter] = _value(entry)
     return parameters, of_line, constants
@@ -59,7 +59,7 @@ def entered(option: str, entry: str, how: In) -> float:
 def _unknown(name: str, unit: FmuInterface, known: Iterable[str]) -> str:
     """Return why an FMU does not have a name: it belongs to several fins or to an extension, or is misspelt."""
     if unit.fins == 1 and name in {v.name for each in LINES.values() for v in each.parameters}:
-        return "goes with --fins, of several fins that share a supply"
+        return "needs --fins, several fins that share a supply"
     lacks = f"the {unit.actuator.name} actuator has no such parameter or input"
     for extension in EXTENSIONS:
         if any(v.name == name for v in get_extension(extension).parameters(unit.actuator)):

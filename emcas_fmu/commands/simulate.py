@@ -33,7 +33,7 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
                    "--plot fins.html")
 
 
-# Bounds of command and load: a turn either way, and a thousand times the rated hinge moment of Table 2.
+# Bounds of command and load: a turn in either direction, and a thousand times the rated hinge moment of Table 2.
 _STEP, _TORQUE = In("deg", -180.0, 180.0), In("N.m", -1e5, 1e5)
 
 
@@ -44,7 +44,7 @@ def _stepped(step: str, load: str, interval: float, stop: float) -> Excitation:
     degrees, torque = entered(f"--step {step}", step, _STEP), entered(f"--torque {load}", load, _TORQUE)
     check_span("step", interval, stop)
     if stop <= LEAD_IN:
-        raise EmcasError(f"step: it comes at {LEAD_IN:g} s, the end at {stop:g} s is before that; see --stop")
+        raise EmcasError(f"step: it is at {LEAD_IN:g} s, the end at {stop:g} s is before that; see --stop")
     stepped = step_to(radians(degrees), stop - LEAD_IN, step=interval)
     title = f"Step to {degrees:+g} deg" + (f" with {torque:+g} N.m" if torque else "")
     return replace(stepped.holding({LOAD: torque}), title=title)
@@ -101,7 +101,7 @@ def simulate(
         files, unit = fin_files(fin or []), FmuInterface(fins, model)
         common.check_outputs(output, plot, as_json, inputs=(*(parameters or ()), *files.values(), input_file))
         if fins == 1 and files:
-            raise EmcasError(f"--fin {fin[0] if fin else ''}: goes with --fins, the number of fins")
+            raise EmcasError(f"--fin {fin[0] if fin else ''}: needs --fins, the number of fins")
         if fins > 1 and kernel == "compiled":
             raise EmcasError("--kernel compiled: several fins are computed in Python here; leave --kernel out, or "
                              "build a native FMU of them")
@@ -111,7 +111,7 @@ def simulate(
         if case and (stop or interval):
             raise EmcasError("--stop and --interval go with --step and --input: a case has them already")
         if torque is not None and step is None:
-            raise EmcasError("--torque goes with --step: a case or a file has loads already")
+            raise EmcasError("--torque belongs to --step: a case or a file has loads already")
         chosen = (reference_case(case) if case else
                   csv_file(input_file, interval or STEP, stop, model, fins) if input_file
                   else _stepped(step or "0", torque or "0", interval or STEP, stop or 0.5))

@@ -1,4 +1,4 @@
-"""The declaration of an extension: what it needs of an actuator, what it adds, and how it extends the actuator."""
+"""The declaration of an extension: its needs, its additions, and how it extends the actuator."""
 
 from __future__ import annotations
 

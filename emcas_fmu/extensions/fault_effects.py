@@ -80,8 +80,8 @@ def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
         before.update((name, _value(p, name, fault)) for name in changes)
         for name, value in changes.items():
             if not _alike(value, before[name]):
-                raise EmcasError(f"{location(fault.changes)} gives {name} = {value!r}; as much as there is before is "
-                                 "needed: a number, or a tuple of as many")
+                raise EmcasError(f"{location(fault.changes)} returns {name} = {value!r}; the form of the parameter is "
+                                 "needed: a number, or a tuple of the same length")
         return _flat(changes.values())
 
     # With floats only one function is called: if the fault is off, `before` is empty, and nothing changes.

@@ -37,7 +37,7 @@ class Fault:
 
 FAULTS = (
     Fault("jam", "the drive line is blocked"),
-    Fault("free_fin", "the shaft is broken between fork and fin: the fin floats, for good",
+    Fault("free_fin", "the shaft is broken between fork and fin: the fin floats, permanently",
           needs=(capabilities.SCREW_DRIVE,)),
     Fault("hard_over", "the controller's DAC puts out a constant", (
         tunable("share", "1", -1.0, 1.0, "of drive.reference_limit that the DAC puts out"),),
@@ -61,7 +61,7 @@ FAULTS = (
     Fault("friction_rise", "friction at motor and fin rises", (
         tunable("factor", "1", 1.0, 1e4, "by which it rises"),),
         (capabilities.SCREW_DRIVE,)),
-    Fault("backlash_growth", "the gap in the drive line grows by wear, for good", (
+    Fault("backlash_growth", "the gap in the drive line grows permanently by wear", (
         tunable("gap", "m", 0.0, 0.01, "by which it grows"),),
         (capabilities.BACKLASH,)),
 )

@@ -134,7 +134,7 @@ class _Faulty:
         acts = ops.either(before.free > 0.0, now.gap > 0.0)
         for active in (*(on[name] for name in _OF_PLANT), *kinds.values()):
             acts = ops.either(acts, active)
-        lasting = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}  # for good
+        lasting = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}  # permanent
         shown = {**there, **{name: still for name, still in lasting.items() if name in there}, **kinds}
 
         supply = now.supply * inputs.supply
@@ -234,7 +234,7 @@ class _Faulty:
         counting = gain * (1.0 - ops.where(speed > 0.0, missed, 0.0))
         wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
         bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
-        # Without a fault the angle is unchanged, to the bit.
+        # Without a fault the angle is unchanged to the bit.
         (seen,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),), lambda: (inputs.position,))
         # The speed is that of the motor's encoder, even if another is on the fin.
         turned = {angle_name: seen, rate_name: counting * speed}

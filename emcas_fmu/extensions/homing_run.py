@@ -61,12 +61,12 @@ class _Way(NamedTuple):
 
 
 def moving(ops: Ops, phase: Value) -> Value:
-    """Return whether a run is in progress."""
+    """Return whether a run is in progress, by its phase."""
     return ops.both(phase >= SEEKING, phase <= RETURNING)
 
 
 def driven(ops: Ops, phase: Value) -> Value:
-    """Return whether the drive's bridge may be closed."""
+    """Return whether the drive's bridge may be closed, by the phase of a run."""
     return ops.both(phase >= SEEKING, phase <= READY)
 
 
@@ -125,7 +125,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
     seeks, crosses, returns = (ops.equal(phase, x) for x in (SEEKING, CROSSING, RETURNING))
 
-    # The target waits while the fin does not follow, so that a fin that comes free does not chase a distant target.
+    # The target waits while the fin does not follow, so that a fin that is released does not chase a distant target.
     speed = p.homing.speed * way.per_angle
     first = ops.where(p.homing.positive_first, speed, -speed)
     rate = ops.where(seeks, first, ops.where(crosses, -first, ops.clip(-target / period, -speed, speed)))

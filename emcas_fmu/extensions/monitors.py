@@ -1,4 +1,4 @@
-"""The built-in test: failures that an actuator detects by its own measurements, without knowledge of the faults.
+"""The built-in test: failures that an actuator detects by its measurements, without knowledge of the faults.
 
 A monitor trips when its condition has held without interruption for ``monitor.persistence``, and clears when it has not
 held for as long. The monitors are reset while the actuator does not follow its command, as it is disabled or homing.
@@ -40,13 +40,13 @@ class Monitor:
 
 _PERSISTENCE = tunable("persistence", "s", 0.0, 100.0,
                         "time a condition must hold for its monitor to trip or to clear")
-_RESPONSE = tunable("response", "1/s", 1e-3, 1e5, "rate at which the model of the response takes an error away")
+_RESPONSE = tunable("response", "1/s", 1e-3, 1e5, "rate at which the model of the response reduces an error")
 # Bits of the built-in test's word, the first the least.
 MONITORS = (
     Monitor("tracking", "the measured angle does not follow the command", (
         tunable("tracking_limit", "rad", 0.0, radians(180.0),
                  "modelled less measured angle, beyond which tracking trips"),
-        tunable("rate", "rad/s", 1e-3, 1e3, "fin rate that the model of the response takes for possible"))),
+        tunable("rate", "rad/s", 1e-3, 1e3, "largest fin rate of the model of the response"))),
     Monitor("stall", "a large reference moves nothing", (
         tunable("stall_share", "1", 0.0, 1.0, "of drive.reference_limit that the DAC puts out at a stall"),
         tunable("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin counts as at rest")),
@@ -146,7 +146,7 @@ def judged(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, counters
 
 
 def word(watched: tuple[Monitor, ...], tripped: Sequence[Value]) -> Value:
-    """Return the word with a bit for each tripped monitor, the first in MONITORS the least."""
+    """Return the word with a bit for each tripped monitor, the first in MONITORS as the lowest bit."""
     bits = (float(2**MONITORS.index(monitor)) for monitor in watched)
     return reduce(lambda total, pair: total + pair[0] * pair[1], zip(bits, tripped, strict=True), 0.0)
 

@@ -35,7 +35,7 @@ PARAMETERS = in_group(
     "supply",
     parameter("source_resistance", "Ohm", 1e-6, 1e3, "resistance of source and line up to the DC link",
               sheet="supply: resistance of battery and cable"),
-    switch("one_way", "true: a diode lets nothing back into the source; false: it takes what is regenerated"),
+    switch("one_way", "true: a diode blocks current into the source; false: the source absorbs regenerated power"),
     parameter("capacitance", "F", 1e-6, 10.0, "capacitance of the DC link", sheet="drive: capacitance of the DC link"),
     parameter("chopper_voltage", "V", 1.0, 1e5, "link voltage above which the brake chopper conducts (out of reach: "
               "none)", sheet="drive: voltage at which the brake chopper switches on"),
@@ -51,7 +51,7 @@ PARAMETERS = in_group(
               "resistance"),
 )
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn from the source, that of its resistance "
-                           "included; negative while it takes any back", 1000.0)
+                           "included; negative while it absorbs power", 1000.0)
 OUTPUTS = (
     real_output("link_voltage", "V", "voltage of the DC link, which limits the motor's", 30.0, minimum=0.0),
     real_output("brake_power", "W", "power that the brake chopper turns into heat", 100.0, minimum=0.0),

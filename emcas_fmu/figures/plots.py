@@ -201,7 +201,7 @@ def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping
 
 
 def legend(owner: Axes | Figure, **more: Any) -> None:
-    """Add a legend to axes or a figure: each label once, as it is drawn first; the lowest layers come last."""
+    """Add a legend to axes or a figure: each label once, in the order of drawing; the lowest layers come last."""
     entries: dict[str, Any] = {}
     for axes in owner.axes if isinstance(owner, Figure) else [owner]:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -150,7 +150,7 @@ class FmuInterface:
 
     @cached_property
     def groups(self) -> tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...]:
-        """Inputs, outputs and parameters, each as a pair: the shared variables, and those of each fin by its own names.
+        """Inputs, outputs and parameters, each as a pair: shared variables, and those of a fin by the actuator's names.
 
         A single fin has no shared variables.
         """

@@ -39,7 +39,7 @@ EXPERIMENTS, PARAMETERS, TABLE = "application/x-ma-hs-experiments", "application
 ROLES = {True: "validation", False: "smoke-test"}  # of experiments, by `Experiment.independent`
 _SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 
-_SHIPPED = ("step", "load_opposing", "cold", "sag")  # of one fin, if they are stored, which takes no time
+_SHIPPED = ("step", "load_opposing", "cold", "sag")  # of one fin, if they are stored, which needs no time
 _FINS = ("step_plus10", "step_minus5", "step_plus20", "step_minus1")  # of several fins in turn
 _FINS_STOP = 0.3  # s, since they may have to be integrated for each fin
 # Digits after the first digit of a variable's nominal value. Differences between machines, some 1e-12 of the value,

@@ -8,7 +8,7 @@ Coefficients interpolate at Chebyshev nodes, computed with 50 digits; the trunca
 2e-17 of the function. In addition every function has the rounding of its last operations, 1/2 ulp each, less for those
 that act on a smaller part: hence the bounds in the docstrings. Tests compare with 45 digits.
 
-No branch divides by zero or is invalid where it is not chosen, since hosts run with traps. NaN gives NaN.
+No branch divides by zero or is invalid where it is not chosen, since hosts run with traps. NaN returns NaN.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def exp(ops: Bits, x: Value) -> Value:
 
 
 def log(ops: Bits, x: Value) -> Value:
-    """Return the natural logarithm: -infinity of 0, NaN of what is negative; within 1 ulp.
+    """Return the natural logarithm: -infinity of 0, NaN of negative numbers; within 1 ulp.
 
     x = 2^e (1 + f) with 1 + f from 1/sqrt(2) to sqrt(2), log(1 + f) = 2 atanh(s) of s = f/(2 + f). As in Sun's
     fdlibm the largest part of that, f, is added last: log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).

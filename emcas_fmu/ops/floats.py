@@ -1,4 +1,4 @@
-"""Operations on plain Python numbers; needs nothing but the standard library."""
+"""Operations on plain Python numbers; needs only the standard library."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def _real(x: Value) -> float:
     # math.sin(casadi.SX) silently returns nan, so anything but a number is refused.
     if isinstance(x, (float, int)):
         return x
-    raise TypeError(f"float operations take numbers, not {type(x).__name__}")
+    raise TypeError(f"float operations need numbers, not {type(x).__name__}")
 
 
 def _of_number(function: Callable[[float], float]) -> staticmethod[[Value], float]:

@@ -161,7 +161,7 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
 def _require_made_for(made_for: Any, path: Path, model: str) -> None:
     """Raise ParameterError if a file is made for actuators or +extensions other than this shipped one.
 
-    For an actuator of their own, users decide themselves.
+    Users decide for their actuators.
     """
     if made_for is None:
         return

@@ -5,7 +5,7 @@
     C = k_T T_r (r + (1 - r) phi/I_r)      k_T = max(1 + a (T - T_0), 0.1)
     C_th dT/dt = sum |F_k s_k| - (T - T_a)/R_th
 
-v is the amplifier's, of a supply V; below 0 it is that of the suppressor, which takes the coil's energy, as the
+v is the amplifier's, of a supply V; below 0 it is that of the suppressor, which absorbs the coil's energy, as the
 amplifier draws no current backwards. phi is the flux, as the coil current that holds it when steady, behind eddy
 currents in the body. C is the torque at which the clutch slips, whatever the slip speed, r the part that is left of it
 without current. F_k s_k is what slipping makes of heat, in one body of all clutches. A torque in proportion to the

@@ -113,7 +113,7 @@ def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion
     way = ops.where(ops.equal(turns, 0.0), starts, turns)
     joined = _felt(ops, t, Motion(way, way, 0.0, 0.0))
     slip = ops.where(ops.equal(slip, 0.0), start(ops, held(ops, t, joined), t.capacity, -t.capacity), slip)
-    # Each by itself, under the torque of the clutch.
+    # Each separately, under the torque of the clutch.
     pushed = slip * t.capacity
     screw_way = ops.where(ops.equal(turns, 0.0), start(ops, t.screw_torque + t.behind + pushed, t.high, t.low), turns)
     rotor_way = sign(ops, rotor_speed)

@@ -103,7 +103,7 @@ def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
     b = bodies._replace(dry=[Dry(d.high * stick.EDGE, d.low * stick.EDGE) for d in bodies.dry])
     starts: tuple[Value, ...] = (0.0,) * len(_SHARES)
 
-    def take(condition: Value, signs: Sequence[Value]) -> None:
+    def select(condition: Value, signs: Sequence[Value]) -> None:
         nonlocal starts
         starts = tuple(ops.where(condition, sign, before) for sign, before in zip(signs, starts, strict=True))
 
@@ -114,7 +114,7 @@ def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
         holds: Value = True
         for shares, sign in zip(_SHARES, signs, strict=True):
             holds = ops.both(holds, sign * _dot(shares, rates) >= 0.0)
-        take(holds, signs)
+        select(holds, signs)
     rests: Value = True
     for k, along in enumerate(_ALONG):
         for forward in (True, False):
@@ -124,9 +124,9 @@ def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
             pushing, held = _dot(way, b.torques), _holding(b, k, _sliding(ops, b, signs))
             overcome = ops.both(pushing > 0.0, pushing >= _drag(b, along, forward))
             sticks = ops.both(held < b.dry[k].high, held > -b.dry[k].low)
-            take(ops.both(overcome, sticks), signs)
+            select(ops.both(overcome, sticks), signs)
             rests = ops.both(rests, ops.negate(overcome))
-    take(rests, (0.0,) * len(_SHARES))
+    select(rests, (0.0,) * len(_SHARES))
     return starts
 
 

@@ -1,8 +1,8 @@
 """Elastic drive line with a gap: the torque between rotor and fin.
 
-The fin's angle is referred to the motor: phi = theta(fin_angle) of (2.5), so that phi = motor angle where nothing
-yields. Twist of the shaft, stretch of the screw with nut and thrust bearing, the give of the flanks of nut and fork,
-and that of fork, fin shaft and structure about the hinge lie in series under one torque T at the motor (force T/l in
+The fin's angle is referred to the motor: phi = theta(fin_angle) of (2.5), so that phi = motor angle for a rigid
+line. Twist of the shaft, axial compliance of screw, nut and thrust bearing, that of the flanks of nut and fork, and
+that of fork, fin shaft and structure about the hinge are in series under one torque T at the motor (force T/l in
 the screw, moment T R about the hinge):
 
     s = theta_m - phi                                        deflection at the motor [rad]
@@ -12,8 +12,9 @@ the screw, moment T R about the hinge):
     f = K (s -+ g/2) + D ds/dt        T = f >= 0 on the flank s >= g/2, f <= 0 on s <= -g/2, else 0
 
 with g = gap/l, l lead per radian, and R the ratio at the fin's angle. A flank presses and never pulls. Without a gap
-the nut is preloaded and T = K s + D ds/dt. Without compliance and gap the line is rigid. The lever's ratio is used for
-one while it gives: at an angle phi_l of the lever T is off by tan(phi_l) of the deflection about the hinge.
+the nut is preloaded and T = K s + D ds/dt. Without compliance and gap the line is rigid. The change of the
+lever's ratio by the deflection is neglected: at an angle phi_l of the lever the relative error of T is tan(phi_l) times
+the deflection about the hinge.
 
     J_t dw/dt = K_t i + T_rotor - b_m w - C_m sgn w + l P_n - T
     (J_ft/R^2) du/dt = T + T_f/R - b_f u/R^2 - (C_f/R) sgn u + J_ft R'/R^4 u^2        w = dtheta_m/dt, u = dphi/dt

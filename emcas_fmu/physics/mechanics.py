@@ -9,8 +9,8 @@ divided by R becomes
 
     (J_t + J_ft/R^2) dw = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
 
-whose coefficients hardly vary, R' = 2 R tan(phi). The vehicle's angular acceleration A_x about the screw takes
-(J_motor + J_screw) A_x of the motor's torque, since rotor and screw also turn with the vehicle.
+whose coefficients hardly vary, R' = 2 R tan(phi). The vehicle's angular acceleration A_x about the screw reduces the
+motor's torque by (J_motor + J_screw) A_x, since rotor and screw also turn with the vehicle.
 """
 
 from __future__ import annotations

@@ -3,17 +3,17 @@
     C dp/dt = Q_pump - sum Q_i        Q_i = P_i/p        Q_pump = clip(G (p_set - p), 0, Q_max)
     C = V/(n p)                       V = V_0 (p_0/p)^(1/n)
 
-p is the absolute pressure at the actuators, p_set the source's: what the pump's regulator is set to. V is the gas in
+p is the absolute pressure at the actuators, p_set the setting of the pump's regulator. V is the gas in
 an accumulator of the volume V_0 with the precharge p_0; it changes by p V^n = constant. Below p_0 the accumulator is
-empty, and only oil, air in it and pipes yield: C there is a hundredth of its value at p_0 (an estimate).
+empty, and only oil, its air and pipes are compliant: C is then a hundredth of its value at p_0 (an estimate).
 
 A step h has C and the draw of its start, with a draw that is proportional to the pressure, and the pump's flow of its
 end:
 
     C (p' - p)/h = Q_pump(p') - Q - |Q|/p (p' - p)
 
-Each of the three pieces of Q_pump gives a p'. The pump gives none where even that without it is the largest, else the
-lesser of its two flows, so that p' is the larger of the first and the smaller of the other two. It is a mean, with
+Each of the three pieces of Q_pump has a solution p'. The correct p' is the larger of that without flow and the smaller
+of the other two. It is a mean, with
 weights that are not negative, of p, p_set and pressures at which flows balance: it does not overshoot, whatever h is. A
 line that fills stops at p_0 for a step, since C changes there. p stays above a hundredth of a bar, as that of vapour.
 

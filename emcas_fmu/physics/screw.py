@@ -1,14 +1,14 @@
-"""Efficiency of the screw: the share of the load that the rotor feels.
+"""Efficiency of the screw: the share of the load that acts on the rotor.
 
-Between the screw's torque and its axial force F stands the load referred to the motor, L = F l (l lead per radian):
-all that is on the load side of the screw, positive where it resists positive motion. The rotor feels e L,
+The load of the screw, its axial force F, is L = F l referred to the motor (l lead per radian): all that is on the load
+side of the screw, positive if it resists positive motion. On the rotor acts e L,
 
-    J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw; T_m with what moves the rotor itself
+    J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw; T_m with other torques on the rotor
     L = J_l dw/dt + L_0        J_l = m_nut l^2 + J_ft/R^2        L_0 = C_f sgn w/R + b_f w/R^2 - T_f/R - l P_n - ...
     e = 1/forward where the motor drives the load, L sgn w > 0        e = backward where the load drives the motor
 
-The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. Of its two branches the one that
-resists more holds, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
+The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. The branch with the larger
+resistance applies, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
 net = T_m - C_m sgn w - b_m w. A backward efficiency of 0 or less is a screw that the load cannot drive.
 
 The efficiencies are parameters or those of a worm and its wheel (:mod:`emcas_fmu.physics.worm`), l = 1 and R = N.

@@ -1,4 +1,4 @@
-"""Set-valued dry friction: a body at rest stays there to the bit while friction holds it; sliding it feels all of it.
+"""Set-valued dry friction: a body at rest stays there to the bit while friction holds it.
 
 For bodies whose forces follow from states, so that each sticks or slides independently of the others
 (:mod:`emcas_fmu.steppers.events`).

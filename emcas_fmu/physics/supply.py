@@ -6,9 +6,9 @@
     P = v_m i + U_d |i| + R_d i^2                                     power of motor and inverter
     i_q = P_q/v, below the trip voltage P_q v/V_t^2                   current of the electronics
 
-U_d |i| is what conducts with a fixed drop and what switching loses, R_d i^2 what conducts as a resistance. The bridge
-opens where v falls below V_t, and works again above the recovery voltage. The losses load the link and are not taken
-off the motor's voltage; an open bridge does not rectify the back-EMF.
+U_d |i| is the loss of a fixed drop and of switching, R_d i^2 that of a resistance. The bridge opens when v falls below
+V_t, and works again above the recovery voltage. The losses load the link and do not reduce the motor's voltage; an open
+bridge does not rectify the back-EMF.
 """
 
 from __future__ import annotations

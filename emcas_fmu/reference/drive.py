@@ -93,8 +93,8 @@ class Drive:
     def mode_on_limit(self, m: Motor, around: Surroundings, side: int) -> int:
         """Return the mode that follows where the demand has reached the limit on `side`.
 
-        Clipped, xi is held and the demand moves with the current alone; free, xi moves too. Where the first takes the
-        demand back inside and the second takes it outside, neither can last: the drive glides on the limit.
+        Clipped, xi is held and the demand moves with the current alone; free, xi moves too. If the first moves the
+        demand back inside and the second moves it outside, neither can last: the drive slides along the limit.
         """
         if self._held_slope(m, around, side) >= 0.0:
             return side

@@ -68,7 +68,7 @@ def simulator(model: str) -> Simulate:
     else:
         module = load_module(actuator.reference)
     if not callable(getattr(module, "simulate", None)):
-        raise EmcasError(f"{actuator.reference}: gives no function simulate(parameters, inputs)")
+        raise EmcasError(f"{actuator.reference}: defines no function simulate(parameters, inputs)")
     simulate: Simulate = module.simulate
     return simulate
 
@@ -130,7 +130,7 @@ def path_of(directory: Path, case: str, suffix: str) -> Path:
 
 
 def read_table(directory: Path, case: str, suffix: str) -> dict[str, Array]:
-    """Return the columns of one of the two tables of a case. Raises EmcasError, naming file and column."""
+    """Return the columns [rows], in SI, of one of the two tables of a case. Raises EmcasError with file and column."""
     path = path_of(directory, case, suffix)
     try:
         return read_csv(path)
@@ -157,7 +157,7 @@ def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> 
 
 
 def read_csv(path: Path) -> dict[str, Array]:
-    """Return the columns of a file written by `csv_text`; those of an array have two dimensions.
+    """Return the columns [rows], in SI, of a file written by `csv_text`; a column of arrays is [rows, elements].
 
     Raises ValueError, with the name of a wrong column.
     """

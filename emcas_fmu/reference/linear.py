@@ -38,7 +38,7 @@ def obstacle(values: Mapping[str, Any]) -> str:
     for name, unit, present in (("command.resolution", "rad", values["command.resolution"] > 0.0),
                               ("command.update_time", "s", held)):
         if present:
-            return f"{name} = {values[name]:g} {unit}: the linear model takes every command as it is; set it to 0"
+            return f"{name} = {values[name]:g} {unit}: the linear model has no such effect; set it to 0"
     return ""
 
 

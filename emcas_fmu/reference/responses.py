@@ -36,7 +36,7 @@ def is_shipped(parameters: ParameterSet, case: Case) -> bool:
 
 
 def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
-    """Return the stored response of an actuator, up to the end of the case; None without one."""
+    """Return the stored response in SI, up to the end of the case; None if there is none."""
     if not is_shipped(parameters, case):
         return None
     (known,), rows = stored.load(models_directory() / "reference", [case.name]), len(case.inputs()["time"])
@@ -46,7 +46,7 @@ def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
 def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
     """Return `time` and the outputs of the independent integration of an actuator.
 
-    Integrating takes a second or two, unless the response is stored or in the user's cache. An actuator of the user is
+    Integrating needs a second or two, unless the response is stored or in the user's cache. An actuator of the user is
     integrated each time, since a change of its file would not be noticed.
     """
     if (known := shipped(parameters, case)) is not None:

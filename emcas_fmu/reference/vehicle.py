@@ -46,7 +46,10 @@ def cross(a: Triple, b: Triple) -> Triple:
 
 
 def surroundings(p: Mapping[str, float], row: Mapping[str, float], reference: float, supply: str) -> Surroundings:
-    """Return what acts under a `row` of inputs by name; `supply` is the name of the supply's input."""
+    """Return the surroundings for a `row` of inputs in SI by name, and a reference [V].
+
+    `supply` is the name of the supply's input.
+    """
     gravity = STANDARD_GRAVITY if p["loads.gravity"] else 0.0
     roll, pitch = row["attitude.roll"], row["attitude.pitch"]  # a yaw turns about g itself
     acceleration, rate, faster = ((row[f"{kind}.x"], row[f"{kind}.y"], row[f"{kind}.z"])

@@ -2,7 +2,7 @@
 
 A normal force F on the flank and friction mu |F| against its sliding are resolved at the pitch cylinder into the axial
 force, which turns the wheel, and the tangential one, which brakes the worm. Both bodies then have the acceleration that
-the number of teeth asks for. Where F changes sign the integration starts anew.
+the number of teeth asks for. Where F changes sign the integration restarts.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def vector_sources(model: str = NONLINEAR) -> dict[str, str]:
 
 
 def enumerator(name: str) -> str:
-    """Return a variable's name as part of a C identifier: ``acceleration.x`` gives ACCELERATION_X."""
+    """Return a variable's name as part of a C identifier: ``acceleration.x`` becomes ACCELERATION_X."""
     return identifier(name).upper()
 
 

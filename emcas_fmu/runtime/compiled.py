@@ -128,7 +128,7 @@ class CompiledCore:
         self._set_parameters(self._library.actuator_bind, values)
 
     def motion_loads(self, *motion: float) -> tuple[float, ...]:
-        """Return the loads that the vehicle's motion causes, from the inputs of the motion."""
+        """Return the loads of the vehicle's motion, from its inputs; all in SI, in the order of MotionLoads."""
         if len(motion) != len(MOTION):
             raise TypeError(f"the motion has {len(MOTION)} inputs, not {len(motion)}")
         out = (ct.c_double * len(MotionLoads._fields))()
@@ -161,7 +161,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
 
     `parameters` is an array [runs, parameters] in their order (:func:`parameter_row`). `inputs` contains for each
     input, in the interface's order, an array in SI that broadcasts to [runs, rows]; no input is copied. From one row to
-    the next a run takes `held` steps of `step` [s]. `outputs` are returned at the rows, those in `fine` at every step.
+    the next a run makes `held` steps of `step` [s]. `outputs` are returned at the rows, those in `fine` at every step.
     A run that fails does not affect the others. The stiffness of a `spring` [N.m/rad], a number or an array [runs],
     times the fin angle at a row is subtracted from the row's hinge moment. Raises ValueError for shapes that do not
     match, CompilerError if there is no compiled kernel.

@@ -15,7 +15,7 @@
 #include "kernel.h"
 #include "model.h"
 
-/* The plant's states and, behind them, the time that the last step took: kernel_step writes both in place. A copy would
+/* The plant's states and, behind them, the duration of the last step: kernel_step writes both in place. A copy would
  * be read in wider words than those just written, for which a processor waits. */
 typedef struct {
     double x[CORE_PLANT + 1];
@@ -71,13 +71,13 @@ static inline bool core_finite(double x)
 /* The same for many numbers: an exponent of all ones plus one carries into the sign bit. */
 static inline bool core_all_finite(const double *x, size_t count)
 {
-    uint64_t carried = 0;
+    uint64_t carries = 0;
     for (size_t i = 0; i < count; ++i) {
         uint64_t bits;
         memcpy(&bits, &x[i], sizeof bits);
-        carried |= (bits & UINT64_C(0x7ff0000000000000)) + UINT64_C(0x0010000000000000);
+        carries |= (bits & UINT64_C(0x7ff0000000000000)) + UINT64_C(0x0010000000000000);
     }
-    return !(carried >> 63);
+    return !(carries >> 63);
 }
 
 /* The sum is finite if all terms are, and if they are small enough to be added. */

@@ -135,7 +135,7 @@ class Core:
         return ""
 
     def motion_loads(self, *motion: float) -> tuple[float, ...]:
-        """Return the loads that the vehicle's motion causes, from the inputs of the motion."""
+        """Return the loads of the vehicle's motion, from its inputs; all in SI, in the order of MotionLoads."""
         loads: tuple[float, ...] = self._kernel_motion_loads(*motion)
         return loads
 

@@ -22,9 +22,9 @@ from .compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers,
 
 # By the number of actuators in a vector. Unlike a host of an FMU, Python never traps floating-point exceptions.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
-# Steps of 1 ms that take about as long as compiling: in Python, and the steps in which vectors save as much.
+# Steps of 1 ms that need about the time of compiling: in Python, and the steps in which vectors save as much.
 WORTH_COMPILING, WORTH_VECTORS = 10_000, 20_000_000
-# Looking for a compiled library takes as long as this many steps, since its source is printed first.
+# Looking for a compiled library needs the time of this many steps, since its source is printed first.
 _WORTH_LOOKING = {WORTH_COMPILING: 1000, WORTH_VECTORS: 200_000}
 
 # Prototypes of exported functions in a library's main source: result, name and arguments.

@@ -83,7 +83,7 @@ class MultiFin:
         return "" if placed else "place in time of the supply's line"
 
     def motion_loads(self, *motion: float) -> list[tuple[float, ...]]:
-        """Return the loads that the vehicle's motion causes at each fin, from the inputs of the motion."""
+        """Return each fin's loads of the vehicle's motion, from its inputs; all in SI, in the order of MotionLoads."""
         return [core.motion_loads(*motion) for core in self.cores]
 
     def acting(self, rows: Sequence[Sequence[Any]], motion_loads: Sequence[Sequence[float]], mixing: Sequence[float]

@@ -1,13 +1,13 @@
 """One step of equations that are smooth between events: stick and slip, locking, valves that open, limits, stops.
 
-For actuators that have such events and no closed forms for them. A mode says which of the equations hold: numbers by
-name, chosen where the step starts and held through it, with whatever else is frozen for the step (a lever's ratio at
-its middle). The states then make a step of ROS2 (:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order. Each
-event margin of a mode is above 0 while the mode holds. The step ends where the first of them is lost, found by a secant
-and corrected by another; there `landed` sets what is known to the bit, such as the speed 0 of a body that comes to
-rest, and the caller steps on with the mode of that state.
+For actuators with events that have no closed forms. A mode defines which equations apply: numbers by name, chosen at
+the start of the step and constant in it, with other frozen values (such as a lever's ratio at mid-step). The states
+then make a step of ROS2 (:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order. Each event margin of a mode
+is above 0 while the mode holds. The step ends when the first of them is lost, located by a secant and a correction;
+there `landed` sets values that are known exactly, such as the speed 0 of a body that comes to rest, and the caller
+continues with the mode of that state.
 
-A margin that is 0 where the step starts, as that of a body at rest which now slides, is not an event in it.
+A margin that is 0 at the start of the step, as that of a body at rest which now slides, is not an event in it.
 """
 
 from __future__ import annotations

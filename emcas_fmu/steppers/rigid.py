@@ -1,6 +1,6 @@
 """One step of the plant: from a state to the end of a tick, or to the first event in it.
 
-The motion takes an implicit midpoint step (second order) under the mean torque of the tick. The current is much
+The motion makes an implicit midpoint step (second order) under the mean torque of the tick. The current is much
 faster, so it follows its exact exponential for the back-EMF of mid-tick; both are solved together, since the mean
 current is linear in the acceleration that it causes.
 

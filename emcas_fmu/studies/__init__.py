@@ -1,1 +1,1 @@
-"""What is done on the bench: each study says what to run, what to measure and what to write."""
+"""Studies: each defines what to run, what to measure and what to write."""

@@ -45,7 +45,7 @@ class Estimate:
 def offered(base: ParameterSet) -> dict[str, list[Entry]]:
     """Return by name the entries for which a user probably has values; an array is one entry.
 
-    These are the entries whose declaration names a data sheet's line, and for a user's own actuator all that it adds to
+    These are the entries whose declaration names a data sheet's line, and for a user's actuator all that it adds to
     the fin port.
     """
     port = {v.name for v in fin_port.PARAMETERS}

@@ -24,7 +24,7 @@ SOURCES = {"thesis": "read in the thesis", "derived": "derived", "tuned": "by em
 _WIDTH = 116
 _HOW = ("Remove the # before a value that you have, and write it in the unit of your sheet: \"4 mm/turn\", "
         "\"35 ozf*in/A\", \"420 g*cm^2\". What stays commented keeps the shipped value; with nothing uncommented this "
-        "is the shipped actuator. docs/use/your_actuator.md says how datasheets and these values go together; "
+        "is the shipped actuator. docs/use/your_actuator.md relates datasheets to these values; "
         "`emcas parameters -p FILE` checks the file and lists what is still a shipped estimate.")
 _BARE = re.compile("[A-Za-z0-9_-]+")
 _VARIED = re.compile(r'^\[vary\."(.+?)"\]', re.MULTILINE)
@@ -118,7 +118,7 @@ def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
     width = max(len(command) for command, _ in listed)
     about = {PARAMETERS: "your values go here", TUNING: "what the gains must meet: `emcas tune`",
              CAMPAIGN: "scatter, cold and load: `emcas campaign`",
-             REQUIREMENTS: "what it must meet: `emcas validate`, `report`, `compare`"}
+             REQUIREMENTS: "its requirements: `emcas validate`, `report`, `compare`"}
     return "\n".join([
         f"# An actuator of the model {base.actuator.name}", "",
         *(f"- `{name}`: {what}" for name, what in about.items() if name in files), "",

@@ -31,4 +31,4 @@ def require(extra: str, what: str, *modules: str) -> None:
         except (ImportError, MemoryError, OSError) as error:
             reason = " ".join(str(error).split()) or "there is not enough memory"
             raise EmcasError(f"{what} the Python package {module}, which is there and cannot be loaded: {reason}; free "
-                             "some memory, or install it anew") from error
+                             "some memory, or install it again") from error

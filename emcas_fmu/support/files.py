@@ -89,5 +89,5 @@ def _refuse_shared(folder: Path) -> None:
         elif found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX:
             reason = reason or f"anybody may replace it, since {parent} has mode {stat.S_IMODE(found.st_mode):04o}"
     if reason:
-        raise OSError(f"{folder}: not used for what is compiled: {reason}")
+        raise OSError(f"{folder}: not used for compiled libraries: {reason}")
     folder.chmod(0o700)

@@ -58,7 +58,7 @@ def c_source(tracer: Tracer, prefix: str) -> str:
     """Return declarations and static functions of a header.
 
     ``<prefix>_prepare(p, c)`` computes the constants `c` [<PREFIX>_CONSTANTS] from the parameters `p`
-    [<PREFIX>_PARAMETERS]. Each function has both as arguments, then its own, then the array `out` of its results.
+    [<PREFIX>_PARAMETERS]. Each function has both as arguments, then further ones, then the array `out` of its results.
     """
     writer = CWriter(tracer)
     upper = prefix.upper()
@@ -87,6 +87,8 @@ def _bare(text: str) -> str:
 
 
 class CWriter(Writer):
+    """The statements of a traced function in C."""
+
     type = "double"
     which = ""  # type of an argument `which` before the others; empty for none
 
@@ -134,7 +136,7 @@ class CWriter(Writer):
 
     def literal(self, value: float | bool) -> str:
         if not isfinite(value):
-            raise ValueError(f"{value!r} has no place in traced code")
+            raise ValueError(f"{value!r} cannot be used in traced code")
         return repr(float(value))
 
     def expression(self, statement: Assign) -> str | None:

@@ -102,7 +102,7 @@ ACTUATOR = Actuator(
     sample=sample,
     derivatives=derivatives,
     output_values=output_values,
-    faults=(PlantFault("demagnetised", "the magnets have lost a share of their flux, for good", demagnetised, (
+    faults=(PlantFault("demagnetised", "the magnets have permanently lost a share of their flux", demagnetised, (
         tunable("share", "1", 0.0, 1.0, "of the flux that is left"),), lasting=True),),
     reference=Path(__file__).with_name("direct_drive_reference.py"),
 )

@@ -107,7 +107,7 @@ def test_requirements_are_those_of_an_fmu(units: Mapping[str, Path], shipped: Re
 
 
 def test_figures_hang_together(shipped: Result) -> None:
-    """What holds whatever the gains are."""
+    """Properties for any gains."""
     figures = {name: outcome.figures for name, outcome in shipped.outcomes.items()}
     slew = figures["slew_rate"]
     for direction in ("positive", "negative"):
@@ -183,7 +183,7 @@ def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, mon
 
 
 def test_a_revision_ends_no_style_sheet(shipped: Result, tmp_path: Path) -> None:
-    """Whatever it holds, it stands between the quotes, as it was given."""
+    """Any content is between the quotes, unchanged."""
     given = 'AT "7\\"; } body { display: none }\n</style><b>'
     write_report(shipped, tmp_path / "page.html", "", given, given)
     line = re.search(r'@bottom-left \{ content: "([^"\n]*)"; font', (tmp_path / "page.html").read_text("utf-8"))
@@ -421,7 +421,7 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, sk
     why = found.outcomes["mission"].not_applicable
     assert why["motor_current_rms_a"] == "this actuator has no motor_current"
     assert why["net_energy_j"] == "this actuator has no supply_power"
-    # What is required and cannot be told is not met, unless it may be left out: then it is not counted as met.
+    # A required figure without a value is not met; an optional one is not counted.
     last = found.judged[-1]
     assert (last.passed, last.skipped, last.note) == (
         False, skipped, "not applicable: this actuator has no motor_current")

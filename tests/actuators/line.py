@@ -32,7 +32,7 @@ def run_of(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inpu
 
 
 def at_motor(values: Mapping[str, Any], fin: Any) -> Any:
-    """The fin angle [rad] told at the motor."""
+    """The fin angle [rad] measured at the motor."""
     start = values["kinematics.initial_angle"]
     return values["kinematics.moment_arm"] / values["screw.lead"] * (np.tan(fin + start) - np.tan(start))
 

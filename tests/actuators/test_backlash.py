@@ -40,7 +40,7 @@ def _energy(p: Any, s: Pair) -> float:
 
 @pytest.mark.parametrize("ratio", [0.0, 0.05, 0.3, 0.8])
 def test_bounce_is_its_closed_form(ratio: float) -> None:
-    """A damped spring that never pulls gives back exp(-zeta phi/q) of the speed.
+    """A damped spring that never pulls returns exp(-zeta phi/q) of the speed.
 
     Its force ends at the phase tan(phi) = 2 zeta q/(2 zeta^2 - 1) of the motion, q^2 = 1 - zeta^2.
     """
@@ -94,7 +94,7 @@ def test_a_flank_is_left_however_slowly(command: float, overrides: Mapping[str, 
 
 
 def test_nut_is_before_the_gap() -> None:
-    """Under a load the nut stands behind the rotor by the give of shaft and screw, and before the flank's."""
+    """Under a load the nut is behind the rotor by the deflection of shaft and screw, and before the flank's."""
     torque = -60.0
     run = run_of({"friction.fin_viscous": 20.0, "friction.fin_coulomb": 0.0}, 2.0, aero_torque=torque)
     p = nested(values_of(), MODEL)
@@ -152,7 +152,7 @@ def test_encoder_on_the_fin_sees_the_fin() -> None:
                              aero_torque=-40.0) for on in (True, False))
     count = 2.0 * pi / 8192
     for run, seen, through in ((direct, direct["fin_angle"], False), (indirect, indirect["motor_angle"], True)):
-        # What is told at a sample is that of the step that begins there.
+        # Results of a sample belong to the step that begins there.
         counted = np.floor(seen[:-1] / count) * count
         shown = through_motor(counted) if through else counted
         at_edge = np.abs(seen[:-1] / count - np.round(seen[:-1] / count)) < 1e-6

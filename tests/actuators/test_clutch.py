@@ -97,12 +97,12 @@ def test_holding_a_load_costs_heat_of_slip(values: Mapping[str, Any]) -> None:
     lost = values["motor.resistance"] * current**2 + sum(
         values["coil.resistance"] * run[f"coil_current_{k}"][-1]**2 for k in (1, 2))
     lost += (values["motor.coulomb_friction"] + values["motor.viscous_friction"] * speed) * speed
-    # It stands but for a creep of the integral that friction hides.
+    # At rest, except for a creep of the integral that friction hides.
     assert run["supply_power"][-1] == pytest.approx(heat + lost, rel=1e-3)
 
 
 def test_a_motor_without_supply_comes_to_rest_with_all(values: Mapping[str, Any]) -> None:
-    """Both clutches locked and both bodies at rest: nothing changes by a bit, whatever a small load does."""
+    """Both clutches locked and both bodies at rest: a small load changes no bit."""
     run = simulate(values, 1.0, model=MODEL, supply_voltage=0.0, fin_command=0.0,
                    aero_torque=lambda t: 3.0 * sin(20.0 * t))
     assert run["motor_speed"][0] > 300.0
@@ -234,7 +234,7 @@ def test_an_unloaded_slew_locks_a_clutch_to_the_bit(values: Mapping[str, Any]) -
 
 
 def test_disabled_it_lets_go_and_turns_on(values: Mapping[str, Any]) -> None:
-    """The residual torques cancel: the fin stands until its friction is overcome, and the motor turns."""
+    """The residual torques cancel: the fin is at rest until its friction is overcome, and the motor turns."""
     p = ACTUATOR.namespace(values)
     holds = values["friction.coulomb.positive[0]"] * ratio(values) + values["friction.fin_coulomb"]
     for load, moves in ((0.98 * holds, False), (1.02 * holds, True)):

@@ -69,7 +69,7 @@ def test_free_mode_of_rotor_and_fin(springs: str) -> None:
 
 @pytest.mark.parametrize("on_fin", [False, True])
 def test_rigid_it_is_the_nonlinear_actuator(on_fin: bool) -> None:
-    """The same step is taken: bit for bit."""
+    """The same step, bit for bit."""
     values = values_of({**RIGID, "encoder.on_fin": on_fin})
     plain = {name: value for name, value in values.items() if not name.startswith("drive_line.")}
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.2 if sin(20.0 * t) > 0.0 else -0.2,
@@ -218,7 +218,7 @@ _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
        dry=st.sampled_from([0.0, 5.0]), on_fin=st.booleans(), tick=st.sampled_from([2e-5, 5e-5, 1e-3]))
 def test_anything_goes(levels: list[Any], axial: float, torsional: float, gap: float, damping: float, hinge: float,
                        dry: float, on_fin: bool, tick: float) -> None:
-    """Finite and within the stops, whatever is asked of it."""
+    """Finite and within the stops, for any inputs."""
     commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
     run = run_of({"drive_line.axial_compliance": axial, "drive_line.torsional_compliance": torsional,
                 "drive_line.backlash": gap, "drive_line.contact_damping": damping, "friction.fin_coulomb": dry,

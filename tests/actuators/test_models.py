@@ -60,7 +60,7 @@ def test_linear_is_linear_in_commands_and_loads() -> None:
 
 
 def test_linear_with_p_control_leaves_the_load_s_error() -> None:
-    """Final value, section 4.1: T_f/N over K_pos K_vel K_v K_t times what of the drive's current flows promptly."""
+    """Final value, section 4.1: T_f/N over K_pos K_vel K_v K_t times the prompt share of the drive's current."""
     values = load_parameters(model="linear").with_values({"controller.position.ki": 0.0, "drive.ki": 0.0}).values
     run = simulate(values, 1.0, model="linear", aero_torque=-30.0)
     ratio = values["kinematics.moment_arm"] / values["screw.lead"]
@@ -111,7 +111,7 @@ def test_second_order_rate_limit_converges() -> None:
 
 
 def test_second_order_stands_where_it_is_disabled() -> None:
-    """At once, whatever command is still on its way; and goes on from there."""
+    """At once, despite delayed commands; the motion then continues from there."""
     values = load_parameters(model=MODEL).values
     run = simulate(values, 0.3, model=MODEL, fin_command=0.3, enable=lambda t: not 0.05 <= t + 1e-9 < 0.1)
     assert 0.05 < run["fin_angle"][50] < 0.25
@@ -143,7 +143,7 @@ def test_second_order_stops() -> None:
 def test_fit_finds_what_is_known() -> None:
     """The nonlinear set as shipped: better than ideal by far, and the shipped file is this fit."""
     found = fit(load_parameters())
-    assert max(found.rms) < 6.0  # % of the step; a fin that stands at its command has 20 and more
+    assert max(found.rms) < 6.0  # % of the step; a fin that rests at its command has 20 and more
     shipped = load_parameters(model=MODEL).values
     # Four digits are written; the last may move with the compiler.
     for name, value in found.parameters.values.items():
@@ -174,7 +174,7 @@ def test_fit_keeps_the_actuator(tmp_path: Path) -> None:
 def test_registry_and_files() -> None:
     with pytest.raises(EmcasError, match=r"no actuator 'hydraulic';.* there is nonlinear, linear"):
         get("hydraulic")
-    # A name means the same wherever it is: the same unit, limits and kind, whatever it is said to do there. How far an
+    # A name has the same meaning everywhere: the same unit, limits and kind, with any description. How far an
     # output can go is the actuator's: a pump gives no power back.
     meant: dict[str, Any] = {}
     for v in (v for name in NAMES for v in get(name).inputs + get(name).outputs + get(name).file_entries):

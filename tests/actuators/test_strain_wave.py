@@ -1,4 +1,4 @@
-"""An actuator put together from groups, with a gear of its own: what it shows, and the extensions that it takes."""
+"""An actuator composed of groups, with another gear: its outputs, and the extensions that apply."""
 
 from __future__ import annotations
 

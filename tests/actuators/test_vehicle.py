@@ -82,7 +82,7 @@ def test_every_actuator_shows_the_moment_about_its_hinge(model: str) -> None:
 
 @pytest.mark.parametrize("model", ["nonlinear", "elastic", "habibi", "ozkan", "ristanovic", "linear"])
 def test_the_rotor_takes_its_share_of_a_roll_s_acceleration(model: str) -> None:
-    """A moment of -R J A_x on the fin does the same as A_x, whatever lies between motor and fin."""
+    """A moment of -R J A_x on the fin has the effect of A_x, with any drive line between motor and fin."""
     values = set_of(model, **{f"friction.coulomb.{side}[{k}]": 0.0 for side in ("positive", "negative")
                               for k in range(7)}, **{"drive_line.backlash": 0.0, "compensation.gain": 0.0,
                                                      "friction.fin_coulomb": 0.0})
@@ -136,7 +136,7 @@ def test_a_broken_shaft_leaves_the_rotation_to_fin_and_shaft() -> None:
 
 
 def test_a_jammed_rotor_turns_with_the_vehicle() -> None:
-    """What jams it holds it, however fast the roll changes: the fin stands to the bit."""
+    """A jam holds it for any roll acceleration: the fin is at rest to the bit."""
     values = set_of("nonlinear+faults", **{"fault.jam.begin": 0.0, "fault.jam.end": 1.0})
     out = simulate(values, 0.1, 1e-3, model="nonlinear+faults", angular_acceleration__x=3000.0)
     assert np.ptp(out["fin_angle"][2:]) == 0.0

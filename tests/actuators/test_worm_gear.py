@@ -80,7 +80,7 @@ def test_efficiencies_are_those_of_the_forces(starts: int, quotient: float, alph
 
 @pytest.mark.parametrize("alpha", [14.5, 20.0, 30.0])
 def test_a_worm_that_just_locks_is_less_than_half_efficient(alpha: float) -> None:
-    """(1 - tan^2 lambda)/2, whatever the pressure angle: the thesis's 50 %."""
+    """(1 - tan^2 lambda)/2 for any pressure angle: the thesis's 50 %."""
     v = {**shipped(), "worm.starts": 2, "worm.pressure_angle": radians(alpha),
          "worm.friction": 0.2 * cos(radians(alpha))}
     p = get(MODEL).plant(v)
@@ -217,7 +217,7 @@ def test_both_back_ends_to_the_bit(overrides: Mapping[str, Any]) -> None:
 
 
 def test_a_worm_that_is_shaken_lets_the_load_drive_it() -> None:
-    """While its friction is halved; it then holds where it stands."""
+    """While its friction is halved; it then holds its position."""
     model = f"{MODEL}+faults"
     shaken = load_parameters(model=model).with_values({"fault.lost_lock.begin": 0.1, "fault.lost_lock.end": 0.14})
     fin = simulate(shaken.values, 0.5, model=model, enable=False, aero_torque=100.0)["fin_angle"]

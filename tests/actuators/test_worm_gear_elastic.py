@@ -44,7 +44,7 @@ def stiffness(v: Mapping[str, Any]) -> float:
 
 
 def test_rigid_it_is_the_worm_gear() -> None:
-    """The same step is taken, bit for bit: 60 times the lead over the lead is 60."""
+    """The same step, bit for bit: 60 times the lead over the lead is 60."""
     rigid = {"drive_line.axial_compliance": 0.0, "drive_line.backlash": 0.0}
     values = {**shipped(), **FALLING, **rigid}
     plain = {name: value for name, value in values.items() if not name.startswith("drive_line.")}
@@ -70,7 +70,7 @@ def test_lost_motion_of_a_motor_that_reverses(gap: float) -> None:
 @QUICK
 @given(load=st.floats(-300.0, 300.0), gap=st.floats(1e-6, 4e-4), start=st.floats(-0.3, 0.3), mu=st.floats(0.0941, 0.3))
 def test_a_locked_worm_holds_the_fin_within_half_the_backlash(load: float, gap: float, start: float, mu: float) -> None:
-    """And the give of the mesh, under a load of either sign; the worm itself stands to the bit."""
+    """And the compliance of the mesh, under a load of either sign; the worm is at rest to the bit."""
     overrides = {"drive_line.backlash": gap, "worm.friction": mu, "fin.start_angle": start,
                  "friction.fin_viscous": 40.0}
     shown = run(overrides, 0.4, enable=False, aero_torque=lambda t: load if t < 0.2 else -load)
@@ -85,7 +85,7 @@ def test_a_locked_worm_holds_the_fin_within_half_the_backlash(load: float, gap: 
 
 
 def test_natural_frequency_of_the_fin_on_the_mesh() -> None:
-    """sqrt(k/J) of the fin alone, as the worm stands; and nothing of the swing is lost to a worm that stands."""
+    """sqrt(k/J) of the fin alone, since the worm is at rest; a worm at rest takes no energy of the swing."""
     overrides = {**UNDAMPED, "drive_line.backlash": 0.0, "friction.fin_coulomb": 0.0}
     step = 2e-5
     shown = run(overrides, 0.1, step, enable=False, aero_torque=lambda t: 100.0 if t < 2e-4 else 0.0)
@@ -168,7 +168,7 @@ def test_anything_goes(levels: list[Any], starts: int, mu: float, ratio: float, 
 
 @pytest.mark.parametrize("mu", [0.1, 0.3])
 def test_a_tick_leaves_a_locking_worm_one_acceleration(mu: float) -> None:
-    """-eta_b (K h^2/4 + D h/2) <= 0.9 J_r on a fin that stands: else its worm's row of the step has no least."""
+    """-eta_b (K h^2/4 + D h/2) <= 0.9 J_r with a fin at rest: else the worm's equation of the step has no minimum."""
     actuator, v = get(MODEL), {**shipped(), "worm.friction": mu, "drive_line.axial_compliance": 1e-11,
                                "drive_line.backlash": 0.0, "solver.max_tick": 0.1, "drive.ki": 0.0}
     h = actuator.longest_tick(FLOATS, actuator.namespace(v))

@@ -103,7 +103,7 @@ def test_reversals_through_the_gap(gap: float, friction: str) -> None:
 @pytest.mark.parametrize("gap", [0.05, 0.2])
 @pytest.mark.parametrize("friction", FRICTION)
 def test_a_load_shakes_the_fin_behind_a_worm_that_is_let_go(gap: float, friction: str) -> None:
-    """From flank to flank by 100 N.m of either sign; the worm stands, or is driven."""
+    """From flank to flank by 100 N.m of either sign; the worm is at rest, or is driven."""
     time = np.arange(201) * 1e-3
     inputs = {"time": time, "enable": 0.0 * time, "aero_torque": 100.0 * np.sin(2.0 * np.pi * 20.0 * time)}
     (error,) = both({**FRICTION[friction], **worn(gap)}, inputs, (None,), ELASTIC)

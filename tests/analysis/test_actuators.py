@@ -270,7 +270,7 @@ def test_thesis_model_that_has_no_such_bus_is_left_out_and_told() -> None:
     values = load_parameters().with_values({"command.resolution": radians(0.1)}).values
     assert _left_out("nonlinear", values) == {
         "thesis_linear": "the thesis's linear model left out: command.resolution = 0.00174533 rad: the linear model "
-        "takes every command as it is; set it to 0"}
+        "has no such effect; set it to 0"}
 
 
 def test_a_mode_that_nothing_shows_is_left_out_and_told(tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def test_a_limit_of_one_case_is_used(short: Path) -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_trajectory_drifts_either_way(shipped: Path, sign: float) -> None:
-    """A single point off, up or down, is found and told with its sign."""
+    """A single wrong point, up or down, is found and reported with its sign."""
     approved = read(shipped / "baseline")
     points = approved.traces["step"]["fin_angle"].copy()
     points[100] -= sign * 0.2

@@ -88,7 +88,7 @@ def test_a_model_that_is_none(short: Path, model: str, options: tuple[str, ...],
 
 @pytest.mark.fmu
 def test_one_fin_of_several(short: Path) -> None:
-    """Fin 2 has a motor of its own; the others are those of the baseline."""
+    """Fin 2 has another motor; the others are those of the baseline."""
     (short / "weaker.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
     fmu = build(load_parameters(), short / "EMCAS2.fmu", fins=2, files={2: short / "weaker.toml"}).path
     check(short, article=fmu)

@@ -34,7 +34,7 @@ from emcas_fmu.parameters import load_parameters
 FASTEST = 0.5 / STEP  # Hz, two rows a cycle
 MOST = 1000
 
-# A call with one value left open, one that it takes, one that it refuses.
+# A call with one free value, an accepted value, a refused one.
 LIMITS: dict[str, tuple[Callable[[Any], Any], Any, Any]] = {
     "half a step": (lambda x: times(x, 1.0), 0.51, 0.5), "most rows": (lambda x: times(x, 0.5), 0.5 * MOST, 501.0),
     "no step": (lambda x: times(1.0, x), 1e-2, 0.0), "no hold": (lambda x: step_to(0.1, x), 0.0, -1e-9),
@@ -98,7 +98,7 @@ def test_each_row_of_a_staircase_has_the_level_of_its_time(holds: list[int]) -> 
 
 @pytest.mark.parametrize("frequency", [2.0, 7.0, 8.0, 9.0, 40.0])
 def test_a_sine_lasts_its_transient_and_its_cycles(frequency: float) -> None:
-    """Unless it is told otherwise four cycles, and half a second at least; then six that are judged."""
+    """By default four cycles, and half a second at least; then six that are judged."""
     made = sine(0.1, frequency)
     assert made.stop == pytest.approx(max(4.0 / frequency, 0.5) + 6.0 / frequency, abs=0.51 * STEP)
     assert made.stop - made.begin == pytest.approx(6.0 / frequency, rel=1e-9)
@@ -186,7 +186,7 @@ def test_amplitudes_and_limits_of_a_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("sense", "side"), [("maximum", 1.0), ("minimum", -1.0)])
 def test_equal_to_a_limit_is_kept(sense: str, side: float, tmp_path: Path) -> None:
-    """Compared in the unit that people read, with nine decimals: a conversion's rounding is no miss, more is one."""
+    """Compared in the unit that people read, with nine decimals: rounding of a conversion is not a miss, more is."""
     r = required(tmp_path, "kind = 'step', amplitude = '5 deg'", "steady_error", f"{sense} = '0.3 deg'")
     beyond = np.radians(side * np.array([0.0, 4e-10, 6e-10, 0.1]))
     assert r.kept(radians(0.3) + beyond).tolist() == [True, True, False, False]

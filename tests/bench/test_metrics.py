@@ -79,7 +79,7 @@ def test_times_count_from_the_command_not_from_the_first_motion() -> None:
     ([9.0, 0.9, 1.1, 1.0, 1.0, 1.0, 1.0], 0.0),  # outside before the command only
     ([9.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0], 0.075),
     ([9.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.5], math.inf),
-    ([9.0, 0.0, 1.0, 1.0, 1.0, 1.0, math.nan], math.inf),  # a row that is no number is outside
+    ([9.0, 0.0, 1.0, 1.0, 1.0, 1.0, math.nan], math.inf),  # a row that is not a number is outside
     ([9.0, 0.75, 1.25, 0.75, 1.25, 0.75, 1.25], 0.0),  # on the edge of the band is inside
 ])
 def test_time_to_accuracy(values: list[float], expected: float) -> None:
@@ -118,7 +118,7 @@ def test_slew_of_a_trapezoid(sign: float) -> None:
     command = np.where(time > 0.0, sign * 60.0 - 3.0, -3.0)
     spike = rate.copy()
     spike[200] = 900.0
-    for rates, peak in ((rate, 200.0), (spike, 900.0)):  # a spike of the rate is no sustained rate
+    for rates, peak in ((rate, 200.0), (spike, 900.0)):  # a spike of the rate is not a sustained rate
         run = Run(Excitation("slew", {"fin_command": command}),
                   {"time": time, "fin_angle": sign * angle - 3.0, "fin_rate": sign * rates}, None, (), 0.0)
         found = metrics.motion(run)

@@ -49,7 +49,7 @@ def test_a_page_is_made_of_blocks(template: Path) -> None:
 
 
 def test_rows_of_a_table() -> None:
-    """A tuple is given item by item, a heading of numbers stands to the right, and a table without rows says so."""
+    """A tuple is shown item by item, a heading of numbers is right-aligned, and a table without rows says so."""
     template = environment().from_string(
         '{% call(name, value) m.table("Title", ["name", ">value"], rows) %}'
         '<td>{{ name }}</td>{{ m.cells([value]) }}{% endcall %}')

@@ -80,7 +80,7 @@ def same_rows(file: Path, fmu: Path) -> None:
 
 
 def test_a_users_actuator_varies_by_spring_and_load(direct: Path) -> None:
-    """A stiffer spring costs energy; what is drawn for a sample is what the actuator is run with."""
+    """A stiffer spring costs energy; the actuator runs with the values drawn for a sample."""
     study = load_study(direct)
     plan, values = study, study.base
     assert {name for name in sample.columns(plan) if name.startswith("pulled.")} == {

@@ -102,7 +102,7 @@ def test_refusals(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 
 
 class Quiet(BaseHTTPRequestHandler):
-    """Does not write of what it is asked."""
+    """Does not write requested files."""
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing."""

@@ -1,4 +1,4 @@
-"""One run at a time in a folder, whoever asks; nothing left of one that was killed."""
+"""One run at a time in a folder; a killed one leaves nothing."""
 
 from __future__ import annotations
 

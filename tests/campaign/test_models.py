@@ -197,7 +197,7 @@ def test_refusals(write: Write, text: str, said: str) -> None:
 
 
 def row(faults: int, tripped: int, begin: float, first: float) -> Mapping[str, Any]:
-    """What is told of a sample's words."""
+    """Output about a sample's words."""
     return {"fly.fault_word_ever": faults, "fly.built_in_test_ever": tripped, "fly.fault_word_first": begin,
             "fly.built_in_test_first": first, "fly.fault_word_last": faults, "fly.built_in_test_last": tripped,
             "fly.status_last": "failed" if tripped else "operational"}

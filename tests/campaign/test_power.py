@@ -23,7 +23,7 @@ Set = Mapping[str, Any]
 
 
 def powered(experiment: Experiment, numbers: Set, changes: Set, power: Any = None) -> dict[str, float]:
-    """Figures of an experiment, of its own power or another instead; by the bench's names."""
+    """Figures of an experiment, with its power or another; by the bench's names."""
     made = excitation(experiment, SUBJECT.values, numbers, SUBJECT.model)
     run = SUBJECT.run(made, changes, substeps=experiments.POWER_ROWS, fine=[experiments.POWER])
     if power is not None:

@@ -1,4 +1,4 @@
-"""Values of samples: of seed and index alone, distributed as told."""
+"""Values of samples: by seed and index alone, with the specified distributions."""
 
 from __future__ import annotations
 

@@ -208,7 +208,7 @@ def test_all_problems_are_told_at_once(write: Write) -> None:
 
 @pytest.mark.parametrize("odd", ODD, ids=str)
 def test_what_is_of_another_kind_is_refused_or_used(write: Write, odd: str) -> None:
-    """Never a traceback, wherever it stands."""
+    """Never a traceback, at any position."""
     for text in replaced(SMALL, odd):
         with suppress(EmcasError):
             load_study(write(text))

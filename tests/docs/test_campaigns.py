@@ -1,4 +1,4 @@
-"""The campaign that docs/tools/campaigns.md judges by requirements runs as it stands there, and gives its table."""
+"""The campaign that docs/tools/campaigns.md judges by requirements runs exactly as printed there, and has its table."""
 
 from __future__ import annotations
 

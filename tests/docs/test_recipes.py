@@ -1,4 +1,4 @@
-"""What docs/use/hosts.md says is tested runs as it stands there."""
+"""What docs/use/hosts.md says is tested runs exactly as printed there."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def place(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFa
 
 
 def run(name: str, place: Path) -> str:
-    """The last line a block prints, run in a process of its own; nothing if it prints none."""
+    """The last line a block prints, run in a separate process; nothing if it prints none."""
     language, text = BLOCKS[name]
     program = [sys.executable, "-W", "error", "-c", text] if language == "python" else ["sh", "-euc", text]
     done = subprocess.run(program, cwd=place, capture_output=True, text=True, timeout=60)
@@ -53,7 +53,7 @@ def test_every_block_is_run() -> None:
 
 
 def test_fmpy(place: Path) -> None:
-    """At its command of 10 deg but for what is left of an overshoot under load, 0.25 s after it was given."""
+    """At its command of 10 deg except for the rest of an overshoot under load, 0.25 s after the command."""
     assert abs(float(run("fmpy", place)) - 10.0) < 0.5
 
 
@@ -95,7 +95,7 @@ def loop(place: Path) -> Path:
 
 
 def test_c_loop(loop: Path) -> None:
-    """The program in C gives what the Python kernel gives for the same hinge moments.
+    """The program in C has the response of the Python kernel for the same hinge moments.
 
     Neither reorders sums, so that only constants that one compiler folds can differ (here nothing does): 1e-9 rad is
     room for last bits grown over 0.3 s, and far below an encoder's count, 1e-5 rad.
@@ -121,7 +121,7 @@ def test_c_loop_is_clean(loop: Path, tmp_path: Path) -> None:
 
 
 def test_c_host(place: Path) -> None:
-    """The response in C is that of fmpy given the same hinge moments, to the last bit."""
+    """The response in C is that of fmpy under the same hinge moments, to the last bit."""
     for name in ("cc", "unzip"):
         tool(name, {"cc": "gcc"}.get(name, name))
     run("c_host", place)

@@ -1,4 +1,4 @@
-"""docs/use/simulate.md: a jam among four fins, from the command line and in JSBSim, as it stands there."""
+"""docs/use/simulate.md: a jam among four fins, from the command line and in JSBSim, exactly as printed there."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def run(name: str, folder: Path) -> None:
 
 
 def check(time: np.ndarray, jammed: np.ndarray, others: np.ndarray) -> None:
-    """From the jam on, but for the millisecond in which it comes to rest, one fin stands and the others go on."""
+    """From the jam on, except for the millisecond in which it stops, one fin is at rest and the others move."""
     after = time > JAM + 1e-3
     assert np.ptp(jammed[after]) == 0.0
     assert np.ptp(others[after]) > 0.1

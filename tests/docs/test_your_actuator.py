@@ -1,4 +1,4 @@
-"""What docs/use/your_actuator.md says runs as it stands there, and its conversions are those of a motor in d and q."""
+"""The commands of docs/use/your_actuator.md run as printed, and its conversions are those of a motor in d and q."""
 
 from __future__ import annotations
 

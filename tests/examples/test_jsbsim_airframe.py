@@ -57,7 +57,7 @@ def test_pitching_and_yawing_are_damped(axis: int, rate: float) -> None:
 
 @pytest.mark.parametrize("angle", [10.0, -10.0])
 def test_deflected_fins_pull_aft(angle: float) -> None:
-    """Whichever way they stand, by hand: the normal force stands on the chord. 0.1 %: the file's square feet."""
+    """At any angle, by hand: the normal force is normal to the chord. 0.1 %: the file's square feet."""
     rocket = Rocket(STEP, NORTH)
     rocket.advance(np.zeros(4), STILL)
     before = rocket["forces/fbx-aero-lbs"]

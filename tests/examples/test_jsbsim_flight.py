@@ -104,7 +104,7 @@ def test_aggressive_flight_does(four: Path, model: ParameterSet) -> None:
     # All keep the attitude in the end: the gains are for real actuators.
     for flight in (nonlinear, second, ideal):
         assert turn_between(angles(flight), angles(flight, "wanted_"))[-1] < 1.0
-    # The bus pays for copper and friction besides the mechanical work against the hinge moments.
+    # The bus supplies copper loss and friction in addition to the mechanical work against the hinge moments.
     work = -float(np.sum(fins(nonlinear, "hinge{}_n_m") * fins(nonlinear, "fin_rate{}_rad_s")) * 1e-3)
     assert float(np.sum(nonlinear["power_w"]) * 1e-3) > max(work, 0.0) + 100.0
 

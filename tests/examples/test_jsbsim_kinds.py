@@ -48,7 +48,7 @@ def flight(hydraulic: Path) -> Mapping[str, Array]:
 
 
 def test_hydraulic_fins_fly_on_a_line_of_pressure(hydraulic: Path, flight: Mapping[str, Array]) -> None:
-    """Fed by the pressure of the parameter set, which every row has; what is drawn from it is power over pressure.
+    """Fed by the pressure of the parameter set, which every row has; the flow from it is power over pressure.
 
     Fins come as near to the ideal ones' attitude as a delay of some 10 ms lets them: to half of the 8 deg of the step.
     """
@@ -135,7 +135,7 @@ def test_every_kind_that_is_fed_is_flown() -> None:
 
 
 def test_energy_in_the_picture_is_that_of_the_table(flight: Mapping[str, Array]) -> None:
-    """The line ends at what is drawn less what is returned, and bars are both, of a power that changes its sign."""
+    """The line ends at drawn less returned energy, and the bars show both, for a power that changes its sign."""
     swinging = {**flight, "power_w": flight["power_w"] - flight["power_w"].mean() / 2.0}
     unit = Unit("EMCAS.fmu", "", "supply_pressure", 21e6, 0.0)
     results = Results(1e-3, {"gentle": {IDEAL: flown(Ideal()), HYDRAULIC: swinging}}, MANOEUVRES,
@@ -164,7 +164,7 @@ def test_table_has_every_kind() -> None:
 
 @pytest.mark.slow
 def test_run_of_two_kinds_names_both(hydraulic: Path, tmp_path: Path) -> None:
-    """A given FMU beside a model that is built, in page, figures and trajectories; none loses a gentle flight."""
+    """An existing FMU beside a model that is built, in page, figures and trajectories; none loses a gentle flight."""
     options = Options(("gentle",), (IDEAL, "second-order", "fmu", "stiff"), 4e-3, fmu=hydraulic, models=("nonlinear",),
                       bus_voltage=36.0, convergence=False)
     results = run(options, tmp_path, lambda what, share: None)

@@ -35,7 +35,7 @@ def expected(ssp: Path) -> Mapping[str, Array]:
 @pytest.mark.fmu
 @pytest.mark.parametrize("master", ["libcosim", pytest.param("ecos", marks=pytest.mark.slow)])
 def test_same_flight_as_in_fmpy(master: str, ssp: Path, expected: Mapping[str, Array]) -> None:
-    """In a process of its own. A master that is one step late would be off by what a fin moves in it."""
+    """In a separate process. A master that is one step late would be off by what a fin moves in it."""
     script = Path(__file__).with_name("flying.py")
     done = subprocess.run([sys.executable, script, ssp, master], capture_output=True, text=True, timeout=60)
     if done.returncode == ABSENT:

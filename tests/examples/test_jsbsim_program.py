@@ -45,7 +45,7 @@ def test_step_that_does_not_divide_the_autopilots_is_refused(step: float) -> Non
 
 
 def program(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """fly.py in a process of its own."""
+    """fly.py in a separate process."""
     return subprocess.run([sys.executable, ROOT / "examples/jsbsim/fly.py", *arguments], capture_output=True, text=True,
                           timeout=120, env={**os.environ, "TERMINAL_WIDTH": "200"})
 

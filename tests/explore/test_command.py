@@ -35,7 +35,7 @@ def explore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def data(path: str = "explore.html") -> dict[str, Any]:
-    """What the scripts of a page are given."""
+    """Inputs of a page's scripts."""
     text = Path(path).read_text(encoding="utf-8")
     read: dict[str, Any] = json.loads(text.split('id="data">')[1].split("</script>")[0])
     return read

@@ -1,4 +1,4 @@
-"""Run an unpacked FMU in a process of its own: `python -m tests.extensions.drive FOLDER SCRIPT` prints its outputs.
+"""Run an unpacked FMU in a separate process: `python -m tests.extensions.drive FOLDER SCRIPT` prints its outputs.
 
 SCRIPT is JSON: {"start": {name: value}, "size": s, "steps": n, "set": [[step, name, value], ...], "keep": step}. What
 is kept at the step is put back into another instance, which goes on.

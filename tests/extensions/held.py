@@ -1,4 +1,4 @@
-"""A motor held by friction under a current that is told: where heat and I2t have closed forms."""
+"""A motor held by friction under a known current, for which heat and I2t have closed forms."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ _MET = 1e-9  # N.m, a torque that counts as that of breakaway: events are found 
 
 
 class Screw:
-    """State: fin angle and rate, current [A], drive integral [V]; elastic besides: motor angle and speed. In rad, s."""
+    """State: fin angle and rate, current [A], drive integral [V]; elastic also: motor angle and speed. In rad, s."""
 
     def __init__(self, v: Mapping[str, Any], torque: float, line: bool) -> None:
         self.v, self.torque, self.line = v, torque, line

@@ -40,7 +40,7 @@ HARD: Mapping[str, Callable[[float], float]] = {
 @pytest.mark.parametrize("command", HARD)
 @pytest.mark.parametrize("load", [-100.0, 0.0, 100.0])
 def test_no_false_alarm(command: str, load: float) -> None:
-    """Hard use within the rating of Table 2: nothing is wrong, and nothing is told."""
+    """Hard use within the rating of Table 2: nothing is wrong, and no monitor trips."""
     run = simulate(BASE.values, 6.0, model=MODEL, fin_command=HARD[command], aero_torque=load)
     assert not run["built_in_test"].any()
 
@@ -102,7 +102,7 @@ def test_status() -> None:
     again = simulate(scheduled(MODEL, "jam", begin=0.1, end=0.85), 1.0, model=MODEL,
                      enable=lambda t: t < 0.7999 or t > 0.8999, fin_command=lambda t: radians(8.0) if t > 0.2 else 0.0)
     assert again["status"][799] == FAILED
-    assert (again["status"][902:] == OPERATIONAL).all()  # what was told before says nothing after a reset
+    assert (again["status"][902:] == OPERATIONAL).all()  # flags from before a reset have no effect
     beyond = simulate(BASE.values, 0.5, model=MODEL, fin_command=radians(21.0))
     assert beyond["status"][-1] == DEGRADED
     assert beyond["built_in_test"][-1] == TRIPPED["command"]

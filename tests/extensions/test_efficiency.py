@@ -92,7 +92,7 @@ def test_threshold_of_a_body_force(model: str, sign: float) -> None:
 @pytest.mark.parametrize("dry", [True, False])
 @pytest.mark.parametrize("torque", [1.0, -1.0, 300.0, -300.0, 1e6, -1e6])
 def test_self_locking_holds_exactly(model: str, dry: bool, torque: float) -> None:
-    """No creep, not by a last bit, with friction besides or none; what moves comes to rest and stays."""
+    """No creep, not by a last bit, with and without friction; a moving fin comes to rest and stays."""
     v = values({**efficiencies(0.45, 0.0), **({} if dry else DRY)}, model)
     run = simulate(v, 0.2, model=model, enable=False, aero_torque=torque)
     assert np.all(run["motor_angle"] == 0.0)
@@ -129,7 +129,7 @@ def test_torque_that_moves_a_self_locking_screw(aiding: bool) -> None:
 
 @pytest.mark.parametrize("model", ["nonlinear", "elastic", "ristanovic"])
 def test_without_losses_it_is_the_model(model: str) -> None:
-    """The same step is taken: bit for bit."""
+    """The same step, bit for bit."""
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.2 if sin(20.0 * t) > 0.0 else -0.2,
               "aero_torque": lambda t: 60.0 * sin(50.0 * t), "enable": lambda t: not 0.3 < t < 0.35}
     lossless = simulate(values(efficiencies(1.0, 1.0), model + OPTION), 0.5, model=model + OPTION, **inputs)

@@ -1,4 +1,4 @@
-"""Faults: none, when they begin and end, and each against the plain model told the same in its own words."""
+"""Faults: none, when they begin and end, and each against the plain model with equivalent settings."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_fault_is_where_it_can_be(model: str) -> None:
 
 @pytest.mark.parametrize("model", NAMES)
 def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
-    """At rest, whatever the ratio, to the encoder's count of 1.3e-5 rad at the fin, a transducer's, or the gap."""
+    """At rest, for any ratio, to the encoder's count of 1.3e-5 rad at the fin, a transducer's, or the gap."""
     values = scheduled(f"{model}+faults", "encoder_bias", begin=0.1, fault__encoder_bias__angle=0.05)
     run = simulate(values, 2.0, model=f"{model}+faults", fin_command=0.2)
     assert run["measured_fin_angle"][-1] - run["fin_angle"][-1] == pytest.approx(
@@ -89,7 +89,7 @@ def test_on_a_sample_whatever_rounding_says() -> None:
         assert np.flatnonzero(run["fault_word"])[0] == sample + 1
 
 
-# -- each against the plain model, told the same in its own words -------------------
+# -- each against the plain model with equivalent settings ---------------------------
 
 
 def test_derating_is_a_lower_limit() -> None:

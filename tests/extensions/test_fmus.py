@@ -1,4 +1,4 @@
-"""Options in FMUs: valid, the same from both back ends in processes of their own, told while they run."""
+"""Options in FMUs: valid, the same from both back ends in separate processes, told while they run."""
 
 from __future__ import annotations
 

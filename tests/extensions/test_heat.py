@@ -117,7 +117,7 @@ def test_resistance_and_constants_follow() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_disabled_drive_loses_nothing(model: str) -> None:
-    """Its bridge is open, whatever current the state still holds; enabled, that current warms."""
+    """Its bridge is open, with any current in the state; enabled, that current warms."""
     actuator, p = get(f"{model}+heat"), load_parameters(model=f"{model}+heat").nested()
     x = Record(**{**actuator.start(FLOATS, p), "motor_current": 50.0})
     for enabled in (False, True):
@@ -160,7 +160,7 @@ def test_losses_are_stored_or_leave() -> None:
     assert left > 0.3 * stored > 10.0
     # A jump of the current takes five of these intervals; trapezia are off by 1e-4 of the loss there.
     assert stored + left == pytest.approx(lost, rel=3e-4)
-    # What is taken from the supply turns to heat and work, but for what the inductance holds, 0.5 J at most.
+    # Energy of the supply turns into heat and work, except for that of the inductance, 0.5 J at most.
     held = 0.5 * v["motor.inductance"] * run["motor_current"][-1]**2
     drawn = np.trapezoid(run["supply_power"], time)
     work = np.trapezoid(run["motor_torque"] * run["motor_speed"], time)
@@ -251,7 +251,7 @@ _SIMULATE = textwrap.dedent("""
 @pytest.mark.parametrize(("model", "fins"), [
     ("nonlinear", 1), ("elastic", 1), ("nonlinear", 2)])
 def test_fmus(model: str, fins: int, tmp_path: Path) -> None:
-    """Valid, with both back ends the same numbers in processes of their own, and warm."""
+    """Valid, with both back ends the same numbers in separate processes, and warm."""
     parameters = load_parameters(model=f"{model}+heat")
     built = {"python": build(parameters, tmp_path / "python.fmu", fins=fins).path,
              "native": build(parameters, tmp_path / "native.fmu", "native", cc="gcc", fins=fins).path}

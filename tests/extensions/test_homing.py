@@ -141,7 +141,7 @@ def test_without_need_it_is_the_plain_model(model: str, more: Mapping[str, Any])
 
 
 def test_homing_again_and_edges() -> None:
-    """A level is no edge; an edge during a run or while disabled is none either."""
+    """A level is not an edge; an edge during a run or while disabled is ignored."""
     run = run_of({}, 16.0, home=lambda t: 0.1 < t < 0.3 or 1.0 < t < 7.0 or t > 8.0, fin_command=0.1)
     assert phases(run) == [UNREFERENCED, HOMING, OPERATIONAL, HOMING, OPERATIONAL]
     assert np.flatnonzero(np.diff(run["homed"]) < 0.0)[0] * 1e-3 == pytest.approx(8.0, abs=2e-3)
@@ -215,7 +215,7 @@ def test_return_tolerance_ends_the_return() -> None:
 
 def test_at_a_turn_the_integral_is_zero() -> None:
     """The error wound up against a stop, 25 ms of the way at 57 rad/s2 and up, would take the speed fed forward back:
-    right after it is the loop of a fin at rest that is asked for the homing speed, at its limit."""
+    right after it is the loop of a fin at rest with the homing speed as command, at its limit."""
     run = run_of({"fin.start_angle": 0.2}, 6.0, home=True)
     u, p = run["drive_reference"], BASE.values
     first, second = np.flatnonzero(np.diff(np.sign(u)) * (np.abs(u[:-1]) == 1.0))[:2]

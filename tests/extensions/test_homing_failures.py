@@ -99,7 +99,7 @@ def test_no_motion_at_all_fails() -> None:
 
 
 def test_too_late_fails() -> None:
-    """At 1.5 V the back-EMF keeps the motor to half the speed asked for: always at the limit, never at rest."""
+    """At 1.5 V the back-EMF limits the motor to half the commanded speed: always at the limit, never at rest."""
     run = run_of({"homing.timeout": 7.0}, 8.0, home=True, supply_voltage=1.5)
     assert phases(run) == [UNREFERENCED, HOMING, FAILED]
     assert since(run, FAILED) == pytest.approx(7.0, abs=3e-3)

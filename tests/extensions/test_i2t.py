@@ -1,4 +1,4 @@
-"""The drive's I2t limit: against closed forms, and never exceeded whatever is asked of it."""
+"""The drive's I2t limit: against closed forms, and never exceeded, for any inputs."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_without_reserve_there_is_no_i2t(continuous: float) -> None:
 
 
 def _derated(share: float, begin: float, end: float, stop: float, **more: Any) -> Any:
-    """A held motor that is asked for 500 A, its drive derated for a while [s]."""
+    """A held motor with a command of 500 A, its drive derated for a while [s]."""
     values = values_of({**HELD, **_FOLD, "drive.current_offset": 500.0, "fault.current_derating.share": share,
                         "fault.current_derating.begin": begin, "fault.current_derating.end": end}, _FAULTY)
     return simulate(values, stop, 1e-3, model=_FAULTY, **more)

@@ -303,7 +303,7 @@ _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
        tick=st.sampled_from([2e-5, 1e-4, 1e-3]))
 def test_anything_goes(levels: list[Any], stiffness: float, damping: float, ratio: float, dry: float, cold: float,
                        tick: float) -> None:
-    """Finite and within the stops, whatever is asked of it."""
+    """Finite and within the stops, for any inputs."""
     commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
     run = simulate(_values({"lugre.stiffness": stiffness, "lugre.damping": damping, "lugre.static_ratio": ratio,
                             "friction.fin_coulomb": dry, "friction.table.coulomb[1]": cold,

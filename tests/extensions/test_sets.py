@@ -30,7 +30,7 @@ def test_a_screw_of_95_percent_loses_a_nineteenth_of_what_it_drives() -> None:
     model = "nonlinear+efficiency"
     parameters = loaded("screw-efficiency-095", model)
     assert parameters.values["efficiency.backward"] == pytest.approx(2.0 - 1.0 / 0.95, abs=1e-4)
-    # A ramp against a load: what the fin takes up is aero_torque times rate, without friction of its own.
+    # A ramp against a load: the power into the fin is aero_torque times rate, without friction of the fin.
     run = simulate(parameters.with_values({"friction.fin_coulomb": 0.0, "friction.fin_viscous": 0.0}).values, 0.4,
                    model=model, fin_command=lambda t: radians(50.0) * t, aero_torque=-60.0)
     late = run["time"] > 0.2

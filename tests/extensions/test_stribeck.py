@@ -174,7 +174,7 @@ _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
 @given(levels=_levels, ratio=st.floats(1.0, 10.0), speed=st.sampled_from([0.1, 3.0, 1e3]),
        dry=st.sampled_from([0.0, 5.0]), tick=st.sampled_from([2e-5, 1e-4, 1e-3]))
 def test_anything_goes(base: str, levels: list[Any], ratio: float, speed: float, dry: float, tick: float) -> None:
-    """Finite and within the stops, whatever is asked of it."""
+    """Finite and within the stops, for any inputs."""
     model = f"{base}+stribeck"
     commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
     values = load_parameters(model=model).with_values({

@@ -134,7 +134,7 @@ def test_a_held_motor_draws_its_copper_losses_and_the_inverters(current: float) 
 
 
 def test_four_fins_share_a_line() -> None:
-    """As one whose source has four times the line's resistance besides."""
+    """As one whose source also has four times the line's resistance."""
     values = values_of({**HELD, "drive.current_offset": 20.0})
     run = simulate_fins([values] * 4, 0.05, 1e-3, MODEL, {"bus.source_resistance": 0.01})
     i = run["fin[1].motor_current"][-1]

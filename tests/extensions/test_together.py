@@ -127,7 +127,7 @@ def test_what_there_is_not(name: str, said: str) -> None:
 
 
 def test_homing_after_missed_counts() -> None:
-    """What an encoder has missed another run finds again: the fin is then where it is asked to, to a count or two."""
+    """Another run finds the counts that an encoder has missed: the fin is then at its command, to a count or two."""
     model = "nonlinear+homing+faults"
     values = load_parameters(model=model).with_values({
         "homing.required": False, "fault.encoder_dropped.share": 0.3, "fault.encoder_dropped.end": 0.5,

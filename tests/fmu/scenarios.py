@@ -1,4 +1,4 @@
-"""What a host may do to the FMU, each scenario in a process of its own: `python scenarios.py NAME FOLDER`.
+"""What a host may do to the FMU, each scenario in a separate process: `python scenarios.py NAME FOLDER`.
 
 Standard library only. A scenario gives JSON-able findings, judged by the test that ran it.
 """
@@ -39,7 +39,7 @@ def plain_run(fmu: Fmu) -> Any:
 
 
 def hostile_step(fmu: Fmu) -> Any:
-    """Bad steps and inputs: discarded with a reason, state unchanged, the run goes on as if never asked."""
+    """Bad steps and inputs: discarded with a reason, state unchanged, the run continues as if they had not occurred."""
     clean, instance = started(fmu), started(fmu)
     bystander = started(fmu)
     findings = {}
@@ -437,7 +437,7 @@ def statuses(fmu: Fmu) -> Any:
 
 
 def logging(fmu: Fmu) -> Any:
-    """Only what was asked for is logged."""
+    """Only requested categories are logged."""
     def count(logging: bool, calls: list[tuple[bool, list[str]]]) -> list[int]:
         instance = Instance(fmu, logging=logging)
         statuses = [instance.debug(*call) for call in calls]

@@ -145,7 +145,7 @@ def test_mixing_has_the_documented_signs(started: Any, mixing: str, signs: tuple
     unit = started()
     assert unit.run(0.0, 1.0, 1e-2, **{mixing: 0.05}) == OK
     share = 1.0 if mixing == "roll_command" else 0.5**0.5
-    # Held to the encoder's and the static accuracy, a twentieth of the deflection asked for.
+    # Held to the encoder's and the static accuracy, a twentieth of the commanded deflection.
     assert angles(unit) == pytest.approx([0.05 * share * sign for sign in signs], abs=0.0025)
 
 
@@ -193,7 +193,7 @@ def test_fins_share_what_the_bus_gives(started: Any) -> None:
     (1.0, 39.0, 1e-4), (0.5, 20.0, 3e-5)])  # where sum R h/L is 4 and 7: without Newton's step the sag would swing
 def test_a_weak_source_gives_no_more_than_it_has(started: Any, resistance: float, supply: float,
                                                  inductance: float) -> None:
-    """At most V^2/4R, and V/R, whatever the drives ask for: on average over the instants of the bus."""
+    """At most V^2/4R, and V/R, for any demand of the drives: on average over the instants of the bus."""
     unit = started(**{RESISTANCE: resistance}, **{f"fin[{k}].motor.inductance": inductance for k in range(1, 5)})
     power, current = [], []
     for k in range(3000):

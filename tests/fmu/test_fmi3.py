@@ -1,4 +1,4 @@
-"""What FMI 3.0 has besides FMI 2.0: arrays, types, event mode with early return, the clock of the samples."""
+"""What FMI 3.0 has in addition to FMI 2.0: arrays, types, event mode with early return, the clock of the samples."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def test_misuse_is_told_and_changes_nothing(scenario: Any, backend: str) -> None
         found["findings"].pop("set partly")  # the wrapper hands on what it can
     for name, finding in found["findings"].items():
         # The wrapper knows no other answer than fatal: a write to what cannot be set discards the Python unit's next
-        # step instead. References that are none, or of another type, are told and harm nothing.
+        # step instead. Unknown references, or of another type, are reported without effect.
         expected = [ERROR, OK, OK] if backend != "python" else [
             OK, DISCARD if name in ("set output", "set fixed") else OK, OK]
         assert [finding["status"], finding["first"], finding["second"]] == expected, name

@@ -38,7 +38,7 @@ CUSTOM = {"motor.resistance": 0.3, "friction.fin_coulomb": 3.0}
 
 
 def by_stranger(unit: Path, folder: Path) -> dict[str, tuple[str, float]]:
-    """Role and largest difference [deg] by experiment, as the page's program has them in a process of its own."""
+    """Role and largest difference [deg] by experiment, as the page's program has them in a separate process."""
     program = recipes(PAGE)["fmpy"][1] + "\nimport sys\nassert 'emcas_fmu' not in sys.modules\n"
     (folder / "EMCAS.fmu").write_bytes(unit.read_bytes())
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=folder, capture_output=True, text=True,

@@ -27,7 +27,7 @@ def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int, fmi: str) 
 @pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2", "3"])
 def test_the_harness_finds_what_is_broken(tmp_path: Path, fmi: str) -> None:
-    """With the state's checks taken out, damaged bytes must be noticed."""
+    """Without the checks of the state, damaged bytes must be detected."""
     program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fmi=fmi)
     source = tmp_path / "states.h"
     text = source.read_text(encoding="utf-8")

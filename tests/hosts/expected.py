@@ -4,7 +4,7 @@ from __future__ import annotations
 
 OK, ERROR = 0, 3
 
-# No instance (the first number is whether there is one), and the logger told why.
+# No instance (the first number is whether there is one), and the logger has the reason.
 _NO_INSTANCE = ("no name", "empty name", "no guid", "empty guid", "wrong guid", "model exchange")
 _ERRORS = (
     "null doStep", "null setup", "null enter", "null leave", "null terminate", "null reset", "null get", "null set",

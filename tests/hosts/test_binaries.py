@@ -114,7 +114,7 @@ def imported(binary: Binary) -> set[str]:
 
 
 def libraries(binary: Binary) -> set[str]:
-    """What the loader has to load besides."""
+    """Libraries that the loader also has to load."""
     if isinstance(binary, lief.PE.Binary):
         assert not binary.has_delay_imports
         return {str(i.name) for i in binary.imports}

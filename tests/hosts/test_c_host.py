@@ -72,7 +72,7 @@ def test_states(host: Host) -> None:
 
 def test_misuse(host: Host, request: pytest.FixtureRequest) -> None:
     found = table(host("misuse"))
-    # At its command but for what is left of an overshoot, 0.3 s after the sound instance was given it.
+    # At its command except for the rest of an overshoot, 0.3 s after the command of the sound instance.
     assert abs(float(found.pop("angle")) - 0.1) < 0.01
     assert found == (MISUSE3 if "3" in request.node.callspec.params["host"] else MISUSE)
 

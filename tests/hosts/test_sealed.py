@@ -22,7 +22,7 @@ Sealed = Callable[..., dict[str, str]]
 
 @pytest.fixture(scope="module", params=["fmi2-1", "fmi2-4", "fmi3-1", "fmi3-4"])
 def sealed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Sealed:
-    """Runs the steps of an FMU of a version and number of fins, with a forbidden deed if asked for."""
+    """Runs the steps of an FMU of a version and number of fins, with a forbidden call if requested."""
     version, fins = request.param[3], int(request.param[-1])
     folder, gcc = tmp_path_factory.mktemp("sealed"), tool("gcc", "gcc")
     if fins == 1:

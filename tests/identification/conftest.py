@@ -45,7 +45,7 @@ def shipped(kind: str) -> list[Path]:
 
 
 def recover(kind: str, seeds: range, folder: Path, **choice: Any) -> Recovery:
-    """Identify random actuators from fresh records; the base set knows only what is given to the experiment."""
+    """Identify random actuators from fresh records; the base set has only the inputs of the experiment."""
     rows, sizes = [], []
     names: list[str] = []
     for seed in seeds:

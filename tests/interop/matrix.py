@@ -1,4 +1,4 @@
-"""Every FMU in every client: runs in processes of their own, and what is to be said of them."""
+"""Every FMU in every client: runs in separate processes, and what is to be said of them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def known() -> Sequence[Complaint]:
 
 
 def pairs() -> Iterator[tuple[str, str]]:
-    """FMUs and the clients that can be asked for them here."""
+    """FMUs and the clients that are available for them here."""
     absent = set(() if shutil.which("fmusim") else FMUSIM)  # in no registry: where somebody has built it
     if sys.version_info < (3, 11):
         absent.add("fmuloader")
@@ -70,7 +70,7 @@ class Outcome:
 
 
 def run(client: str, fmu: Path, task: Mapping[str, Any], folder: Path) -> Outcome:
-    """Run an FMU in a client, in a process of its own; skip where the client is not installed."""
+    """Run an FMU in a client, in a separate process; skip where the client is not installed."""
     for name, package in CLIENTS[client].programs:
         tool(name, package)
     given, table = folder / f"{client}.json", folder / f"{client}.csv"

@@ -79,7 +79,7 @@ def test_the_loaded_ones_move(runs: matrix.Runs) -> None:
     """Where there is no reference, agreement says nothing of a fin that rests."""
     for name, unit in UNITS.items():
         if not unit.reference:
-            assert max(runs.outcome(name, "fmpy").found["fin_angle"]) > 0.15  # of 10 deg asked for
+            assert max(runs.outcome(name, "fmpy").found["fin_angle"]) > 0.15  # of the commanded 10 deg
 
 
 def test_the_list_names_what_there_is() -> None:

@@ -66,4 +66,4 @@ def test_goes_on_bit_for_bit(unit: str, tmp_path: Path) -> None:
     assert rows(sys.executable, 0, MIDDLE, "save") == whole[:MIDDLE]
     for program in interpreters():
         assert rows(program, MIDDLE, END, "restore") == whole[MIDDLE:]
-    assert max(float.fromhex(row[UNITS[unit].angles[0]]) for row in whole) > 0.1  # of 0.15 rad asked for
+    assert max(float.fromhex(row[UNITS[unit].angles[0]]) for row in whole) > 0.1  # of the commanded 0.15 rad

@@ -53,7 +53,7 @@ def test_second_order() -> None:
 
 
 def test_a_case_of_another_actuator_is_left_out() -> None:
-    """There is no friction that gets cold."""
+    """It has no friction that depends on temperature."""
     assert "cold" not in CASES
     assert all(not case.overrides for case in CASES.values())  # it has no encoder either
 

@@ -1,4 +1,4 @@
-"""The declaration that the README shows, as it stands there."""
+"""The declaration that the README shows, exactly as printed there."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What is given to others: the wheel and the source archive."""
+"""What is distributed: the wheel and the source archive."""

@@ -204,7 +204,7 @@ def test_rules_for_parameters_say_the_same(library: Fmu, slave_class: type[Slave
 
 @pytest.fixture(autouse=True)
 def quiet(capsys: pytest.CaptureFixture[str]) -> Iterator[None]:
-    """The Python slave tells refusals on standard error, fmpy lists inputs that are not given."""
+    """The Python slave reports refusals on standard error, fmpy lists missing inputs."""
     yield
     capsys.readouterr()
 

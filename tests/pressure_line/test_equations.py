@@ -1,4 +1,4 @@
-"""The pressure line by itself: closed forms, SciPy's integrations of the gas law, and bounds for any parameters."""
+"""The pressure line alone: closed forms, SciPy's integrations of the gas law, and bounds for any parameters."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ SAG = {VOLUME: 5e-5, "line.pump_flow": 8e-5}
 
 
 def test_four_fins_on_a_stiff_line_are_single_ones() -> None:
-    """To the bit, and whatever the pump: nothing couples them."""
+    """To the bit, with any pump: nothing couples them."""
     rng = np.random.default_rng(7)
     pressure, commands = 21e6 * rng.uniform(-0.1, 1.2, 61), rng.uniform(-0.4, 0.4, (4, 61))
     given: dict[str, Any] = {f"fin[{k}].fin_command": commands[k - 1] for k in range(1, 5)}

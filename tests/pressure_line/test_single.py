@@ -1,4 +1,4 @@
-"""An actuator fed by a line of pressure, in a unit by itself."""
+"""A single actuator fed by a pressure line."""
 
 from __future__ import annotations
 

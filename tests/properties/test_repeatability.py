@@ -1,4 +1,4 @@
-"""What has come to rest answers as a fresh unit does, whatever was commanded before."""
+"""An actuator at rest responds like a fresh one, after any commands before."""
 
 from __future__ import annotations
 

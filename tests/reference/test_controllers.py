@@ -83,8 +83,8 @@ def test_linear_reference_deviates_and_waits_as_the_product_does(changes: Mappin
 
 
 @pytest.mark.parametrize(("name", "value", "said"), [
-    ("command.resolution", 0.01, "command.resolution = 0.01 rad: the linear model takes every command as it is; set"),
-    ("command.update_time", 1.5e-3, "command.update_time = 0.0015 s: the linear model takes every command as it is")])
+    ("command.resolution", 0.01, "command.resolution = 0.01 rad: the linear model has no such effect; set"),
+    ("command.update_time", 1.5e-3, "command.update_time = 0.0015 s: the linear model has no such effect")])
 def test_linear_reference_refuses_what_it_is_no_model_of(name: str, value: float, said: str) -> None:
     values = load_parameters().values
     with pytest.raises(EmcasError, match=re.escape(said)):
@@ -119,7 +119,7 @@ def test_an_encoder_on_the_fin_sees_no_deviation_of_the_lever() -> None:
 @pytest.mark.parametrize("weight", [0.0, 0.7, 1.3])
 @pytest.mark.parametrize("encoder", [False, True])
 def test_start_and_enabling_at_rest_move_nothing(weight: float, encoder: bool) -> None:
-    """A fin that stands where it is asked to stays there to the bit, whatever the weight."""
+    """A fin at rest at its command stays there to the bit, for any weight."""
     values = changed({"controller.position.setpoint_weight": weight, "encoder.enabled": encoder,
                       "controller.load_observer": 100.0, "controller.position.velocity_feedforward": 0.5,
                       "drive.current_offset": 0.0, "fin.start_angle": math.radians(-12.0)})
@@ -133,7 +133,7 @@ def test_start_and_enabling_at_rest_move_nothing(weight: float, encoder: bool) -
 @pytest.mark.parametrize("angle", [-11.7, 0.3, 7.9])
 @pytest.mark.parametrize("on_fin", [False, True])
 def test_feedforward_makes_no_current_at_start_and_enabling(angle: float, on_fin: bool) -> None:
-    """The rate of a command that stands still is 0, whatever the encoder's counts make of the angle."""
+    """The rate of a constant command is 0, for any counts of the encoder."""
     enable = np.ones(301)
     enable[100:200] = 0.0
     runs = [simulate(changed({"encoder.enabled": True, "encoder.on_fin": on_fin, "fin.start_angle": math.radians(angle),
@@ -208,7 +208,7 @@ def test_anti_windup_sees_a_drive_at_its_limit() -> None:
     for load in (-400.0, 400.0):
         (pushed, beyond), (pushed_without, beyond_without) = response(load), response(load, 0.0)
         assert beyond < 0.5 * beyond_without
-        # A load that wins is held no worse than without: by a drive at its limit, whatever its controllers ask for.
+        # A load that wins is held no worse than without: by a drive at its limit, for any demand of its controllers.
         assert pushed < pushed_without + 0.1
     for load in (-380.0, 380.0):
         # 0.15 deg of the answer is how the push before it ended.

@@ -19,7 +19,7 @@ NAMES = ("mounting.azimuth", "friction.temperature", "friction.fin_coulomb", "su
 
 
 def trajectory(host: str, ssp: str, variant: str, mode: str) -> None:
-    """Print the trajectory of four fins with commands of their own, loads, a sagging bus and a switch-off."""
+    """Print the trajectory of four fins with different commands, loads, a sagging bus and a switch-off."""
     with hosts.open(Path(ssp), host, variant, 1e-3) as system:
         print(",".join(["time", *system.outputs]))
         for i in (1, 2, 3, 4):
@@ -58,7 +58,7 @@ def plain_libcosim(ssp: str) -> None:
 
 
 def plain_ecos(ssp: str, parameters: str) -> None:
-    """The parameter set has to be asked for."""
+    """The parameter set must be requested."""
     from ecospy import EcosSimulation
 
     with EcosSimulation(ssp_path=ssp, step_size=1e-3) as simulation:

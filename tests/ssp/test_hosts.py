@@ -1,4 +1,4 @@
-"""The archive in fmpy, libcosim and Ecos: the same trajectories, and what each makes of it by itself."""
+"""The archive in fmpy, libcosim and Ecos: the same trajectories, and the behaviour of each without the example."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SAME = 1e-9
 
 
 def printed(host: str, ssp: Path, variant: str, mode: str) -> str:
-    """What run_in prints in a process of its own; the test is skipped where the host is not."""
+    """What run_in prints in a separate process; the test is skipped where the host is not."""
     if host == "ecospy":
         tool("unzip", "unzip")  # how ecos opens an archive
     done = subprocess.run([sys.executable, "-m", "tests.ssp.run_in", host, ssp, variant, mode], cwd=ROOT,

@@ -57,7 +57,7 @@ def archive(unit: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_own_variables_are_connectors_of_their_types(archive: Path) -> None:
-    """The model is told by the FMU. Items of enumerations stand in the structure, under the name connectors give."""
+    """The FMU determines the model. Items of enumerations are in the structure, under the name connectors give."""
     read = read_variant(archive, "jammed")
     actuator = get(MODEL)
     assert {(fin, c.name, c.kind, c.type) for (fin, _), c in read.connectors.items()} == {
@@ -127,7 +127,7 @@ def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
 
 @pytest.mark.parametrize("host", hosts.HOSTS)
 def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> None:
-    """In a process of its own: Ecos and libcosim do not end well in this one after others."""
+    """In a separate process: Ecos and libcosim do not end well in this one after others."""
     program = ("import sys; from pathlib import Path; from examples.ssp_hosts import hosts\n"
                "from emcas_fmu.ssp.archive import SspError\n"
                f"try:\n  system = hosts.open(Path({str(archive)!r}), {host!r})\n"

@@ -1,4 +1,4 @@
-"""The two rigs: friction is what their readings say, and the load is what is asked for."""
+"""The two rigs: friction equals their readings, and the load is the commanded one."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_slow_sweeps_read_coulomb_friction_at_both_temperatures(direction: int) 
     {"deviation.kinematics.moment_arm": 0.05},
     {"deviation.screw.lead": -0.04, "deviation.kinematics.initial_angle": radians(3.0)}])
 def test_the_lever_as_built_changes_no_reading_at_the_screw(deviations: Mapping[str, float]) -> None:
-    """Friction is the screw's, and the rig is on it: whatever lever is behind."""
+    """Friction is the screw's, and the rig is on it, with any lever behind."""
     values = load_parameters().with_values(deviations).values
     sweep = friction_rig.sweep(values, 25, WARM)
     fin = sweep.fin_angle[sweep.steady[1]]

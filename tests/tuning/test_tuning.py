@@ -1,4 +1,4 @@
-"""`emcas tune`: what is measured, the search, its journal, and what a user is told."""
+"""`emcas tune`: measurements, the search, its journal, and messages to the user."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_a_slew_is_loaded_both_ways() -> None:
 
 
 def test_bandwidth_of_small_sines_is_that_of_the_swept_response() -> None:
-    """Bisected sines against the sweep of the validation, which states 1.5 % of its own."""
+    """Bisected sines against the sweep of the validation, which states an error of 1.5 %."""
     from emcas_fmu.bench.frequency_response import frequency_response
     from emcas_fmu.reference.cases import CASES
 
@@ -227,7 +227,7 @@ def test_mistakes_in_a_study_are_named(tmp_path: Path, old: str, new: str, said:
 
 @pytest.mark.parametrize("odd", ODD, ids=str)
 def test_what_is_of_another_kind_is_refused_or_used(tmp_path: Path, odd: str) -> None:
-    """Never a traceback, wherever it stands."""
+    """Never a traceback, at any position."""
     path = tmp_path / "odd.toml"
     for text in replaced(SMALL % "20 ms", odd):
         path.write_text(text, encoding="utf-8")

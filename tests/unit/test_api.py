@@ -50,7 +50,7 @@ def test_import_is_light() -> None:
 @pytest.mark.parametrize("command", [0.1, "0.1 rad", lambda t: 0.1, np.full(101, 0.1), [0.1] * 101],
                          ids=["number", "text", "function", "array", "list"])
 def test_inputs(command: float | str) -> None:
-    """However an input is given, the outputs are those of the kernel, to the bit."""
+    """For every form of an input the outputs are those of the kernel, to the bit."""
     response = simulate(BASE, fin_command=command, stop="100 ms")
     expected = of_kernel(BASE.values, 0.1, fin_command=0.1)
     for name, column in expected.items():

@@ -1,4 +1,4 @@
-"""Wrong arguments of the Python interface: an EmcasError of one line that names the argument, whatever is given."""
+"""Wrong arguments of the Python interface: an EmcasError of one line that names the argument, for any value."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def test_parameters_by_column() -> None:
 
 
 @pytest.mark.parametrize(("given", "options", "said"), [
-    ([], {}, "pass one parameter set"), ([BASE, BASE], {"count": 3}, "count = 3 goes with one"),
+    ([], {}, "pass one parameter set"), ([BASE, BASE], {"count": 3}, "count = 3 needs exactly one"),
     (BASE, {"count": 0}, "a whole number from 1 to"), (BASE, {"count": 2.0}, "count = 2.0: expected a whole number"),
     (BASE, {"threads": 0}, "threads = 0"),
     (BASE, {"count": 2, "varied": {"friction.temp": 1.0}}, "no parameter friction"),

@@ -139,7 +139,7 @@ def test_messages_are_no_markup(tmp_path: Path) -> None:
 
 
 def test_references_of_ones_own_parameters(tmp_path: Path) -> None:
-    """A user's actuator is judged against references made for it, and told so where it is not."""
+    """A user's actuator is judged against references made for it; a message says if it is not."""
     file, fmu, folder = tmp_path / "mine.toml", tmp_path / "Mine.fmu", tmp_path / "references"
     file.write_text('[kinematics]\nmoment_arm = "45 mm"\n', encoding="utf-8")
     assert emcas("build", "-p", str(file), "-o", str(fmu)).exit_code == 0
@@ -221,7 +221,7 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     (("--step", "5 N"), "--step 5 N: the unit N does not measure"),
     (("--step", "1", "--interval", "1"), "steps of 1 s"), (("--step", "1", "--interval", "1e-12"), "steps of"),
     (("--step", "1", "--interval", "0.3"), "no whole number of steps"),
-    (("--step", "1", "--stop", "0.02"), "before that"), (("--case", "step", "--torque", "1"), "goes with --step")])
+    (("--step", "1", "--stop", "0.02"), "before that"), (("--case", "step", "--torque", "1"), "belongs to --step")])
 def test_simulate_refuses(arguments: tuple[str, ...], said: str) -> None:
     refused = emcas("simulate", *arguments)
     assert refused.exit_code == 2
@@ -255,7 +255,7 @@ def test_two_outputs_are_two_files(tmp_path: Path) -> None:
 
 
 def test_fit_is_of_the_nonlinear_actuator(tmp_path: Path) -> None:
-    """Another model, or the parameters of one, is told in a line; a slip in a name is told as ever."""
+    """Another model, or its parameters, cause one line; a misspelt name is reported as usual."""
     own, slip = tmp_path / "own.toml", tmp_path / "slip.toml"
     own.write_text('motor.resistance = "1 Ohm"\nspring.rate = "4 N/m"\nspring.preload = "1 N"\n', encoding="utf-8")
     slip.write_text('motor.resistence = "1 Ohm"\n', encoding="utf-8")

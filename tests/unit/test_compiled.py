@@ -262,7 +262,7 @@ def test_the_next_compiler_is_tried(uncached: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Python computes it, until more is asked for, by whichever way; or where the kernel is there."""
+    """Python computes it, until a longer run is requested; or if the kernel is there."""
     monkeypatch.setattr(library, "_steps", defaultdict(float))
     values = load_parameters(model=SMALL).values
     runs = [simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1)]
@@ -287,7 +287,7 @@ def test_what_has_been_compiled_is_looked_for_before_that(lanes: int, enough: in
 
 
 def test_runs_of_one_set_count_each(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether compiling is worth it is asked for all their points, at the inputs' rows and between."""
+    """Whether compiling saves time is decided by all their points, at the inputs' rows and between."""
     asked = list[float]()
     monkeypatch.setattr(library, "worth", lambda _, steps: asked.append(steps))
     values = load_parameters(model=SMALL).values

@@ -78,7 +78,7 @@ def test_problems_within_the_listed_ones_are_all_there() -> None:
                                      [str(ROOT / "build_fmu.py")]], ids=["parameters", "report", "build"])
 @pytest.mark.parametrize("epoch", ["abc", "1e99", "9" * 30])
 def test_source_date_epoch(program: list[str], epoch: str, tmp_path: Path) -> None:
-    """In a process of its own: NumPy reads it where a part of it is first imported."""
+    """In a separate process: NumPy reads it where a part of it is first imported."""
     done = subprocess.run([sys.executable, *program], env={**os.environ, "SOURCE_DATE_EPOCH": epoch}, cwd=tmp_path,
                           capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr

@@ -1,4 +1,4 @@
-"""Warnings of values that contradict one another, each by itself; none of what is shipped."""
+"""Warnings of values that contradict one another, one at a time; none for the shipped sets."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def test_no_named_set_warns(name: str) -> None:
     ({"inertia.motor": 1.5e-2}, ""),
     ({"inertia.fin": 113.0}, "check the units of inertia"),  # (l/d)^2 113 kg.m2 is 100.3 times 2.855e-4 kg.m2
     ({"inertia.fin": 112.0}, ""),
-    ({"drive.current_limit": 3.7}, "takes over half"),  # 0.205 N.m of 0.407 N.m
+    ({"drive.current_limit": 3.7}, "is over half"),  # 0.205 N.m of 0.407 N.m
     ({"drive.current_limit": 3.8}, ""),
-    ({"friction.fin_coulomb": 200.0}, "takes over half"),  # 200 N.m l/d = 3.18 N.m, and 0.205 N.m, of 6.6 N.m
+    ({"friction.fin_coulomb": 200.0}, "is over half"),  # 200 N.m l/d = 3.18 N.m, and 0.205 N.m, of 6.6 N.m
     ({"friction.fin_coulomb": 190.0}, ""),
     ({"drive.current_limit": 82.0}, "is never reached"),  # of 81.9 A
     ({"encoder.pulses": 7}, "deg of the fin"),  # 360 deg/28 l/d = 0.2046 deg of 0.2 deg
@@ -56,7 +56,7 @@ def test_no_named_set_warns(name: str) -> None:
     ({"encoder.pulses": 450, "encoder.on_fin": True}, ""),
     ({"encoder.pulses": 440, "encoder.on_fin": True}, "deg of the fin"),  # 0.2045 deg
     ({"controller.velocity.kp": 0.074}, ""),
-    ({"controller.velocity.kp": 0.0753}, "take 60.7 deg of phase"),  # 60 deg at 0.07444 of 131.4 rad/s at 0.0439
+    ({"controller.velocity.kp": 0.0753}, "cost 60.7 deg of phase"),  # 60 deg at 0.07444 of 131.4 rad/s at 0.0439
     ({"drive.transport_delay": 7.1e-3}, "will ring"),
     ({"motor.inductance": 0.045}, ""),
     ({"motor.inductance": 0.047}, "motor.inductance = 0.047 H"),  # 30 times 0.25 Ohm times 6.219 ms is 46.6 mH

@@ -63,7 +63,7 @@ def test_places_in_time_of_a_stored_state(model: str) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_state_stored_anywhere_goes_on(model: str) -> None:
-    """It is sound when it was stored, and from there all goes on to the bit, whatever was done in between."""
+    """A stored state is sound, and the run continues from it to the bit, after any calls in between."""
     core, inputs, values = at_rest(model)
     inputs, other = (0.1, *inputs[1:]), (-0.2, 30.0, *inputs[2:])
     for now in (0.3e-3, 1.0e-3, 1.9e-3, 5.0e-3, 5.01e-3, 7.77e-3):

@@ -1,4 +1,4 @@
-"""Parameter sets by name: those shipped, and what a name that is none is told."""
+"""Parameter sets by name: the shipped ones, and the message for an unknown name."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def takers(*names: str) -> list[tuple[str, ...]]:
 
 
 def given(words: tuple[str, ...], *arguments: str) -> dict[str, Any]:
-    """What a command is given, without carrying it out."""
+    """Arguments of a command, without executing it."""
     seen: dict[str, Any] = {}
     with patch.object(COMMANDS[words], "callback", lambda **values: seen.update(values)):
         done = ClickRunner().invoke(COMMANDS[words], arguments)

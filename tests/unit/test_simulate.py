@@ -104,7 +104,7 @@ def test_what_is_refused() -> None:
     unknown: dict[str, Any] = {"fin[3].fin_command": 0.1}
     with pytest.raises(TypeError, match=r"no input 'fin\[3\].fin_command'"):
         simulate_fins([good, good], 0.01, **unknown)
-    for arguments, said in ((("--fin", "2=a.toml"), "goes with --fins"), (("--fins", "9"), "1 to 8 fins"),
+    for arguments, said in ((("--fin", "2=a.toml"), "needs --fins"), (("--fins", "9"), "1 to 8 fins"),
                             (("--fins", "2", "--kernel", "compiled"), "computed in Python here"),
                             (("--fins", "2", "--model", "second-order", "--set", "bus.source_resistance=0.02"),
                              "second-order has no supply"),
@@ -112,7 +112,7 @@ def test_what_is_refused() -> None:
                             (("--fins", "2", "--set", "fin[2].motor.resistence=1"), "did you mean motor.resistance"),
                             (("--set", "aero_torque=3"), "is set by Step to +5 deg already"),
                             (("--set", "enable=5"), "expected true or false"),
-                            (("--set", "bus.source_resistance=0.1"), "goes with --fins"),
+                            (("--set", "bus.source_resistance=0.1"), "needs --fins"),
                             (("--fins", "4", "--set", "fin[7].motor.resistance=1"), "fins are 1 to 4"),
                             (("--set", "fault.jam.begin=1"), "--model nonlinear+faults"),
                             (("--fins", "2", "--set", "bus.source_resistance=2"), "within 0 .. 1 Ohm")):
@@ -137,7 +137,7 @@ def test_four_fins_by_the_command(tmp_path: Path) -> None:
     asked = [each["fin_angle_final_deg"] + each["tracking_error_final_deg"] for each in found["fins"]]
     assert asked == pytest.approx([4.0, 5.0, 6.0, 5.0], abs=1e-9)  # rounding
     assert found["fins"][1]["peak_current_a"] != found["fins"][3]["peak_current_a"]
-    # Judged by the command as mixed: the error of a fin that follows is no degree.
+    # Judged by the command as mixed: the error of a fin that follows is below a degree.
     assert all(abs(each["steady_error_deg"]) < 0.5 for each in found["fins"])
     assert found["bus"]["lowest_bus_voltage_v"] < 38.9
 

@@ -92,7 +92,7 @@ def test_an_interrupt_while_reading_discards_the_next_step(slave: Any, monkeypat
 
 
 def test_a_host_that_reads_a_boolean_as_a_real_steps_on(slave: Any) -> None:
-    """As one does that reads every output as a Real: it is told, and gets no number it could take for one."""
+    """As a host that reads every output as a Real: a message, and no number that looks valid."""
     slave.set_real([INDEX["fin_command"]], [0.1])
     for k in range(20):
         angle, saturated = slave.get_real([INDEX["fin_angle"], INDEX["saturated"]])
@@ -138,7 +138,7 @@ def test_calls_out_of_order_are_misuse(slave: Any) -> None:
 
 
 def test_a_clock_that_runs_back_does_not_move_the_trajectory(slave: Any) -> None:
-    """Within the tolerance of 1 us a step may begin and even end before where the slave stands."""
+    """Within the tolerance of 1 us a step may begin and even end before the slave's time."""
     slave.set_real([INDEX["fin_command"]], [0.2])
     for k in range(20):
         assert slave.do_step(k * 1e-3, 1e-3)

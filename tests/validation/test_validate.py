@@ -149,7 +149,7 @@ def test_command_writes_all_files_and_says_what_failed(fmu: Path, tmp_path: Path
 
 
 def test_another_parameter_fails_by_the_defaults_references(tmp_path: Path) -> None:
-    """Compared with them where asked for, and otherwise not: they are not its own."""
+    """Compared with them if requested, otherwise not: they belong to other parameters."""
     defaults = load_parameters()
     # 2 % of torque constant: some 0.1 ms of a 25 ms rise, at 60 deg/s several times the 0.002 deg allowed.
     changed = defaults.with_values({"motor.torque_constant": 1.02 * float(defaults.values["motor.torque_constant"])})
@@ -221,7 +221,7 @@ def truncated(folder: Path) -> None:
 
 
 def changed(name: str, pattern: str, replacement: str) -> Callable[[Path], None]:
-    """Return what puts something else into a file, and its hash into the provenance: what says so is no hash."""
+    """Return a function that changes a file and its hash in the provenance, so that the hash agrees."""
     def change(folder: Path) -> None:
         path, provenance = folder / name, folder / "provenance.toml"
         before = path.read_text(encoding="utf-8")

@@ -76,7 +76,7 @@ _AMPLIFIERS = Group(fin_port.described({
     "drive.kp": "proportional gain of the coils' amplifiers",
 }, (*groups.CURRENT_GAIN.parameters, *groups.CURRENT_LIMIT.parameters, groups.KP)))
 FAULTS = (
-    *clutches.faults("the motor goes on turning in its clutches",
+    *clutches.faults("the motor keeps turning in its clutches",
                      ("coil.connected_1", "the clutch that turns the screw with the motor"),
                      ("clutch.share_1", "clutch.share_2")),
     PlantFault("both_engaged", "both clutches are engaged", lambda ops, p, amounts: {
@@ -252,7 +252,7 @@ ACTUATOR = Actuator(
     encoder=("screw_angle", "screw_speed"),
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER),
     descriptions={**interface.INPUT_DESCRIPTIONS,
-                  "enable": "false: both clutches are open, and the motor goes on turning"},
+                  "enable": "false: both clutches are open, and the motor keeps turning"},
     faults=FAULTS,
     equal_parameters=interface.EQUAL,
     as_built=as_built,

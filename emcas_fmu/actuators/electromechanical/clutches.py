@@ -64,7 +64,7 @@ def connected(name: str, which: str) -> Variable:
 def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tuple[PlantFault, ...]:
     """Return the faults of all actuators with clutches.
 
-    `jammed` says what the motor does behind a blocked screw; `opened` is the parameter that an open coil sets to 0,
+    `jammed` describes the motor behind a blocked screw; `opened` is the parameter that an open coil sets to 0,
     with the clutch of that coil; `shares` are the parameters of the clutches' torque.
     """
     def shorted(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
@@ -77,7 +77,7 @@ def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tup
             "friction.fin_coulomb": _BLOCKED}),
         PlantFault("drag", "an open clutch drags", lambda ops, p, amounts: {"clutch.residual": amounts.share}, (
             tunable("share", "1", 0.0, 0.9, "of the rated torque that is left without current"),)),
-        PlantFault.scaling("powder_loss", "friction surfaces are worn, or powder is lost, for good",
+        PlantFault.scaling("powder_loss", "friction surfaces are permanently worn, or powder is lost",
                            tunable("share", "1", 0.0, 1.0, "of the torque that is left"), *shares, lasting=True),
         PlantFault("coil_open", f"the coil of {opened[1]} is open: its residual torque is left",
                    lambda ops, p, amounts: {opened[0]: 0.0}),
@@ -87,7 +87,7 @@ def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tup
             "clutch.temperature_coefficient": -amounts.slope,
             "clutch.heat_capacity": amounts.capacity * p.clutch.heat_capacity}, (
                 tunable("slope", "1/K", 0.0, 0.1, "relative fall of the torque with temperature"),
-                tunable("capacity", "1", 0.01, 1.0, "of the heat capacity that takes the heat"))),
+                tunable("capacity", "1", 0.01, 1.0, "of the heat capacity that is effective"))),
     )
 
 

@@ -179,7 +179,7 @@ CURRENT_GAIN = Group((
               sheet="drive: scale of the analogue command, A/V"),))
 CURRENT_LIMIT = Group((
     parameter("drive.current_limit", "A", 1e-3, 1e4, "largest current reference",
-              sheet="drive: peak current, or that of what it feeds where that is less"),
+              sheet="drive: peak current, or that of its load if that is less"),
     parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference")),
     provides=frozenset({capabilities.CURRENT_LIMIT}), absent={"drive.current_limit": inf, "drive.current_offset": 0.0})
 KP = parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",

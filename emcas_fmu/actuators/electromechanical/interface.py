@@ -39,7 +39,7 @@ INPUT_DESCRIPTIONS = {
                       "counts from",
     "angular_acceleration.x":
         "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.screw it "
-        "takes from the motor's torque, whose positive angle is right-handed about body x",
+        "reduces the motor's torque, whose positive angle is right-handed about body x",
     "enable": "false opens the drive's bridge: the fin is driven by loads and friction only",
 }
 

@@ -94,7 +94,7 @@ def velocity_rule(inertia: Callable[[Any], Value]) -> Rule:
 
     return Rule(check, "the velocity loop crosses over at about %.6g rad/s (controller.velocity.kp times "
                        "drive.current_gain times motor.torque_constant over the inertia), where drive.transport_delay "
-                       "and controller.sample_time, %.6g s together, take %.3g deg of phase, over "
+                       "and controller.sample_time, %.6g s together, cost %.3g deg of phase, over "
                        f"{degrees(MOST_LAG):.3g}: it will ring or be unstable; tune the gains (emcas tune)",
                 warning=True)
 
@@ -108,7 +108,7 @@ INERTIA_RULE = Rule(
               f"{MOST_LOAD:g} times, or under 1/{MOST_ROTOR:g}; check the units of inertia.* (1 g.cm2 is 1e-7 kg.m2) "
               "and the reduction", warning=True)
 FRICTION_RULE = Rule(
-    _friction, "dry friction at the motor, %.6g N.m at fin angle 0, takes over half of motor.torque_constant times "
+    _friction, "dry friction at the motor, %.6g N.m at fin angle 0, is over half of motor.torque_constant times "
                "drive.current_limit = %.6g N.m: little is left for a load", warning=True)
 CURRENT_RULE = Rule(
     _reachable,
@@ -118,7 +118,7 @@ COUNT_RULE = Rule(
     _counts, f"a count of the encoder is %.6g deg of the fin, over {COARSEST_COUNT:g} of command.limit = %.6g deg: "
              "check encoder.pulses and encoder.multiplier", warning=True)
 JUMP_RULE = Rule(
-    _jump, "a count of the encoder in a sample is %.6g rad/s, for which controller.velocity.kp asks for %.6g A of "
+    _jump, "a count of the encoder in a sample is %.6g rad/s, for which controller.velocity.kp commands %.6g A of "
            "drive.current_limit = %.6g A: the current will be noise; more encoder.pulses, a longer "
            "controller.sample_time or less gain", warning=True)
 VELOCITY_RULE = velocity_rule(_total)

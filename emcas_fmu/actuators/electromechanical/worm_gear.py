@@ -1,4 +1,4 @@
-"""The worm-gear actuator: motor and drive of the nonlinear one, a worm and its wheel in place of screw and lever.
+"""The worm-gear actuator: motor and drive of the nonlinear one, a worm and its wheel instead of screw and lever.
 
     J_r dw/dt = T_m - C_m sgn w - b_m w - e L           theta = N fin_angle
     L = (J_f/N^2) dw/dt + (C_f/N) sgn w + b_f w/N^2 - T_f/N        e = 1/eta_f where L w > 0, else eta_b
@@ -80,9 +80,9 @@ def _dry(ops: Ops, p: Any, amounts: Any) -> Values:
 
 
 FAULTS = (
-    PlantFault.scaling("lost_lock", "vibration takes a share of the flanks' friction: a load may drive the worm",
+    PlantFault.scaling("lost_lock", "vibration reduces the flanks' friction: a load may drive the worm",
                        tunable("share", "1", 0.01, 1.0, "of the friction coefficient that is left"), "worm.friction"),
-    PlantFault("dry_flanks", "the flanks have lost their oil, for good: friction rises", _dry, (
+    PlantFault("dry_flanks", "the flanks have permanently lost their oil: friction rises", _dry, (
         tunable("factor", "1", 1.0, 3.0, "by which it rises"),), lasting=True),
 )
 
@@ -128,7 +128,7 @@ ACTUATOR = COMPOSITION.over(
     name="worm-gear",
     title="electromechanical actuator with a worm gear: constant ratio, losses of the loaded worm, self-locking",
     origin="The kind is that of section 1.1.1.3 of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical "
-           "control actuation system, M.S. thesis, METU, 2016, which gives its structure and no number of it; motor, "
+           "control actuation system, M.S. thesis, METU, 2016, which describes its structure without numbers; motor, "
            "drive and loops are those of the thesis's actuator. Numbers are engineering estimates, marked as such.",
     descriptions={
         **interface.INPUT_DESCRIPTIONS,
@@ -136,7 +136,7 @@ ACTUATOR = COMPOSITION.over(
                           "counts from",
         "angular_acceleration.x":
             "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.worm it "
-            "takes from the motor's torque, whose positive angle is right-handed about body x",
+            "reduces the motor's torque, whose positive angle is right-handed about body x",
     },
     structure=Structure(constant_ratio=True, screw_losses=True, worm=True),
     faults=FAULTS,

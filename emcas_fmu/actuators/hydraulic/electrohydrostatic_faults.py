@@ -12,7 +12,7 @@ FAULTS = (
     PlantFault.scaling("leakage", "seals of pump and piston are worn",
                        tunable("factor", "1", 1.0, 1e4, "by which leakage rises"),
                        "pump.leakage", "pump.case_leakage", "cylinder.internal_leakage"),
-    PlantFault.scaling("reservoir_loss", "the reservoir has lost its pressure, for good",
+    PlantFault.scaling("reservoir_loss", "the reservoir has permanently lost its pressure",
                        tunable("share", "1", 0.0, 1.0, "of its pressure that is left"), "reservoir.pressure",
                        lasting=True),
     PlantFault.scaling("air", "there is air in the oil", AIR, "oil.bulk_modulus"),

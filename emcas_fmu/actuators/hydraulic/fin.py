@@ -1,4 +1,4 @@
-"""The fin on its cylinder, between events: what it does under pressures, dry friction and stops."""
+"""The fin on its cylinder between events, under pressures, dry friction and stops."""
 
 from __future__ import annotations
 

@@ -252,7 +252,7 @@ class LinearActuator:
     @property
     def stable(self) -> bool:
         """Whether every mode of the closed loop decays."""
-        return decays(self._whole) or decays(self.closed)  # hidden modes need not decay; finding them takes time
+        return decays(self._whole) or decays(self.closed)  # hidden modes need not decay; finding them is slow
 
     def rational(self, order: int = 3) -> System:
         """Return a continuous rational approximation of `closed`, for tools that need one.

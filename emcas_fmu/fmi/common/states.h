@@ -67,7 +67,7 @@ static const char *unsound(const instance *m, const model_state *s)
             && (!core_finite(value) || value != floor(value) || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
             return VARIABLE[i].name; /* not an integer, or not 0 or 1 */
     }
-    if (s->phase & BEFORE_RUN) return NULL; /* the core will be started anew */
+    if (s->phase & BEFORE_RUN) return NULL; /* the core will be restarted */
     instance probe = {.host = m->host, .name = m->name};
     probe.s = *s;
     if (!all_rules_hold(&probe)) return "parameters out of their limits";

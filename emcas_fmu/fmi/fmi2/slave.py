@@ -178,7 +178,7 @@ class Slave(ReportingSlave):
         return self._acting(core)
 
     def _bind(self, anew: bool) -> Any:
-        """Bind the core to the parameters; with `anew`, before the end of initialization, start it anew."""
+        """Bind the core to the parameters; with `anew`, before the end of initialization, restart it."""
         values = self._parameter_values()
         if self._core is None or anew:
             self._core = self._made(values)
@@ -361,7 +361,7 @@ class Slave(ReportingSlave):
             problem = "text of a refusal"
         elif wrong := wrong_variable(values, self.rows):
             problem = wrong
-        elif phase in _BEFORE_RUN:  # the core will be started anew
+        elif phase in _BEFORE_RUN:  # the core will be restarted
             return start, 0.0, phase, misuse, refusal, True, values, (), None
         elif core_state is None:
             problem = "" if bound == () and (refusal or phase == "terminated") else "no core"

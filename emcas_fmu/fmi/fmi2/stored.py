@@ -1,4 +1,4 @@
-"""FMU states as bytes; reading them back gives a state of the same FMU, or the reason why the bytes are not one.
+"""FMU states as bytes; reading them returns a state of the same FMU, or the reason why the bytes are not one.
 
 Standard library only: it is embedded in the FMU.
 """

@@ -25,7 +25,7 @@ fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
     return fmi3OK;
 }
 
-/* The controller samples by itself: the clock may be activated only when it samples, to no effect. */
+/* The controller samples without it: the clock may be activated only when it samples, without effect. */
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
 {
     instance *m = c;

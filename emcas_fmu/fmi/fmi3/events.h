@@ -1,4 +1,4 @@
-/* Steps that end at events: a discrete output changes, or a fin sticks or comes loose. A part of fmi3.c.
+/* Steps that end at events: a discrete output changes, or a fin sticks or breaks away. A part of fmi3.c.
  *
  * An event is detected at the end of a tick and then located within it by bisection, with steps from copies of the
  * state, to within the tolerance of communication points. The trajectory is that of one long step, since it does not

@@ -1,6 +1,6 @@
 /* FMI 3.0 for co-simulation around core.h.
  *
- * A variable is a scalar or an array; ARRAY (interface.h) gives the indices of its elements among the scalars of the
+ * A variable is a scalar or an array; ARRAY (interface.h) has the indices of its elements among the scalars of the
  * FMU. There is no global state that changes and no allocation while stepping.
  */
 #include <stdbool.h>

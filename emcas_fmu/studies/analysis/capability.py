@@ -39,7 +39,7 @@ _HALVINGS = 60  # of the interval of speeds, down to rounding
 class Envelope:
     """Largest motor torque [N.m], ``highest``, at speeds [rad/s]; the smallest is its mirror image.
 
-    ``prompt`` is the largest with the drive's proportional action alone; the rest takes the integral's time constant
+    ``prompt`` is the largest with the drive's proportional action alone; the rest needs the integral's time constant
     ``integral_time`` [s] (nan without an integral).
     """
 

@@ -75,7 +75,7 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
           model: str = NONLINEAR) -> list[Sweep]:
     """Return the responses to steady sines, `chosen` by amplitude [rad], mean fin angle [rad] and frequencies [Hz].
 
-    Frequencies are rounded by :func:`_whole`. All sines are simulated together; :func:`replay` takes as long for one
+    Frequencies are rounded by :func:`_whole`. All sines are simulated together; :func:`replay` needs as long for one
     as for a hundred.
     """
     period = float(values["controller.sample_time"])

@@ -161,7 +161,7 @@ def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> N
     """Raise RecordError if the records lack levels or length, or if their slopes are far from the base set's gain."""
     levels = distinct(np.concatenate([run.reference[run.used] for run in runs]), 0.05)
     require(len(levels) >= FEWEST_LEVELS and min(levels) < 0.0 < max(levels),
-            f"the reference takes {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): gain and offset "
+            f"the reference has {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): gain and offset "
             f"need at least {FEWEST_LEVELS}, of both signs")
     slopes: list[float] = []
     for run in runs:
@@ -182,7 +182,7 @@ def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> N
     slow = (values["motor.resistance"] + values["drive.kp"]) / values["drive.ki"]
     longest = max(len(r.record) * r.record.step for r in runs)
     require(longest >= _LENGTH * slow, f"the longest record lasts {longest:.3g} s, but by the base parameters the "
-            f"drive's integral takes (R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be distinguished from it. "
+            f"drive's integral needs (R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be distinguished from it. "
             f"Add a slow staircase of {_LENGTH * slow:.3g} s or more, or give base parameters whose drive.ki is nearer "
             "the truth (0: no integral)")
 
@@ -246,7 +246,7 @@ def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> list[st
         "any delay between the two channels of the logger, and counts from the first row of a new reference.",
         f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, {slow}; right after "
         f"a step {kp / (resistance + kp):.1%} of the current demanded flow.",
-        "Kp scales with motor.inductance and motor.resistance, whose own uncertainty is not included.",
+        "Kp scales with motor.inductance and motor.resistance, whose uncertainty is not included.",
     ]
     if fit.sigmas[KI] > 0.3 * abs(ki):
         lines.append("drive.ki is poorly known: hold the reference for a good part of the integral's time, slowly "

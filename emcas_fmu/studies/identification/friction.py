@@ -80,7 +80,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
                "coefficients are strongly correlated, so that each alone is less certain."
                for d, band in bands.items()),
              *(["The cold ratios are those of the base parameters, not measured."] if keep_ratios else []),
-             "All torques scale with motor.torque_constant, whose own uncertainty is not included; an offset of the "
+             "All torques scale with motor.torque_constant, whose uncertainty is not included; an offset of the "
              "current sensor goes into the Coulomb friction, with opposite signs in the two directions."]
     return Identification(EXPERIMENT, records, base, fit, parameters, notes, lambda: _drawings(sweeps, fit, values))
 

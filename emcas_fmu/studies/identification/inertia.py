@@ -1,4 +1,4 @@
-"""Total inertia at the motor from spin-ups, and what it leaves for the rotor, (2.8)-(2.17).
+"""Total inertia at the motor from spin-ups, and the rotor's part of it, (2.8)-(2.17).
 
 Steps of current accelerate the motor from rest, at several levels and in both directions. In windows of the motion,
 K_t i equals inertia times acceleration plus friction. Friction is estimated together with the inertia, not read from

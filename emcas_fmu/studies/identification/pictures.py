@@ -35,7 +35,7 @@ def _thinned(*columns: Array) -> tuple[Array, ...]:
 
 def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label: str, height: float = 3.4,
            sharey: bool = True) -> Figure:
-    """Draw panels side by side, each with a title and the points and models of its series."""
+    """Draw panels side by side, each with a title and the points and models of its series; `height` is in inches."""
     plot, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
     for axes, (title, series) in zip(grid[0], parts, strict=True):
         for color, s in zip(COLORS * 4, series):

@@ -203,7 +203,7 @@ def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) ->
 
 
 def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
-    """Return the numbers that differ by more than 15 %, or by `apart`, sorted."""
+    """Return the numbers that differ by more than 15 %, or by `apart` in the same unit, sorted."""
     levels: list[float] = []
     for number in sorted(numbers):
         if not levels or number - levels[-1] > (apart or 0.15 * abs(levels[-1])):
@@ -212,7 +212,7 @@ def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
 
 
 def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the first index of each run of True and the index after its last, of shape (runs, 2)."""
+    """Return the first index of each run of True and the index after its last [runs, 2]."""
     edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
     return edges.reshape(-1, 2)
 
