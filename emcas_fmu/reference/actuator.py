@@ -41,7 +41,7 @@ class Actuator(ABC):
 
     @abstractmethod
     def slope(self, y: State, mode: Any, around: Surroundings) -> Sequence[float]:
-        """Return the time derivative of the state in a mode."""
+        """Return d/dt of the state, in SI per s, in a mode."""
 
     def inputs(self) -> dict[str, float]:
         """Return the start value of every input, SI."""

@@ -81,7 +81,7 @@ class Clutches(Actuator):
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[COIL_1] - y[COIL_2])
 
     def outputs(self, y: State, _mode: Mode, _around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs up to the clutch's temperature."""
+        """Return the outputs in SI, up to the clutch's temperature."""
         return *y[:FLUX_1], y[TEMPERATURE]
 
     # Equations ----------------------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ class Clutches(Actuator):
         return side * self._loads(y, mode, around)[0] - self.screw.coulomb(y[FIN], side)
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return the time derivative of the state in a mode."""
+        """Return d/dt of the state, in SI per s, in a mode."""
         if 0 in mode.slip:
             rate, faster, _ = self.locked(y, mode, mode.slip.index(0), around)
         else:
@@ -163,7 +163,7 @@ class Clutches(Actuator):
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
         """Return the events that end a mode."""
         def motor_rests(y: State, _around: Surroundings) -> int:
-            raise ValueError("the motor comes to rest, which this reference does not follow")
+            raise ValueError("the motor comes to rest, which this reference does not cover")
 
         coils = zip(self.coils, self.references(around), strict=True)
         return [Event(itemgetter(MOTOR), {MOTOR: motor_rests}), *super().events(mode, around),

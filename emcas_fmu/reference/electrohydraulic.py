@@ -95,7 +95,7 @@ class Electrohydraulic(Cylinder):
         return w * w * (around.reference - y[SPOOL]) - 2.0 * damping * w * y[SPOOL_RATE]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return d/dt of the state in a mode."""
+        """Return d/dt of the state, in SI per s, in a mode."""
         rise_1, rise_2 = self.rises(y, around)
         return (y[RATE], self.turning(y, mode.fin, around), 0.0 if mode.void_1 else rise_1,
                 0.0 if mode.void_2 else rise_2, y[SPOOL_RATE], 0.0 if mode.spool else self.spool_force(y, around))

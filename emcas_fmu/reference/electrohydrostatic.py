@@ -59,7 +59,7 @@ class Electrohydrostatic(Cylinder, Driven):
                 Mode(0, 0, FREE, 0, refilled, refilled, empty, empty))
 
     def outputs(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs up to the motor's voltage."""
+        """Return the outputs in SI, up to the motor's voltage."""
         return *y[:INTEGRAL], self.drive.voltage(self.motor(y, mode, around), around)
 
     # Equations ----------------------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ class Electrohydrostatic(Cylinder, Driven):
         return p["pump.leakage"] + p["cylinder.internal_leakage"] + opening * p["bypass_valve.conductance"]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return d/dt of the state in a mode."""
+        """Return d/dt of the state, in SI per s, in a mode."""
         p, across = self.p, y[ONE] - y[TWO]
         displaced, *volumes = self.chambers(y)
         over = across - mode.relief * p["relief_valve.pressure"] if mode.relief else 0.0

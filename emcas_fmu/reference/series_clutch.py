@@ -69,7 +69,7 @@ class SeriesClutch(Driven):
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[CURRENT])
 
     def outputs(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs up to the clutch's temperature."""
+        """Return the outputs in SI, up to the clutch's temperature."""
         return *y[:INTEGRAL], self.drive.voltage(self.motor(y, mode, around), around), y[COIL], y[TEMPERATURE]
 
     # Parts --------------------------------------------------------------------------------------------------
@@ -146,7 +146,7 @@ class SeriesClutch(Driven):
         return self._accelerations(y, mode, around)[1]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return the time derivative of the state in a mode."""
+        """Return d/dt of the state, in SI per s, in a mode."""
         heat = mode.slip * self.coil.limit(y) * (y[ROTOR] - self.turning(y))
         return [y[RATE], *self._accelerations(y, mode, around), *self.electrical(y, mode, around),
                 *self.coil.slopes(y, mode, self.reference(around), around.supply), self.coil.warming(y, heat)]

@@ -36,7 +36,7 @@ def clip(value: float, limit: float) -> float:
 
 
 def sign(value: float) -> int:
-    """Return -1, 0 or 1."""
+    """Return the sign of a number: -1, 0 or 1."""
     return (value > 0.0) - (value < 0.0)
 
 

@@ -87,7 +87,7 @@ class MeshPlant(WormPlant):
         return self._worm_torque(y, mode, around, way) / (self.motor_inertia * self.teeth) if way else 0.0
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return the time derivative of the state in `mode`."""
+        """Return d/dt of the state, in SI per s, in `mode`."""
         fin = self._fin_moment(y, mode, around, mode.fin) / self.fin_inertia if mode.fin else 0.0
         return *super().slope(y, mode, around), y[5], fin
 
