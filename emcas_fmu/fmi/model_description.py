@@ -31,7 +31,7 @@ def model_description(fmi: Format, interface: FmuInterface, starts: Sequence[Any
                       about: Mapping[str, str] = MappingProxyType({}), sources: bool = False) -> Element:
     """Return the fmiModelDescription element of an interface whose variables have the start values `starts`.
 
-    `options` are attributes of its CoSimulation element, `about` its other ones. With `sources` it lists the files
+    `options` are attributes of its CoSimulation element, `about` of the root. With `sources` it lists the files
     to compile, which FMI 3.0 does elsewhere.
     """
     files = [element("SourceFiles", {}, [element("File", {"name": fmi.main})])] if sources and not fmi.arrays else []
