@@ -123,7 +123,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
             break
         try:
             if name in values:
-                raise ValueError("is given twice")
+                raise ValueError("appears twice")
             values[name] = read(name, written)
         except ValidationError as error:
             problems += [((name, *location), reason, entry) for location, reason, entry in

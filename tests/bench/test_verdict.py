@@ -454,7 +454,7 @@ def test_a_mistake_is_one_line_with_file_entry_and_remedy(mistake: tuple[str, ..
 
 def test_two_of_a_name_and_none_at_all(tmp_path: Path) -> None:
     good = f'name = "a"\n{STEP}\nfigure = "ripple"\nmaximum = "1 deg"'
-    for tables, said in (((good, good), r"mine\.toml: requirements\.a.*: is given twice"),
+    for tables, said in (((good, good), r"mine\.toml: requirements\.a.*: appears twice"),
                          ((), r"mine\.toml: .*requirements")):
         with pytest.raises(EmcasError, match=said):
             load_requirements(specified(tmp_path, *tables), load_parameters())
