@@ -75,12 +75,13 @@ def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
     """A Dask client with worker processes on this machine, for a campaign of a model. Raises CampaignError."""
     import dask
 
+    distributed = _distributed()  # which sets Dask's defaults
     library.available(model)  # compiles once, not in every worker
     # Restarted workers show in the rows, not in log lines that break the progress bar.
     with dask.config.set({"distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
                           "distributed.admin.tick.limit": "1h"}):
         try:  # at any free port, on this machine only, so that two campaigns may run at a time
-            client = _distributed().Client(
+            client = distributed.Client(
                 n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL, preload=[_UNINTERRUPTED])
         except RuntimeError as error:
