@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import degrees
 from pathlib import PurePath
 from typing import Any
@@ -147,13 +148,12 @@ def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
     for terminal in (*fin_port.TERMINALS, *actuator.terminals):
         if not several or terminal.name == "vehicle":
             yield terminal
-            continue
-        if arrays:
-            yield Terminal(terminal.name, terminal.description, tuple(map(interface.array_name, terminal.members)))
-            continue
-        for fin in range(interface.fins):
-            yield Terminal(f"{terminal.name}{fin + 1}", f"fin {fin + 1}: {terminal.description}",
-                           tuple(interface.name(member, fin) for member in terminal.members))
+        elif arrays:
+            yield replace(terminal, members=tuple(map(interface.array_name, terminal.members)))
+        else:
+            yield from (Terminal(f"{terminal.name}{fin + 1}", f"fin {fin + 1}: {terminal.description}",
+                                 tuple(interface.name(member, fin) for member in terminal.members))
+                        for fin in range(interface.fins))
     if supply := actuator.supply:
         outputs = interface.line_outputs if several else (supply.power,)
         yield Terminal(supply.line.group, supply.line.supply, (supply.input.name, *(v.name for v in outputs)))

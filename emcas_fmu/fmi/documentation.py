@@ -113,26 +113,19 @@ def _license(package: str) -> str:
     return path.read_text(encoding="utf-8") if path else f"The licence of {package}.\n"
 
 
-def _licenses(model: str, backend: str) -> dict[str, bytes]:
-    """Return licence files; license.txt, which FMI 2.0.5 prescribes in section 2.3, refers to the others."""
-    others = {
-        "python": "pythonfmu-license.txt is that of PythonFMU: of the binaries, and of pythonfmu in resources.",
-        "native": "In sources, the headers whose names begin with fmi are the FMI standard's; each has its licence."}
-    text = (f"{model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, {__license__} licence, as below.\n"
-            f"{others[backend]}\n\n{_license('emcas-fmu')}")
-    files = {"license.txt": text} | ({"pythonfmu-license.txt": _license("pythonfmu")} if backend == "python" else {})
-    return {f"documentation/licenses/{name}": content.encode() for name, content in files.items()}
-
-
 def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
               platforms: Sequence[str]) -> dict[str, bytes]:
     """Return all documentation files of an FMU with binaries for `platforms`, by archive name."""
+    others = {
+        "python": "pythonfmu-license.txt is that of PythonFMU: of the binaries, and of pythonfmu in resources.",
+        "native": "In sources, the headers whose names begin with fmi are the FMI standard's; each has its licence."}
+    texts = {
+        "index.html": _page(interface, sets, guid, backend, fmi, platforms),
+        # Prescribed by FMI 2.0.5, section 2.3; it refers to the others.
+        "licenses/license.txt": f"{interface.model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, "
+                                f"{__license__} licence, as below.\n{others[backend]}\n\n{_license('emcas-fmu')}"}
+    if backend == "python":
+        texts |= {"externalDependencies.txt": _EXTERNAL, "licenses/pythonfmu-license.txt": _license("pythonfmu")}
     picture = Path(__file__).with_name("icon.png").read_bytes()
-    external = {"documentation/externalDependencies.txt": _EXTERNAL.encode()} if backend == "python" else {}
-    return {
-        "documentation/index.html": _page(interface, sets, guid, backend, fmi, platforms).encode(),
-        **external,
-        "model.png": picture,
-        "terminalsAndIcons/icon.png": picture,
-        **_licenses(interface.model, backend),
-    }
+    return {**{f"documentation/{name}": text.encode() for name, text in texts.items()},
+            "model.png": picture, "terminalsAndIcons/icon.png": picture}

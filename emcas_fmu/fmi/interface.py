@@ -259,16 +259,9 @@ def start_values(interface: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> 
 
     `sets` are the fins' parameter values; those of the first apply to shared variables.
     """
-    parameters = {interface.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
-                  for p in interface.actuator.parameters} | dict(interface.line.values if interface.line else {})
-    keyed = {interface.name(v.name, fin): values[v.key] for fin, values in reversed(list(enumerate(sets)))
-             for v in interface.actuator.inputs if v.key is not None}
-
-    def start(v: Variable) -> Any:
-        if v.causality == "output":
-            return False if v.kind == "Boolean" else 0.0
-        if v.causality == "input":
-            return keyed.get(v.name, v.start)
-        return parameters[v.name]
-
-    return tuple(start(v) for v in interface.variables)
+    entries = {v.name: v.key or v.name for v in (*interface.actuator.inputs, *interface.actuator.parameters)
+               if v.causality == "parameter" or v.key}
+    known = {v.name: False if v.kind == "Boolean" else 0.0 for v in interface.outputs} | {
+        interface.name(name, fin): values[entry] for fin, values in reversed(list(enumerate(sets)))
+        for name, entry in entries.items()} | dict(interface.line.values if interface.line else {})
+    return tuple(known.get(v.name, v.start) for v in interface.variables)

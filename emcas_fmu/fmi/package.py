@@ -90,21 +90,20 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is no compiler.
     """
     fmi = str(fmi)
-    if fmi not in FORMATS:
-        raise BuildError(f"--fmi {fmi}: there is {' and '.join(FORMATS)}")
     backend = backend or ("python" if fmi == "2" else "native")
-    if backend not in BACKENDS:
-        raise BuildError(f"--backend {backend}: there is {' and '.join(BACKENDS)}")
-    if backend == "python" and (platforms is not None or cc is not None):
-        raise BuildError("--platform and --cc are for --backend native: the Python back end compiles nothing")
-    if clock and fmi == "2":
-        raise BuildError("--clock is for --fmi 3: FMI 2.0 has no clocks")
-    if backend == "python" and fmi != "2":
-        raise BuildError(f"--fmi {fmi} is for --backend native: the Python back end exports FMI 2.0")
+    in_python = backend == "python"
+    for refused, reason in (
+            (fmi not in FORMATS, f"--fmi {fmi}: there is {' and '.join(FORMATS)}"),
+            (backend not in BACKENDS, f"--backend {backend}: there is {' and '.join(BACKENDS)}"),
+            (in_python and (platforms is not None or cc is not None),
+             "--platform and --cc are for --backend native: the Python back end compiles nothing"),
+            (clock and fmi == "2", "--clock is for --fmi 3: FMI 2.0 has no clocks"),
+            (in_python and fmi != "2", f"--fmi {fmi} is for --backend native: the Python back end exports FMI 2.0"),
+            (fins == 1 and files, "--fin is for an FMU of several fins: add --fins")):
+        if refused:
+            raise BuildError(reason)
     output = Path(output)
     check_target(output, ".fmu", BuildError)
-    if fins == 1 and files:
-        raise BuildError("--fin is for an FMU of several fins: add --fins")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
     interface, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else FORMATS[fmi]
     contents, guid, built_for = _contents(interface, sets, backend, platforms, cc, progress, chosen)

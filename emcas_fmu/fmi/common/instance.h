@@ -106,13 +106,13 @@ static bool allowed(const instance *m, int phases, const char *function)
     return false;
 }
 
-/* Return whether a function may be called now with two arrays of `n` elements; log an error if not. */
+/* Return whether a function may be called now with two pointers to `n` elements; log an error if not. */
 static bool allowed_with(const instance *m, int phases, size_t n, const void *first, const void *second,
                          const char *function)
 {
     if (!allowed(m, phases, function)) return false;
     if (n == 0 || (first && second)) return true;
-    report(m, FMI(Error), "%s: an array is missing", function);
+    report(m, FMI(Error), "%s: an argument is missing", function);
     return false;
 }
 

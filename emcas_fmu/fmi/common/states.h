@@ -84,8 +84,7 @@ static const char *unsound(const instance *m, const model_state *s)
 FMI(Status) FMI(GetFMUState)(void *c, void **state)
 {
     instance *m = c;
-    if (!allowed(m, ANY_PHASE, __func__)) return FMI(Error);
-    if (!state) return report(m, FMI(Error), "%s: the pointer for the result is NULL", __func__);
+    if (!allowed_with(m, ANY_PHASE, 1, state, state, __func__)) return FMI(Error);
     if (!*state) *state = allocate(&m->host, sizeof(model_state));
     if (!*state) return report(m, FMI(Error), "%s: no memory", __func__);
     memcpy(*state, &m->s, sizeof m->s);
@@ -96,8 +95,7 @@ FMI(Status) FMI(SetFMUState)(void *c, void *state)
 {
     instance *m = c;
     const model_state *s = state;
-    if (!allowed(m, ANY_PHASE, __func__)) return FMI(Error);
-    if (!s) return report(m, FMI(Error), "%s: the state is NULL", __func__);
+    if (!allowed_with(m, ANY_PHASE, 1, s, s, __func__)) return FMI(Error);
     if (memcmp(m->s.values + PARAMETER_BEGIN, s->values + PARAMETER_BEGIN,
                (FMU_VARIABLES - PARAMETER_BEGIN) * sizeof(double)) != 0)
         m->unprepared = 1;
@@ -120,16 +118,14 @@ FMI(Status) FMI(FreeFMUState)(void *c, void **state)
 
 FMI(Status) FMI(SerializedFMUStateSize)(void *c, void *state, size_t *size)
 {
-    if (!allowed(c, ANY_PHASE, __func__)) return FMI(Error);
-    if (!state || !size) return report(c, FMI(Error), "%s: argument missing", __func__);
+    if (!allowed_with(c, ANY_PHASE, 1, state, size, __func__)) return FMI(Error);
     *size = sizeof(state_head) + sizeof(model_state);
     return FMI(OK);
 }
 
 FMI(Status) FMI(SerializeFMUState)(void *c, void *state, FMI(Byte) bytes[], size_t size)
 {
-    if (!allowed(c, ANY_PHASE, __func__)) return FMI(Error);
-    if (!state || !bytes) return report(c, FMI(Error), "%s: argument missing", __func__);
+    if (!allowed_with(c, ANY_PHASE, 1, state, bytes, __func__)) return FMI(Error);
     if (size < sizeof(state_head) + sizeof(model_state))
         return report(c, FMI(Error), "%s: %lu bytes are too few", __func__, (unsigned long)size);
     state_head head = {.magic = MODEL_STATE, .check = checksum(state, sizeof(model_state))};
@@ -143,8 +139,7 @@ FMI(Status) FMI(DeserializeFMUState)(void *c, const FMI(Byte) bytes[], size_t si
     const state_head expected = {.magic = MODEL_STATE};
     instance *m = c;
     state_head head;
-    if (!allowed(m, ANY_PHASE, __func__)) return FMI(Error);
-    if (!bytes || !state) return report(m, FMI(Error), "%s: argument missing", __func__);
+    if (!allowed_with(m, ANY_PHASE, 1, bytes, state, __func__)) return FMI(Error);
     if (size != sizeof head + sizeof(model_state))
         return report(m, FMI(Error), "FMU state refused: it has %lu bytes, not %lu", (unsigned long)size,
                       (unsigned long)(sizeof head + sizeof(model_state)));

@@ -172,8 +172,7 @@ UNSUPPORTED(CancelStep, ANY_PHASE, 1, "steps are not asynchronous", (fmi2Compone
     fmi2Status fmi2Get##Name(fmi2Component c, const fmi2StatusKind kind, fmi2##type *value)                      \
     {                                                                                                           \
         const instance *m = c;                                                                                  \
-        if (!allowed(m, RUNNING | TERMINATED, __func__)) return fmi2Error;                                      \
-        if (!value) return report(m, fmi2Error, "%s: the pointer for the result is NULL", __func__);            \
+        if (!allowed_with(m, RUNNING | TERMINATED, 1, value, value, __func__)) return fmi2Error;                \
         if ((int)kind != available)                                                                             \
             return report(m, fmi2Discard, "%s: status kind %d is not available", __func__, (int)kind);          \
         *value = found;                                                                                         \

@@ -131,7 +131,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 size, fmi3Bo
     bool event = false;
     if (!allowed(m, RUNNING, __func__)) return fmi3Error;
     if (!event_needed || !terminate_simulation || !early_return || !reached)
-        return report(m, fmi3Error, "%s: argument missing", __func__);
+        return report(m, fmi3Error, "%s: an argument is missing", __func__);
     if (step_end(m, time, size, &end) != fmi3OK) return fmi3Error;
     if (m->event_mode && !m->s.fresh) refresh(m);
     const double requested = end;
@@ -151,7 +151,7 @@ fmi3Status fmi3EnterEventMode(fmi3Instance c)
     instance *m = c;
     if (!allowed(m, RUNNING, __func__)) return fmi3Error;
     if (!m->event_mode)
-        return report(m, fmi3Error, "fmi3EnterEventMode: the instance was created without event mode");
+        return report(m, fmi3Error, "%s: the instance was created without event mode", __func__);
     m->s.phase = HANDLING_EVENT;
     return fmi3OK;
 }
@@ -172,7 +172,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *more, fmi3Boole
     instance *m = c;
     if (!allowed(m, HANDLING_EVENT, __func__)) return fmi3Error;
     if (!more || !terminate_simulation || !nominals_changed || !states_changed || !timed || !next_time)
-        return report(m, fmi3Error, "%s: argument missing", __func__);
+        return report(m, fmi3Error, "%s: an argument is missing", __func__);
     *more = *terminate_simulation = *nominals_changed = *states_changed = *timed = false;
     *next_time = 0.0;
     m->ticks = false;
