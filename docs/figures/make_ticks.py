@@ -45,7 +45,7 @@ class Runs:
             rows = len(next(iter(self.columns.values())))
             yield (default.with_values({**default.having(exact), **self.changes}),
                    {"time": np.arange(rows) * 1e-3, **self.columns})
-        there = {case.name: case for case in files.cases(default)}
+        there = {case.name: case for case in files.cases(default.model, default.values)}
         for case in (there[name] for name in self.cases):
             yield default.with_values({**case.overrides, **self.changes}), case.inputs()
 

@@ -36,7 +36,7 @@ class Actuator(ABC):
         """Return the controllers at the start, which compute with the `nominal` actuator."""
 
     @abstractmethod
-    def outputs(self, y: State, mode: Any, around: Surroundings) -> Sequence[float]:
+    def outputs(self, y: State, around: Surroundings) -> Sequence[float]:
         """Return the outputs of a state."""
 
     @abstractmethod

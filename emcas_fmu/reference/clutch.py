@@ -80,7 +80,7 @@ class Clutches(Actuator):
         loops = Controllers(self.screw, nominal.screw)
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[COIL_1] - y[COIL_2])
 
-    def outputs(self, y: State, _mode: Mode, _around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: State, _around: Surroundings) -> tuple[float, ...]:
         """Return the outputs in SI, up to the clutch's temperature."""
         return *y[:FLUX_1], y[TEMPERATURE]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from .actuator import Actuator
@@ -32,108 +32,9 @@ class Motor(NamedTuple):
     acceleration: float = 0.0
 
 
-class Drive:
-    """Winding and drive of a motor whose speed is a function of some state."""
-
-    def __init__(self, p: Mapping[str, float]):
-        self.torque_constant, self.emf_constant = p["motor.torque_constant"], p["motor.back_emf_constant"]
-        self.resistance, self.inductance = p["motor.resistance"], p["motor.inductance"]
-        self.kp, self.ki = p["drive.kp"], p["drive.ki"]
-        self.electrical_inductance = p["motor.pole_pairs"] * self.inductance  # V.s/(rad.A), over speed and current
-
-    def demand(self, m: Motor, around: Surroundings) -> float:
-        """Return the output of the current controller [V] before the limit."""
-        return self.kp * (around.reference - m.current) + m.integral
-
-    def limit(self, m: Motor, around: Surroundings) -> float:
-        """Return the largest voltage along the back-EMF [V]: the supply's, less n w L i across it as phasors add."""
-        across = self.electrical_inductance * m.speed * m.current
-        return math.sqrt(max(around.supply**2 - across**2, 0.0))
-
-    def voltage(self, m: Motor, around: Surroundings) -> float:
-        """Return the motor terminal voltage [V]; the back-EMF while the bridge is open."""
-        if not around.enable:
-            return self.emf_constant * m.speed
-        return clip(self.demand(m, around), self.limit(m, around))
-
-    def slopes(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
-        """Return di/dt [A/s] and dxi/dt [V/s] in a mode."""
-        if mode == OPEN:
-            return 0.0, 0.0
-        if mode == FREE:
-            return self._current_slope(m, self.demand(m, around)), self.ki * (around.reference - m.current)
-        current_slope = self._current_slope(m, math.copysign(self.limit(m, around), mode))
-        if abs(mode) != ON_LIMIT:
-            return current_slope, 0.0
-        side = 1 if mode > 0 else -1  # xi keeps the demand exactly on the limit
-        return current_slope, self.kp * current_slope + side * self._limit_slope(m, current_slope, around)
-
-    def _current_slope(self, m: Motor, voltage: float) -> float:
-        return (voltage - self.resistance * m.current - self.emf_constant * m.speed) / self.inductance
-
-    def _limit_slope(self, m: Motor, current_slope: float, around: Surroundings) -> float:
-        """Return the limit's time derivative [V/s]."""
-        limit = self.limit(m, around)
-        if limit == 0.0 or self.electrical_inductance == 0.0:
-            return 0.0
-        across_slope = m.acceleration * m.current + m.speed * current_slope
-        return -self.electrical_inductance**2 * m.speed * m.current * across_slope / limit
-
-    # Modes ------------------------------------------------------------------------------------------------
-
-    def _held_slope(self, m: Motor, around: Surroundings, side: int) -> float:
-        """Return how fast [V/s] the demand leaves the limit on `side` while the voltage is clipped and xi is held."""
-        current_slope, _ = self.slopes(m, side, around)
-        return -side * self.kp * current_slope - self._limit_slope(m, current_slope, around)
-
-    def _free_slope(self, m: Motor, around: Surroundings, side: int) -> float:
-        """Return the same while xi moves."""
-        return self._held_slope(m, around, side) + side * self.ki * (around.reference - m.current)
-
-    def mode_on_limit(self, m: Motor, around: Surroundings, side: int) -> int:
-        """Return the mode that follows where the demand has reached the limit on `side`.
-
-        Clipped, xi is held and the demand moves with the current alone; free, xi moves too. If the first moves the
-        demand back inside and the second moves it outside, neither can last: the drive slides along the limit.
-        """
-        if self._held_slope(m, around, side) >= 0.0:
-            return side
-        return FREE if self._free_slope(m, around, side) <= 0.0 else side * ON_LIMIT
-
-    def admit(self, m: Motor, around: Surroundings) -> int:
-        """Return the mode after the surroundings have jumped."""
-        if not around.enable:
-            return OPEN
-        demand, limit = self.demand(m, around), self.limit(m, around)
-        side = 1 if demand >= 0.0 else -1
-        if abs(abs(demand) - limit) <= EDGE:
-            return self.mode_on_limit(m, around, side)
-        return side if abs(demand) > limit else FREE
-
-    def events(self, mode: int, around: Surroundings, motor: Callable[[State], Motor]) -> list[Event]:
-        """Return the events that end a mode, of a motor that follows from the state."""
-        def beyond(y: State, side: int) -> float:
-            m = motor(y)
-            return side * self.demand(m, around) - self.limit(m, around)
-
-        def reached(side: int) -> Changes:
-            return {"drive": lambda y, _: self.mode_on_limit(motor(y), around, side)}
-
-        if mode == OPEN:
-            return []
-        if mode == FREE:
-            return [Event(lambda y: -beyond(y, 1), reached(1)), Event(lambda y: -beyond(y, -1), reached(-1))]
-        side = 1 if mode > 0 else -1
-        if abs(mode) != ON_LIMIT:
-            return [Event(lambda y: beyond(y, side), reached(side))]
-        return [Event(lambda y: -self._held_slope(motor(y), around, side), {"drive": side}),
-                Event(lambda y: self._free_slope(motor(y), around, side), {"drive": FREE})]
-
-
 class Driven(Actuator):
     """An actuator whose motor has a drive: its mode has the field `drive`, its state current [A] and integral [V]."""
 
-    drive: Drive
     current: int
     """Index of the motor's current; that of the drive's integral is the next."""
 
@@ -147,12 +48,86 @@ class Driven(Actuator):
 
     def motor(self, y: State, mode: Any, around: Surroundings) -> Motor:
         """Return speed, current, drive integral and acceleration of the motor."""
-        faster = self.acceleration(y, mode, around) if self.drive.electrical_inductance else 0.0
+        faster = self.acceleration(y, mode, around) if self.p["motor.pole_pairs"] else 0.0
         return Motor(self.speed(y), y[self.current], y[self.current + 1], faster)
 
-    def electrical(self, y: State, mode: Any, around: Surroundings) -> tuple[float, float]:
-        """Return the time derivatives of current [A/s] and drive integral [V/s]."""
-        return self.drive.slopes(self.motor(y, mode, around), mode.drive, around)
+    # Voltage and current ------------------------------------------------------------------------------------
+
+    def demand(self, m: Motor, around: Surroundings) -> float:
+        """Return the output of the current controller [V] before the limit."""
+        return self.p["drive.kp"] * (around.reference - m.current) + m.integral
+
+    def _across(self) -> float:
+        """Return the voltage across the inductance, n w L i, over speed and current [V.s/(rad.A)]."""
+        return self.p["motor.pole_pairs"] * self.p["motor.inductance"]
+
+    def limit(self, m: Motor, around: Surroundings) -> float:
+        """Return the largest voltage along the back-EMF [V]: the supply's, less n w L i across it as phasors add."""
+        across = self._across() * m.speed * m.current
+        return math.sqrt(max(around.supply**2 - across**2, 0.0))
+
+    def voltage(self, y: State, around: Surroundings) -> float:
+        """Return the motor terminal voltage [V]; the back-EMF while the bridge is open."""
+        m = Motor(self.speed(y), y[self.current], y[self.current + 1])
+        if not around.enable:
+            return self.p["motor.back_emf_constant"] * m.speed
+        return clip(self.demand(m, around), self.limit(m, around))
+
+    def electrical(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
+        """Return di/dt [A/s] and dxi/dt [V/s] in a mode of the drive."""
+        if mode == OPEN:
+            return 0.0, 0.0
+        if mode == FREE:
+            return self._rise(m, self.demand(m, around)), self.p["drive.ki"] * (around.reference - m.current)
+        rise = self._rise(m, math.copysign(self.limit(m, around), mode))
+        if abs(mode) != ON_LIMIT:
+            return rise, 0.0
+        side = 1 if mode > 0 else -1  # xi keeps the demand exactly on the limit
+        return rise, self.p["drive.kp"] * rise + side * self._limit_slope(m, rise, around)
+
+    def _rise(self, m: Motor, voltage: float) -> float:
+        """Return di/dt [A/s] at a motor voltage [V]."""
+        p = self.p
+        return ((voltage - p["motor.resistance"] * m.current - p["motor.back_emf_constant"] * m.speed)
+                / p["motor.inductance"])
+
+    def _limit_slope(self, m: Motor, rise: float, around: Surroundings) -> float:
+        """Return the limit's time derivative [V/s] while the current rises [A/s]."""
+        limit, across = self.limit(m, around), self._across()
+        if limit == 0.0 or across == 0.0:
+            return 0.0
+        return -across**2 * m.speed * m.current * (m.acceleration * m.current + m.speed * rise) / limit
+
+    # Modes ------------------------------------------------------------------------------------------------
+
+    def _held_slope(self, m: Motor, around: Surroundings, side: int) -> float:
+        """Return how fast [V/s] the demand leaves the limit on `side` while the voltage is clipped and xi is held."""
+        rise, _ = self.electrical(m, side, around)
+        return -side * self.p["drive.kp"] * rise - self._limit_slope(m, rise, around)
+
+    def _free_slope(self, m: Motor, around: Surroundings, side: int) -> float:
+        """Return the same while xi moves."""
+        return self._held_slope(m, around, side) + side * self.p["drive.ki"] * (around.reference - m.current)
+
+    def _mode_on_limit(self, m: Motor, around: Surroundings, side: int) -> int:
+        """Return the mode that follows where the demand has reached the limit on `side`.
+
+        Clipped, xi is held and the demand moves with the current alone; free, xi moves too. If the first moves the
+        demand back inside and the second moves it outside, neither can last: the drive slides along the limit.
+        """
+        if self._held_slope(m, around, side) >= 0.0:
+            return side
+        return FREE if self._free_slope(m, around, side) <= 0.0 else side * ON_LIMIT
+
+    def drive_mode(self, m: Motor, around: Surroundings) -> int:
+        """Return the mode of the drive after motor or surroundings have jumped."""
+        if not around.enable:
+            return OPEN
+        demand, limit = self.demand(m, around), self.limit(m, around)
+        side = 1 if demand >= 0.0 else -1
+        if abs(abs(demand) - limit) <= EDGE:
+            return self._mode_on_limit(m, around, side)
+        return side if abs(demand) > limit else FREE
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
         """Return what acts, as for every actuator. Raises ValueError for a supply voltage that is not above 0."""
@@ -165,9 +140,24 @@ class Driven(Actuator):
         if not around.enable:
             y[self.current] = y[self.current + 1] = 0.0
         mode = self.settled(y, mode, around)
-        return mode._replace(drive=self.drive.admit(self.motor(y, mode, around), around))
+        return mode._replace(drive=self.drive_mode(self.motor(y, mode, around), around))
 
     def events(self, mode: Any, around: Surroundings) -> list[Event]:
         """Return the events of bodies and drive."""
-        drive = self.drive.events(mode.drive, around, lambda y: self.motor(y, mode, around))
-        return [*super().events(mode, around), *drive]
+        def motor(y: State) -> Motor:
+            return self.motor(y, mode, around)
+
+        def beyond(y: State, side: int) -> float:
+            m = motor(y)
+            return side * self.demand(m, around) - self.limit(m, around)
+
+        def reached(side: int) -> Changes:
+            return {"drive": lambda y, _: self._mode_on_limit(motor(y), around, side)}
+
+        events, side = super().events(mode, around), 1 if mode.drive > 0 else -1
+        if mode.drive == FREE:
+            return [*events, Event(lambda y: -beyond(y, 1), reached(1)), Event(lambda y: -beyond(y, -1), reached(-1))]
+        if abs(mode.drive) == ON_LIMIT:
+            return [*events, Event(lambda y: -self._held_slope(motor(y), around, side), {"drive": side}),
+                    Event(lambda y: self._free_slope(motor(y), around, side), {"drive": FREE})]
+        return events if mode.drive == OPEN else [*events, Event(lambda y: beyond(y, side), reached(side))]

@@ -61,7 +61,7 @@ class Electrohydraulic(Cylinder):
         command = clip((reference if row["enable"] else 0.0) + self.p["valve.null_shift"], 1.0)
         return surroundings(self.p, row, command, self.supply[0])
 
-    def outputs(self, y: State, _mode: Mode, _around: Surroundings) -> State:
+    def outputs(self, y: State, _around: Surroundings) -> State:
         """Return the outputs."""
         return y[:SPOOL_RATE]
 

@@ -13,7 +13,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from .actuator import Sample
-from .drive import FREE, Drive, Driven
+from .drive import FREE, Driven
 from .events import Accuracy, Body, Event, State, band, switch
 from .piston import ONE, RATE, TWO, Cylinder, PistonLoop
 from .simulate import simulate as in_time
@@ -46,7 +46,7 @@ class Electrohydrostatic(Cylinder, Driven):
 
     def __init__(self, parameters: Mapping[str, float]):
         super().__init__(parameters)
-        p, self.drive = self.p, Drive(self.p)
+        p = self.p
         self.bodies += Body("shaft", itemgetter(SPEED), self._shaft_excess, {SPEED: 0.0}),
         self.refill = p["reservoir.pressure"] - p["check_valve.cracking_pressure"]
 
@@ -58,9 +58,9 @@ class Electrohydrostatic(Cylinder, Driven):
         return ([self.p["fin.start_angle"], 0.0, filled, filled, 0.0, 0.0, 0.0],
                 Mode(0, 0, FREE, 0, refilled, refilled, empty, empty))
 
-    def outputs(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
         """Return the outputs in SI, up to the motor's voltage."""
-        return *y[:INTEGRAL], self.drive.voltage(self.motor(y, mode, around), around)
+        return *y[:INTEGRAL], self.voltage(y, around)
 
     # Equations ----------------------------------------------------------------------------------------------
 
@@ -70,7 +70,7 @@ class Electrohydrostatic(Cylinder, Driven):
 
     def _shaft_torque(self, y: State) -> float:
         """Return the torque [N.m] of current and pressures on the shaft."""
-        return self.drive.torque_constant * y[CURRENT] - self.p["pump.displacement"] * (y[ONE] - y[TWO])
+        return self.p["motor.torque_constant"] * y[CURRENT] - self.p["pump.displacement"] * (y[ONE] - y[TWO])
 
     def _shaft_dry(self, y: State) -> float:
         """Return the dry friction [N.m] of the shaft."""
@@ -93,20 +93,19 @@ class Electrohydrostatic(Cylinder, Driven):
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
         """Return d/dt of the state, in SI per s, in a mode."""
-        p, across = self.p, y[ONE] - y[TWO]
-        displaced, *volumes = self.chambers(y)
-        over = across - mode.relief * p["relief_valve.pressure"] if mode.relief else 0.0
-        pumped = (p["pump.displacement"] * y[SPEED] - self._leakage(around) * across
-                  - p["relief_valve.conductance"] * over - displaced)
+        p, across, (displaced, volume_1, volume_2) = self.p, y[ONE] - y[TWO], self.chambers(y)
+        pumped = p["pump.displacement"] * y[SPEED] - self._leakage(around) * across - displaced
+        if mode.relief:
+            pumped -= p["relief_valve.conductance"] * (across - mode.relief * p["relief_valve.pressure"])
         rises = []
-        for pressure, flow, check, void, volume in zip(
-                (y[ONE], y[TWO]), (pumped, -pumped), (mode.check_1, mode.check_2), (mode.void_1, mode.void_2), volumes,
-                strict=True):
+        for pressure, flow, check, void, volume in ((y[ONE], pumped, mode.check_1, mode.void_1, volume_1),
+                                                    (y[TWO], -pumped, mode.check_2, mode.void_2, volume_2)):
             flow += p["pump.case_leakage"] * (p["reservoir.pressure"] - pressure)
-            flow += p["check_valve.conductance"] * (self.refill - pressure) if check else 0.0
+            if check:
+                flow += p["check_valve.conductance"] * (self.refill - pressure)
             rises.append(p["oil.cavitated_modulus" if void else "oil.bulk_modulus"] / volume * flow)
         return [y[RATE], self.turning(y, mode.fin, around), *rises, self.acceleration(y, mode, around),
-                *self.electrical(y, mode, around)]
+                *self.electrical(self.motor(y, mode, around), mode.drive, around)]
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
         """Return the events that end a mode."""

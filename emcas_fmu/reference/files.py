@@ -16,6 +16,7 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,6 +39,9 @@ PROVENANCE = "provenance.toml"
 Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Array]]
 """From parameters and input columns, ``time`` among them, to output columns at the same times; SI."""
 
+# In a case without encoder other sensors measure true values, too; an actuator that has to be homed would follow no
+# command before.
+_TRUE_ANGLE: Mapping[str, Value] = {"transducer.resolution": 0.0, "homing.required": False}
 # Tolerance of an output without an entry below, over its nominal value: room for an integrator of that accuracy.
 _RELATIVE = 1e-6
 # Largest number in a column: no value of an actuator comes near it, and sums of its squares are still finite.
@@ -78,17 +82,12 @@ def supply_start(model: str, values: Mapping[str, Value]) -> float:
     return next((float(v.initial(values)) for v in get(model).inputs if v.name == "supply_voltage"), SUPPLY)
 
 
-def cases(parameters: ParameterSet) -> tuple[Case, ...]:
-    """Return the cases that an actuator can run, adapted to it.
+def cases(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
+    """Return the cases that an actuator can run with these values of its parameters, adapted to it.
 
     A case that changes a parameter or drives an input which the actuator does not have is left out, unless that
     parameter is one of an encoder.
     """
-    return cases_of(parameters.model, parameters.values)
-
-
-def cases_of(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
-    """Return the :func:`cases` of an actuator by its name and the values of its parameters."""
     names = {"time", *values, *(v.name for v in get(model).inputs)}
     return tuple(
         suited(case, model, values) for case in CASES
@@ -97,17 +96,10 @@ def cases_of(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
 
 def suited(case: Case, model: str, values: Mapping[str, Value]) -> Case:
     """Return a case with a sag of the actuator's supply, and with the overrides of parameters that the actuator has."""
-    case, overrides = with_supply(case, supply_start(model, values)), {**case.overrides, **_true_angle(case)}
-    return replace(case, overrides={name: value for name, value in overrides.items() if name in values})
-
-
-def _true_angle(case: Case) -> dict[str, Value]:
-    """Return the overrides with which sensors other than encoders measure true values, for a case without encoder.
-
-    An actuator that has to be homed would follow no command before.
-    """
     exact = case.overrides.get("encoder.enabled") is False
-    return {"transducer.resolution": 0.0, "homing.required": False} if exact else {}
+    overrides = {**case.overrides, **(_TRUE_ANGLE if exact else {})}
+    return replace(with_supply(case, supply_start(model, values)),
+                   overrides={name: value for name, value in overrides.items() if name in values})
 
 
 class Difference(NamedTuple):
@@ -129,10 +121,16 @@ def path_of(directory: Path, case: str, suffix: str) -> Path:
     return directory / file_of(case, suffix)
 
 
-def read_table(directory: Path, case: str, suffix: str) -> dict[str, Array]:
-    """Return the columns [rows], in SI, of one of the two tables of a case. Raises EmcasError with file and column."""
+def read_table(directory: Path, case: str, suffix: str, sha256: object = None) -> dict[str, Array]:
+    """Return the columns [rows], in SI, of one of the two tables of a case.
+
+    Raises EmcasError, naming file and column, also if the file does not have the `sha256` of its provenance.
+    """
     path = path_of(directory, case, suffix)
     try:
+        if sha256 is not None and sha256 != hashlib.sha256(path.read_bytes()).hexdigest():
+            raise EmcasError(f"{path}: is not the file {PROVENANCE} was written for (its SHA-256 differs); restore it, "
+                             f"or {remedy(directory)}")
         return read_csv(path)
     except FileNotFoundError as error:
         raise EmcasError(f"{path}: is missing; {remedy(directory)}") from error
@@ -147,13 +145,12 @@ def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> 
 
     The elements of an array in a column share one cell, separated by spaces.
     """
-    def cell(value: float | list[float]) -> str:
-        # Adding zero turns -0.0 into 0.0: the sign of a zero is not part of a reference.
-        return " ".join(map(cell, value)) if isinstance(value, list) else f"{value + 0.0:.{digits}g}"
-
-    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    lines = [",".join(map(cell, row)) for row in rows]
-    return "\n".join([",".join(columns), *lines, ""])
+    cells = [" ".join([f"%.{digits}g"] * (column.shape[1] if column.ndim > 1 else 1)) for column in columns.values()]
+    text = StringIO()
+    # Adding zero turns -0.0 into 0.0: the sign of a zero is not part of a reference.
+    np.savetxt(text, np.column_stack(list(columns.values())) + 0.0, ",".join(cells), header=",".join(columns),
+               comments="")
+    return text.getvalue()
 
 
 def read_csv(path: Path) -> dict[str, Array]:
@@ -239,19 +236,14 @@ def compare(directory: Path, names: Sequence[str] | None = None, progress: Progr
             stored = read_table(directory, case.name, suffix)
             # Inputs are rounded before they are used and have to be the same numbers.
             for name, column in columns.items():
-                maximum = _distance(column, stored.get(name))
+                there = stored.get(name, np.zeros(0))
+                maximum = float(np.max(np.abs(column - there))) if there.shape == column.shape else float("inf")
                 differences.append(Difference(case.name, name, maximum, tolerances.get(name, 0.0)))
     return differences
 
 
-def _distance(column: Array, stored: Array | None) -> float:
-    if stored is None or stored.shape != column.shape:
-        return float("inf")
-    return float(np.max(np.abs(column - stored)))
-
-
 def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress) -> Iterator[Case]:
-    available = {case.name: case for case in cases(parameters)}
+    available = {case.name: case for case in cases(parameters.model, parameters.values)}
     if unknown := sorted(set(names or ()).difference(available)):
         raise EmcasError(f"no such reference case: {', '.join(unknown)}; there are {', '.join(available)}")
     chosen = [case for name, case in available.items() if not names or name in names]

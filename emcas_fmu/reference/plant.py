@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from .actuator import Sample
 from .controllers import Controllers
-from .drive import FREE, Drive, Driven
+from .drive import FREE, Driven
 from .events import Accuracy, Body, Changes, State, Value
 from .screw import Screw
 from .vehicle import Surroundings
@@ -41,9 +41,8 @@ class Plant(Screw, Driven):
 
     def __init__(self, parameters: Mapping[str, Value]):
         super().__init__(parameters)
-        self.drive = Drive(self.p)
         # The inductive voltage goes with the speed, all at once.
-        rest: Changes = {1: 0.0, "drive": lambda y, around: self.drive.admit(self.motor(y, Mode(), around), around)}
+        rest: Changes = {1: 0.0, "drive": lambda y, around: self.drive_mode(self.motor(y, Mode(), around), around)}
         self.bodies = Body("motion", itemgetter(1), self.excess, rest, 0, self.stop),
 
     def start(self) -> tuple[State, Mode]:
@@ -55,9 +54,9 @@ class Plant(Screw, Driven):
         loops = Controllers(self, nominal)
         return lambda y, command, enable: loops.sample(y[0], y[1], command, enable, y[2])
 
-    def outputs(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
         """Return fin angle [rad], fin rate [rad/s], motor current [A] and motor voltage [V]."""
-        return *y[:3], self.drive.voltage(self.motor(y, mode, around), around)
+        return *y[:3], self.voltage(y, around)
 
     def speed(self, y: State) -> float:
         """Return the speed of the motor [rad/s]."""
@@ -69,7 +68,7 @@ class Plant(Screw, Driven):
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         """Return the time derivative of the state: rad/s, rad/s2, A/s, V/s."""
-        return y[1], self.turning(y, mode, around), *self.electrical(y, mode, around)
+        return y[1], self.turning(y, mode, around), *self.electrical(self.motor(y, mode, around), mode.drive, around)
 
     def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration of the fin [rad/s2]."""
@@ -81,7 +80,7 @@ class Plant(Screw, Driven):
         ratio = self.arm / self.lead * (1.0 + tangent * tangent)
         ratio_slope = 2.0 * ratio * tangent  # R' (2.7)
         moment = (  # (2.15 - 2.17)
-            ratio * self.drive.torque_constant * current
+            ratio * self.p["motor.torque_constant"] * current
             - (ratio * ratio * self.viscous[motion] + self.fin_viscous) * omega
             - self.motor_inertia * ratio * ratio_slope * omega * omega
             + self.loads(delta, around)
@@ -92,5 +91,5 @@ class Plant(Screw, Driven):
 
     def excess(self, y: State, _mode: Mode, around: Surroundings, side: int) -> float:
         """Return the moment [N.m] on a resting fin towards `side` beyond what friction holds."""
-        moment = self.ratio(y[0]) * self.drive.torque_constant * y[2] + self.loads(y[0], around)
+        moment = self.ratio(y[0]) * self.p["motor.torque_constant"] * y[2] + self.loads(y[0], around)
         return side * moment - self.coulomb(y[0], side)

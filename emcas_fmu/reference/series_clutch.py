@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from .actuator import Sample
 from .coil import Coil
 from .controllers import Controllers
-from .drive import FREE, Drive, Driven
+from .drive import FREE, Driven
 from .events import Accuracy, Changes, Event, State
 from .screw import Screw
 from .simulate import simulate as in_time
@@ -52,7 +52,7 @@ class SeriesClutch(Driven):
         constant = [f"friction.coulomb.{way}[0]" for way in ("positive", "negative")]
         self.whole = Screw({**p, "inertia.motor": p["inertia.motor"] + driving + driven,
                             **{name: p[name] + dry for name in constant}})
-        self.screw, self.drive = Screw({**p, "inertia.motor": driven}), Drive(p)
+        self.screw = Screw({**p, "inertia.motor": driven})
         self.coil = Coil(p, "coil.kp", "clutch.share", "coil", COIL, FLUX, TEMPERATURE)
         self.rotor_inertia = p["inertia.motor"] + driving
         self.screw_inertia = driven + p["inertia.screw"]
@@ -68,9 +68,9 @@ class SeriesClutch(Driven):
         loops = Controllers(self.screw, nominal.whole)
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[CURRENT])
 
-    def outputs(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
         """Return the outputs in SI, up to the clutch's temperature."""
-        return *y[:INTEGRAL], self.drive.voltage(self.motor(y, mode, around), around), y[COIL], y[TEMPERATURE]
+        return *y[:INTEGRAL], self.voltage(y, around), y[COIL], y[TEMPERATURE]
 
     # Parts --------------------------------------------------------------------------------------------------
 
@@ -88,7 +88,7 @@ class SeriesClutch(Driven):
 
     def _rotor(self, y: State, way: int, around: Surroundings) -> float:
         """Return the torque [N.m] on a rotor that slides `way`, without clutch."""
-        return (self.drive.torque_constant * y[CURRENT] - self.p["motor.viscous_friction"] * y[ROTOR]
+        return (self.p["motor.torque_constant"] * y[CURRENT] - self.p["motor.viscous_friction"] * y[ROTOR]
                 - self.rotor_inertia * around.faster[0] - way * self.p["motor.coulomb_friction"])
 
     def _screw(self, y: State, way: int, around: Surroundings) -> float:
@@ -148,7 +148,8 @@ class SeriesClutch(Driven):
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
         """Return d/dt of the state, in SI per s, in a mode."""
         heat = mode.slip * self.coil.limit(y) * (y[ROTOR] - self.turning(y))
-        return [y[RATE], *self._accelerations(y, mode, around), *self.electrical(y, mode, around),
+        electrical = self.electrical(self.motor(y, mode, around), mode.drive, around)
+        return [y[RATE], *self._accelerations(y, mode, around), *electrical,
                 *self.coil.slopes(y, mode, self.reference(around), around.supply), self.coil.warming(y, heat)]
 
     # Modes --------------------------------------------------------------------------------------------------

@@ -7,8 +7,8 @@ from event to event; at each instant the discrete parts act.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +38,14 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     columns, sample = columns_of(inputs, actuator.inputs()), actuator.controller(kind(p))
     if round(float(inputs["time"][0]), DIGITS) != 0.0:
         raise ValueError("row times must start at 0")
-    instants, row_at, sample_at, arrival_at = schedule(inputs["time"], p)
+    instants, (row_at, sample_at, arrival_at) = schedule(inputs["time"], p)
     bus, (state, mode), sent, arrived = Bus(p), actuator.start(), [0.0], 0.0
     row = {name: column[0] for name, column in columns.items()}
     around = actuator.surroundings(row, arrived)
     records = []
     for t, following in zip(instants, [*instants[1:], None], strict=True):
         if t in row_at:
-            records.append((t, *actuator.outputs(state, mode, around), sent[-1]))
+            records.append((t, *actuator.outputs(state, around), sent[-1]))
             row = {name: column[row_at[t]] for name, column in columns.items()}
         if following is None:
             break
@@ -59,23 +59,16 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     return dict(zip(("time", *actuator.names), np.array(records).T, strict=False))  # without what is no output
 
 
-class Schedule(NamedTuple):
-    """The instants [s] of a run; by their times the numbers of rows, of samples, and of samples that arrive."""
+def schedule(time: Any, p: Mapping[str, Any]) -> tuple[list[float], Iterator[dict[float, int]]]:
+    """Return the instants [s] of a run with rows at `time` [s]; instants that coincide are one.
 
-    instants: list[float]
-    rows: dict[float, int]
-    samples: dict[float, int]
-    arrivals: dict[float, int]
-
-
-def schedule(time: Any, p: Mapping[str, Any]) -> Schedule:
-    """Return the instants of a run with rows at `time` [s]; instants that coincide are one."""
+    Then, by their times, the numbers of rows, of samples, and of samples that arrive at the drive.
+    """
     period, rows = p["controller.sample_time"], np.round(np.asarray(time, dtype=float), DIGITS)
     samples = np.arange(math.floor(rows[-1] / period) + 1) * period
     each = [rows, *(np.round(samples + late, DIGITS) for late in (0.0, p["drive.transport_delay"]))]
     instants = np.unique(np.concatenate(each))
-    return Schedule(instants[instants <= rows[-1]].tolist(),
-                    *({t: k for k, t in enumerate(times.tolist())} for times in each))
+    return instants[instants <= rows[-1]].tolist(), ({t: k for k, t in enumerate(times.tolist())} for times in each)
 
 
 def columns_of(inputs: Mapping[str, Any], starts: Mapping[str, float]) -> dict[str, list[float]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isclose, isfinite
@@ -90,20 +89,13 @@ def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) 
 
 
 def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Stored:
-    tables = []
     if not isinstance(entry, Mapping):
         raise EmcasError(f"{folder / files.PROVENANCE}: {name} is not a table; {remedy}")
-    for kind in ("in", "ref"):
-        path, key = files.path_of(folder, name, f"{kind}.csv"), f"sha256_{kind}"
-        if not path.is_file():
-            raise EmcasError(f"{path}: is missing; {remedy}")
-        if hashlib.sha256(path.read_bytes()).hexdigest() != entry.get(key):
-            raise EmcasError(f"{path}: is not the file {files.PROVENANCE} was written for (its {key} differs); "
-                             f"restore it, or {remedy}")
-        tables.append(files.read_table(folder, name, f"{kind}.csv"))
+    inputs, reference = (files.read_table(folder, name, f"{kind}.csv", entry.get(f"sha256_{kind}", ""))
+                         for kind in ("in", "ref"))
     try:
         return Stored(name, entry["title"], entry["kind"], entry["step"], entry["stop_time"], entry["start_values"],
-                      tables[0], tables[1], entry["sha256_parameters"], entry.get("model", NONLINEAR))
+                      inputs, reference, entry["sha256_parameters"], entry.get("model", NONLINEAR))
     except KeyError as error:
         raise EmcasError(f"{folder / files.PROVENANCE}: {name} has no entry {error}; {remedy}") from error
     except (ValueError, TypeError, AttributeError) as error:

@@ -66,7 +66,7 @@ class WormPlant(Plant):
         """Return torque on the worm and moment on the wheel [N.m] without the flanks', of motion along `way`."""
         delta, omega, current = y[:3]
         rotor = (self.p["inertia.motor"] + self.p["inertia.screw"]) * around.faster[0]
-        worm = (self.drive.torque_constant * current - rotor - self.viscous[way] * self.teeth * omega
+        worm = (self.p["motor.torque_constant"] * current - rotor - self.viscous[way] * self.teeth * omega
                 - way * self.coulomb_factor * self.motor_coulomb(delta, way))
         wheel = self.loads(delta, around) + self.teeth * rotor - self.fin_viscous * omega - way * self.fin_coulomb
         return worm, wheel

@@ -53,9 +53,9 @@ class MeshPlant(WormPlant):
         state, mode = super().start()
         return [*state, state[0], 0.0], mode
 
-    def outputs(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
         """Return fin angle [rad], fin rate [rad/s], motor current [A] and motor voltage [V]."""
-        return *y[4:], *super().outputs(y, mode, around)[2:]
+        return *y[4:], *super().outputs(y, around)[2:]
 
     # Forces -----------------------------------------------------------------------------------------------
 

@@ -25,7 +25,7 @@ from emcas_fmu.steppers.smooth import smooth_step, solve
 from .example import FILE, MODEL, changed
 
 PARAMETERS = load_parameters(model=MODEL)
-CASES = {case.name: case for case in cases(PARAMETERS)}
+CASES = {case.name: case for case in cases(PARAMETERS.model, PARAMETERS.values)}
 
 
 def largest_error(case: Case, tick: float) -> float:

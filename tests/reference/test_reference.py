@@ -103,18 +103,18 @@ def test_drive_glides_on_the_limit_where_neither_clipped_nor_free_can_last(value
 def test_a_gliding_demand_follows_a_limit_that_moves(values: Values, side: int, acceleration: float) -> None:
     """With pole pairs the limit changes with speed and current: it falls or rises while the demand glides on it."""
     plant = Plant({**values, "motor.pole_pairs": 4})
-    drive, around = plant.drive, plant.surroundings({**INPUTS, "supply_voltage": 30.0}, 5.0)
+    around = plant.surroundings({**INPUTS, "supply_voltage": 30.0}, 5.0)
     start = Motor(300.0, side * 20.0, 0.0, acceleration)
-    start = start._replace(integral=side * drive.limit(start, around) - drive.demand(start, around))
-    current_slope, integral_slope = drive.slopes(start, side * ON_LIMIT, around)
+    start = start._replace(integral=side * plant.limit(start, around) - plant.demand(start, around))
+    current_slope, integral_slope = plant.electrical(start, side * ON_LIMIT, around)
 
     def beyond(time: float) -> float:
         m = Motor(start.speed + acceleration * time, start.current + current_slope * time,
                   start.integral + integral_slope * time)
-        return side * drive.demand(m, around) - drive.limit(m, around)
+        return side * plant.demand(m, around) - plant.limit(m, around)
 
     # A central difference over 20 ns: 1e-4 V/s of curvature and rounding, while the limit changes by 1e3 V/s or more.
-    assert abs(drive.limit(start, around) - 30.0) > 0.1
+    assert abs(plant.limit(start, around) - 30.0) > 0.1
     assert (beyond(1e-8) - beyond(-1e-8)) / 2e-8 == pytest.approx(0.0, abs=1e-3)
 
 
@@ -139,7 +139,7 @@ def test_disabled_bridge_is_open(values: Values) -> None:
     assert np.all(result["drive_reference"][off] == 0.0)
     plant = Plant(values)
     emf = [
-        plant.drive.emf_constant * (plant.ratio(angle) * rate)
+        plant.p["motor.back_emf_constant"] * (plant.ratio(angle) * rate)
         for angle, rate in zip(result["fin_angle"], result["fin_rate"])
     ]
     np.testing.assert_array_equal(result["motor_voltage"][off], np.array(emf)[off])
@@ -373,7 +373,8 @@ def test_names_of_cases_are_unique() -> None:
 def test_a_sag_is_a_share_of_the_supply() -> None:
     """The default's to the bit: from 39 to 28 V, as stored."""
     small = load_parameters().with_values({"drive.supply_voltage": 28.0})
-    default, other = ({case.name: case for case in files.cases(each)} for each in (load_parameters(), small))
+    default, other = ({case.name: case for case in files.cases(each.model, each.values)}
+                      for each in (load_parameters(), small))
     assert set(default["sag"].inputs()["supply_voltage"]) == {39.0, 28.0}
     assert default["sag"].title == CASES[-1].title == "Supply sags from 39 to 28 V during a 40 deg slew and recovers"
     assert set(other["sag"].inputs()["supply_voltage"]) == {28.0, 20.1025641}

@@ -173,7 +173,7 @@ def stepping(rig: Rig) -> Outcome:
     subject, groups = rig.subject, {}
     actuator, values = subject.actuator, subject.values
     tick = float(actuator.longest_tick(FLOATS, actuator.namespace(values)))
-    for case in files.cases_of(subject.model, values):
+    for case in files.cases(subject.model, values):
         excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
         if case.name in CASES and not subject.obstacle(excitation):
             one, other = (rig.run(excitation.with_start_values(changed)).columns["fin_angle"]

@@ -265,7 +265,8 @@ def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, embedde
     chosen = {case.name: case for case in embedded if not names or case.name in names}
     usual = {case.name for case in CASES}
     others = [name for name in names or () if name in usual or name not in chosen]
-    needed = () if names else [case.name for case in files.cases(load_parameters(model=subject.model))]
+    shipped = load_parameters(model=subject.model)
+    needed = () if names else [case.name for case in files.cases(shipped.model, shipped.values)]
     cases = stored.load(folder, others, needed) if others or not names else []
     if inside or (chosen and (len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases))):
         # Performance is judged in the other cases, too.
