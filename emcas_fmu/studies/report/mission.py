@@ -22,8 +22,9 @@ _USAGE = {
         ("rms_current", "motor_current_rms_a", "RMS current"), ("peak_current", "motor_current_peak_a", "peak current"),
         ("peak_power", "supply_power_peak_w", "peak power"),
         ("peak_returned_power", "regenerated_power_peak_w", "peak power fed back"),
-        ("energy_drawn", "energy_drawn_j", "energy drawn"), ("net_energy", "net_energy_j", "net energy"),
-        ("energy_returned", "energy_regenerated_j", "energy regenerated"))}
+        ("energy_drawn", "energy_drawn_j", "energy drawn"),
+        ("energy_returned", "energy_regenerated_j", "energy regenerated"),
+        ("net_energy", "net_energy_j", "net energy"))}
 QUANTITIES = (
     *_USAGE.values(),
     Quantity("supply_power_mean_w", "net energy over the profile's duration", "mean power", ("supply_power",)),

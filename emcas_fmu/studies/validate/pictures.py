@@ -76,13 +76,12 @@ def _over_time(result: Result, view: View) -> Drawing:
         for case, look in ((series[name], look) for name, look in cases.items()):
             for name in names:
                 _output(panels[name], name, result, case, window, view.dots, look)
+                if len(cases) == 1:
+                    traces.shade(panels[name], case.judged.columns, "saturated", window, "a limit is active")
             if error and case.reference:
                 response, reference = case.compared("fin_angle")
                 trace(panels["error"], {"time": case.compared("time")[0], "error": response - reference}, "error",
                       window, **{**look, "linewidth": 0.9})
-        if len(cases) == 1:
-            for name in names:
-                traces.shade(panels[name], case.judged.columns, "saturated", window, "a limit is active")
         for j in (j for j in result.requirements if j.name == view.rate):
             plots.limits(panels["fin_rate"], j.limit, label=f"required {with_unit(j.limit, j.unit)}", **REQUIRED)
         if error:
