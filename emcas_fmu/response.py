@@ -28,7 +28,6 @@ from .parameters import ParameterSet
 from .simulation import Array
 from .support import extras
 from .support.arguments import checked
-from .support.writing import whole
 from .units import UnitError, convert
 from .variables import Variable
 
@@ -204,10 +203,9 @@ class Response:
 
         Raises EmcasError for a file that cannot be written.
         """
-        names = ["time", *(name for name in self._every if name != "time")]
-        with whole(path) as file:
-            np.savetxt(file, np.column_stack([self._every[name] for name in names]), fmt="%.17g", delimiter=",",
-                       comments="", header=",".join(names))
+        from .bench.writers import write_csv  # with JUnit's library
+
+        write_csv({"time": self.time, **self._every}, path)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a pandas DataFrame of all columns over time [s]; ``attrs["units"]`` are their units. Needs pandas."""

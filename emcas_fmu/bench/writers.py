@@ -33,6 +33,13 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
     write(path, text + "\n")
 
 
+def write_csv(columns: Mapping[str, Any], path: Path | str) -> None:
+    """Write arrays of equal length under their names, with 17 digits, so that no bit is lost."""
+    with whole(path) as file:
+        np.savetxt(file, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=",", header=",".join(columns),
+                   comments="")
+
+
 def junit_case(name: str, classname: str, failed: str = "", skipped: str = "", kind: str = "limit missed",
                time: float = 0.0) -> TestCase:
     """Return a test case; `failed` or `skipped` is the reason, `kind` the failure's type, `time` is in s."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from math import isfinite, radians
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
@@ -44,12 +44,19 @@ def analyse(
         with common.progress_bar() as progress:
             analysis = run(chosen, radians(at), torque, locus, rod, common.stepper(progress, "analyse"))
         from ..bench.writers import write_json
-        from ..studies.analysis.report import figures_of, write_report  # needs the extra
+        from ..pages.numbers import number
+        from ..studies.analysis.report import figures_of, tables, write_report  # needs the extra
 
         figures = figures_of(analysis)
         common.write_results(figures, (as_json, write_json))
         common.write_results(analysis, (report, write_report))
-    for table in _tables(figures, analysis.actuator.reference_name):
+    point = figures["operating_point"]
+    common.out.print(f"at {number(point['fin_angle_deg'])} deg, {number(point['aero_torque_nm'])} N.m")
+    for caption, columns, rows in tables(figures, analysis.actuator.reference_name).values():
+        table = Table(*(Column(escape(name.lstrip(">")), justify="right" if name[:1] == ">" else "left")
+                        for name in columns), title=caption, title_justify="left")
+        for row in rows:
+            table.add_row(*(escape(cell) if isinstance(cell, str) else number(cell) for cell in row))
         common.out.print(table)
     lines = [f"{why}." for why in analysis.left_out.values()]
     if analysis.modes:
@@ -59,37 +66,3 @@ def analyse(
     for line in lines:
         common.say(escape(line))
     common.print_written(as_json, report)
-
-
-def _tables(f: dict[str, Any], reference: str) -> list[Table]:
-    from ..pages.numbers import number
-
-    models = {"here": f["linear"]} | ({} if "thesis_linear" in f["left_out"] else {"thesis": f["thesis_linear"]})
-    at, rod = f["operating_point"], f["modes"]
-    first = Table("linear", *models, title=f"at {number(at['fin_angle_deg'])} deg, {number(at['aero_torque_nm'])} N.m",
-                  title_justify="left")
-    for key, label in (("bandwidth_3db_hz", "bandwidth -3 dB / Hz"), ("bandwidth_90deg_hz", "bandwidth -90 deg / Hz"),
-                       ("gain_margin_db", f"gain margin at {reference} / dB"),
-                       ("phase_margin_deg", "phase margin there / deg"), ("delay_margin_s", "delay margin there / s")):
-        first.add_row(label, *(number(model[key]) if model else "unstable" for model in models.values()))
-    for name in ("axial", "torsional") if rod else ():
-        frequencies = [number(one[f"{name}_hz"]) for one in (rod, rod["thesis"])]
-        first.add_row(f"{name} natural frequency of the rod / Hz", *frequencies[:len(models)])
-    loops = Table("loop", "gain margin / dB", "phase margin / deg", "delay margin / ms")
-    for name, m in f["linear"]["loops"].items():
-        delay = m["delay_margin_s"]
-        loops.add_row(name, number(m["gain_margin_db"]), number(m["phase_margin_deg"]),
-                      number(None if delay is None else 1e3 * delay))
-    finals = Table("final error", "1 deg command / deg", f"{f['final_values']['load_step_nm']:g} N.m load / deg")
-    for name, label in (("p", "P"), ("pi", "PI"), ("as_set", "as set")):
-        if name in f["final_values"]:
-            row = f["final_values"][name]
-            finals.add_row(label, number(row["command_error_deg"]), number(row["load_error_deg"]))
-    limits = "limits" not in f["left_out"]
-    swept = Table("amplitude / deg", "-3 dB / Hz", "-90 deg / Hz",
-                  *(("rate", "current", "voltage", "DAC") if limits else ()),
-                  caption="right: frequency / Hz from which the limit acts" if limits else None, caption_justify="left")
-    for s in f["sweep"]:
-        swept.add_row(*map(number, (s["amplitude_deg"], s["bandwidth_3db_hz"], s["bandwidth_90deg_hz"],
-                                    *s["limit_onset_hz"].values())))
-    return [common.right_aligned(table) for table in (first, loops, finals, swept)]

@@ -12,7 +12,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..errors import EmcasError
-from ..support.writing import whole
 from . import common
 
 if TYPE_CHECKING:
@@ -21,6 +20,12 @@ if TYPE_CHECKING:
 EPILOG = ("Examples:\n\n  emcas envelope"
           "\n\n  emcas envelope --duration \"30 s\" --plot envelope.svg --output envelope.csv"
           "\n\n  emcas envelope -p my_motor.toml --duration 500ms --preload 0.8 --json envelope.json")
+
+
+_ROWS = {"current / A": "current_a", "limited by": "bound_by", "  heat / A": "heat_current_a",
+         "  i2t / A": "i2t_current_a", "  peak / A": "peak_current_a", "torque at standstill / N.m": "stall_torque_nm",
+         "voltage limits from / rpm": "corner_speed_rad_per_s", "no-load speed / rpm": "no_load_speed_rad_per_s",
+         "winding then / degC": "winding_degc", "case then / degC": "case_degc"}
 
 
 def envelope(
@@ -37,7 +42,7 @@ def envelope(
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
     from ..bench.conditions import resting_on
-    from ..bench.writers import write_json
+    from ..bench.writers import write_csv, write_json
     from ..units import UnitError, quantity
 
     with common.failures():
@@ -52,13 +57,11 @@ def envelope(
         check_ending(plot)
         chosen = common.parameter_set(parameters, model)
         computed = study.envelope(chosen, seconds, preload)
-        if output:
-            _write_csv(computed, output)
-        if plot:
-            study.write_picture(computed, plot, chosen)
-        if as_json:
-            write_json(_figures(computed), as_json)
-    common.out.print(_table(computed))
+        figures = _figures(computed)
+        common.write_results(_columns(computed), (output, write_csv))
+        common.write_results(computed, (plot, lambda e, path: study.write_picture(e, path, chosen)))
+        common.write_results(figures, (as_json, write_json))
+    common.out.print(_table(figures))
     for each in resting_on({"what is marked": tuple(dict.fromkeys(chain(*computed.estimates.values())))}):
         common.say(escape(each))
     common.print_written(output, plot, as_json)
@@ -73,36 +76,22 @@ def _figures(e: Envelope) -> dict[str, Any]:
             "estimates": {key: list(names) for key, names in e.estimates.items()}}
 
 
-def _write_csv(e: Envelope, path: Path) -> None:
-    """Speed [rad/s], both envelopes [N.m], then each limit of each."""
-    import numpy as np
-
-    columns = {"motor_speed": e.speed, **{name: curve.torque for name, curve in e.curves.items()}}
-    for name, curve in e.curves.items():
-        columns |= {f"{name}.{cause}": torque for cause, torque in curve.limits.items()}
-    with whole(path) as file:
-        np.savetxt(file, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=",", header=",".join(columns),
-                   comments="")
+def _columns(e: Envelope) -> dict[str, Any]:
+    """Return speed [rad/s], both envelopes [N.m], then each limit of each."""
+    return {"motor_speed": e.speed, **{name: curve.torque for name, curve in e.curves.items()},
+            **{f"{name}.{cause}": torque for name, curve in e.curves.items() for cause, torque in curve.limits.items()}}
 
 
-def _table(e: Envelope) -> Table:
+def _table(f: dict[str, Any]) -> Table:
     from ..bench.conditions import ESTIMATE
     from ..pages.numbers import number
-    from ..studies.analysis.envelope import TORQUE
 
-    preload = f", from {e.preload:g} of the continuous current" if e.preload else ""
-    table = Table("", "continuous", f"{e.duration:g} s{preload}", title="torque-speed envelope", title_justify="left")
-    curves = e.curves.values()
-    rows: list[tuple[str, str, list[Any]]] = [
-        ("current / A", "current_a", [c.current for c in curves]),
-        ("limited by", "", [c.bound_by for c in curves]),
-        *((f"  {cause} / A", f"{cause}_current_a", [c.currents[cause] for c in curves])
-          for cause in e.continuous.currents),
-        ("torque at standstill / N.m", TORQUE, [c.torque[0] for c in curves]),
-        ("voltage limits from / rpm", "corner_speed_rad_per_s", [c.corner_speed * 30.0 / pi for c in curves]),
-        ("no-load speed / rpm", "no_load_speed_rad_per_s", [e.speed[-1] * 30.0 / pi] * 2),
-        ("winding, case then / degC", "winding_degc", [f"{c.winding:.4g}, {c.case:.4g}" for c in curves])]
-    for label, key, values in rows:
-        table.add_row(label + ESTIMATE * (key in e.estimates),
-                      *(value if isinstance(value, str) else number(value) for value in values))
+    preload = f", from {f['preload']:g} of the continuous current" if f["preload"] else ""
+    table = Table("", "continuous", f"{f['duration_s']:g} s{preload}", title="torque-speed envelope",
+                  title_justify="left")
+    for label, key in _ROWS.items():
+        values = [{**f, **f[curve]}[key] for curve in ("continuous", "short_term")]
+        table.add_row(label + ESTIMATE * (key in f["estimates"]),
+                      *(value if isinstance(value, str) else number(value * (30.0 / pi if "rpm" in label else 1.0))
+                        for value in values))
     return common.right_aligned(table)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, nan, pi
 
+import control as ct
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ..frequency_response import FrequencyResponse
 from .systems import Array, System
 
 LOWEST = 1e-3  # Hz
 _PER_DECADE = 500
-_PARTS, _CUTS = np.linspace(0.0, 1.0, 33), 11  # 11 divisions by 32 locate a crossing to rounding
 
 
 def frequencies(highest: float, lowest: float = LOWEST) -> Array:
@@ -85,36 +83,19 @@ class Margins:
 def margins(loop: System, grid: Array | None = None) -> Margins:
     """Return the margins of a loop transfer function L, by its exact frequency response.
 
-    Cubic splines of L locate the crossovers between the frequencies [Hz] of `grid`; the default grid is fine.
+    python-control locates the crossovers between the frequencies [Hz] of `grid`, by default a fine one, with splines.
     """
     grid = frequencies(highest(loop)) if grid is None else grid
     response = evaluate(loop, grid)
-    omega = 2.0 * pi * grid
-    between = CubicSpline(omega, response)
-    behind, larger = np.angle(-response), np.abs(response) - 1.0
-    at_180 = _crossings(lambda w: np.angle(-between(w)), omega, behind, response.real <= 0.0)
-    at_one = _crossings(lambda w: np.abs(between(w)) - 1.0, omega, larger)
-    gains, phases = 1.0 / np.abs(between(at_180)), np.angle(-between(at_one))
-    hertz = 1.0 / (2.0 * pi)
+    gains, lags, _, at_180, at_one, _ = ct.stability_margins(
+        (np.abs(response), np.degrees(np.angle(response)), 2.0 * pi * grid), returnall=True)
+    phases = np.radians(lags)
     # The first crossing as the gain grows, and as the phase lags or leads.
     gain, at_gain = min(((g, at) for g, at in zip(gains, at_180, strict=True) if g > 1.0), default=(inf, nan))
     phase, at_phase = min(zip(phases, at_one, strict=True), key=lambda pair: abs(pair[0]), default=(inf, nan))
     return Margins(
-        gain=float(gain), phase_crossover=float(at_gain) * hertz,
+        gain=float(gain), phase_crossover=float(at_gain) / (2.0 * pi),
         reduction=float(np.max(gains[gains < 1.0], initial=0.0)),
-        phase=float(phase), gain_crossover=float(at_phase) * hertz,
+        phase=float(phase), gain_crossover=float(at_phase) / (2.0 * pi),
         delay=float(np.min(np.remainder(phases, 2.0 * pi) / at_one, initial=inf)),
         modulus=float(np.min(np.abs(1.0 + response))))
-
-
-def _crossings(level: Callable[[Array], Array], omega: Array, on_grid: Array, where: Array | None = None) -> Array:
-    """Return the frequencies at which a level crosses 0, to rounding, in the grid's intervals where `where` is true."""
-    changes = np.diff(np.sign(on_grid)) != 0.0
-    (at,) = np.nonzero(changes if where is None else changes & where[:-1])
-    low, high, sign = omega[at], omega[at + 1], np.sign(on_grid[at])
-    rows = np.arange(len(at))
-    for _ in range(_CUTS):
-        points = low[:, None] + (high - low)[:, None] * _PARTS
-        first = np.argmax(np.sign(level(points[:, 1:])) != sign[:, None], axis=1)
-        low, high = points[rows, first], points[rows, first + 1]
-    return 0.5 * (low + high)

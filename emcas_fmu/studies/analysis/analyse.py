@@ -61,7 +61,8 @@ class Analysis:
     sweeps: list[sweep.Sweep]
     modes: tuple[Modes, Modes] | None
     """With the parameter set's inertia, and with the thesis's."""
-    envelope: capability.Envelope | None
+    envelope: Mapping[str, Any] | None
+    """The torque-speed envelope, by the names of the JSON file."""
     cases: Mapping[str, Columns]
     """Motor speed and torque in the reference cases, by name."""
     capability: capability.Capability | None

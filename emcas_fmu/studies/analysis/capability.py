@@ -35,38 +35,28 @@ _POINTS = 101
 _HALVINGS = 60  # of the interval of speeds, down to rounding
 
 
-@dataclass(frozen=True)
-class Envelope:
-    """Largest motor torque [N.m], ``highest``, at speeds [rad/s]; the smallest is its mirror image.
-
-    ``prompt`` is the largest with the drive's proportional action alone; the rest needs the integral's time constant
-    ``integral_time`` [s] (nan without an integral).
-    """
-
-    speed: Array
-    highest: Array
-    prompt: Array
-    integral_time: float
-    no_load_speed: float
-    stall_torque: float
-
-
 def limit_torque(p: Any, speed: Any) -> Any:
     """Return the largest motor torque [N.m] at motor speeds [rad/s], in steady motion."""
     current = drive.steady_current(ARRAYS, p, p.drive.supply_voltage, speed)
     return drive.torque(p, ARRAYS.clip(current, -p.drive.current_limit, p.drive.current_limit))
 
 
-def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
-    """Return the torque-speed envelope, between the no-load speeds in both directions."""
+def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> dict[str, Any]:
+    """Return the torque-speed envelope between the no-load speeds in both directions, by the names of the JSON file.
+
+    At each ``speed_rad_per_s``, ``torque_nm`` is the largest motor torque; the smallest is its mirror image.
+    ``prompt_torque_nm`` is the largest with the drive's proportional action alone; the rest needs the integral's time
+    constant ``integral_time_s`` (nan without an integral).
+    """
     p = get(model).plant(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     speed = np.linspace(-free, free, 4 * _POINTS)
     highest = limit_torque(p, speed)
     loop = p.motor.resistance + p.drive.kp
     current = (drive.voltage_demand(p, p.drive.current_limit, 0.0, 0.0) - drive.back_emf(p, speed)) / loop
-    return Envelope(speed, highest, np.minimum(highest, drive.torque(p, current)),
-                    loop / p.drive.ki if p.drive.ki > 0.0 else nan, free, float(limit_torque(p, 0.0)))
+    return {"stall_torque_nm": float(limit_torque(p, 0.0)), "no_load_speed_rad_per_s": free,
+            "integral_time_s": loop / p.drive.ki if p.drive.ki > 0.0 else nan, "speed_rad_per_s": speed,
+            "torque_nm": highest, "prompt_torque_nm": np.minimum(highest, drive.torque(p, current))}
 
 
 def case_points(parameters: ParameterSet) -> dict[str, Columns]:

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 
 from ...actuators import capabilities, parts, require
 from ...bench.conditions import ESTIMATE, resting_on
@@ -40,7 +40,7 @@ from ...physics import drive, heat
 from ...simulation import Array
 
 _POINTS = 201
-_CURRENTS = 101  # of the grid that brackets extremes of torque and roots of the voltage
+_CURRENTS = 401  # of the grid of extremes of torque that brackets roots of the voltage
 _SHORTEST, _LONGEST = 1e-6, 1e9  # s
 _MOLTEN = 1e9  # degC, instead of overflow
 CAUSES = {"heat": "heat", "i2t": "I2t", "peak": "peak current"}
@@ -216,29 +216,23 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
         # Beyond the limit of heat, at the temperatures of that limit.
         return float(drive.torque(motor(min(current, allowed[0])), current))
 
-    def excess(current: float, at: float) -> float:
-        q = motor(current)
-        drop = q.motor.resistance * current + drive.back_emf(q, at)
-        return float(drop - drive.voltage_limit(FLOATS, q, supply, at, current))
+    def reach(current: float) -> float:
+        # The largest speed; below 0 if the voltage does not suffice for the current at rest.
+        return float(drive.knee_speed(FLOATS, motor(current), supply, current)) or -1.0
 
     # The torque is largest where the voltage is at its limit, at the largest current, or at a local maximum.
-    tried = [float(i) for i in np.linspace(0.0, largest, _CURRENTS)]
-    torques = [torque_of(i) for i in tried]
-    ends = [largest]
-    for k in range(1, len(tried) - 1):
-        if torques[k] >= max(torques[k - 1], torques[k + 1]):
-            bounds = tried[k - 1], tried[k + 1]
-            ends.append(float(minimize_scalar(lambda i: -torque_of(i), bounds=bounds, method="bounded").x))
+    tried = np.linspace(0.0, largest, _CURRENTS).tolist()
+    reached, torques = list(map(reach, tried)), list(map(torque_of, tried))
 
     def largest_torque(at: float) -> float:
-        candidates = [i for i in ends if excess(i, at) <= 0.0]
-        candidates += [brentq(excess, low, high, (at,), xtol=1e-9) for low, high in pairwise(tried)
-                       if (excess(low, at) > 0.0) is not (excess(high, at) > 0.0)]
-        return max(map(torque_of, candidates), default=0.0)
+        limited = [brentq(lambda i: reach(i) - at, *between, xtol=1e-9)
+                   for between, (low, high) in zip(pairwise(tried), pairwise(reached), strict=True)
+                   if (low >= at) is not (high >= at)]
+        return max((*(torque for torque, speed in zip(torques, reached, strict=True) if speed >= at),
+                    *map(torque_of, limited)), default=0.0)
 
-    hot, cold = motor(largest), heat.at_temperatures(FLOATS, p, *start)
-    return Curve(currents, *heated(largest),
-                 float(drive.knee_speed(FLOATS, hot, supply, largest)),
+    cold = heat.at_temperatures(FLOATS, p, *start)
+    return Curve(currents, *heated(largest), max(reached[-1], 0.0),
                  np.array([largest_torque(float(at)) for at in speed]),
                  {**{cause: np.full(len(speed), torque_of(current)) for cause, current in currents.items()},
                   "voltage": drive.torque(cold, np.maximum(drive.steady_current(ARRAYS, cold, supply, speed), 0.0))})

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
+from itertools import takewhile
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ...actuators import get
 from ...bench.linear.actuator import LinearActuator
 from ...bench.linear.frequency import continuous_poles
-from ...bench.linear.systems import Array
+from ...bench.linear.systems import ROUNDING, Array, System, largest_pole
 from ...errors import EmcasError, hint
 from ...parameters import ParameterSet
 
@@ -55,42 +58,31 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
     if nominal == 0.0:
         raise EmcasError(f"--locus {name}: is 0 and a locus scales it; give it a value in a parameter file")
 
-    def at(value: float) -> LinearActuator | None:
-        try:
-            return LinearActuator(parameters.with_values({name: value}).values, fin_angle, aero_torque, model)
-        except EmcasError:  # outside the parameter's limits, or without operating point
-            return None
+    def at(value: float) -> LinearActuator:
+        return LinearActuator(parameters.with_values({name: value}).values, fin_angle, aero_torque, model)
 
-    def stable(value: float) -> bool:
-        linear = at(value)
-        return linear is not None and linear.stable
+    @cache
+    def closed(value: float) -> System:
+        return at(value).closed
 
-    scaled = (float(nominal * factor) for factor in np.geomspace(10.0**-_DECADES, 10.0**_DECADES, _POINTS))
-    actuators = {value: linear for value in scaled if (linear := at(value)) is not None}
-    poles = [continuous_poles(linear.closed) for linear in actuators.values()]
+    def growth(value: float) -> float:
+        return largest_pole(closed(value)) - (1.0 - ROUNDING)
+
+    values, poles = [], []
+    for value in np.sort(nominal * np.geomspace(10.0**-_DECADES, 10.0**_DECADES, _POINTS)).tolist():
+        with suppress(EmcasError):  # outside the parameter's limits, or without operating point
+            poles.append(continuous_poles(closed(value)))
+            values.append(value)
     if not _moved(poles):
         raise EmcasError(f"--locus {name}: moves no pole of the linearised loop; choose a gain"
                          + "".join(f" such as {gain}" for gain in gains[:1]))
     ends = []
-    for side in (-1.0, 1.0):
-        inside = nominal
-        for value in sorted((v for v in actuators if side * v > side * nominal), key=lambda v: side * v):
-            if not actuators[value].stable:
-                inside = _edge(stable, inside, value)
-                break
-            inside = value
-        ends.append(inside)
-    here = LinearActuator(parameters.values, fin_angle, aero_torque, model)
-    return Locus(name, numbers[name].unit, nominal, np.array(list(actuators)), poles, (ends[0], ends[1]),
-                 here.rational().poles())
-
-
-def _edge(stable: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return the stable value nearest to instability, between `inside` and `outside`, to a thousandth of these."""
-    for _ in range(10):
-        middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if stable(middle) else (inside, middle)
-    return inside
+    for outwards in ([v for v in reversed(values) if v < nominal], [v for v in values if v > nominal]):
+        stable = [nominal, *takewhile(lambda value: growth(value) < 0.0, outwards)]
+        unstable = outwards[len(stable) - 1:]
+        ends.append(float(brentq(growth, stable[-1], unstable[0], rtol=1e-6)) if unstable else stable[-1])
+    return Locus(name, numbers[name].unit, nominal, np.array(values), poles, (ends[0], ends[1]),
+                 at(nominal).rational().poles())
 
 
 def _moved(poles: list[Array]) -> bool:

@@ -11,50 +11,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import nan, pi, sqrt
+from math import pi, sqrt
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from ...actuators import NONLINEAR, get
 from ...errors import EmcasError
 from ...ops.floats import FLOATS
-from ...parameters.schema import In, Table, load
+from ...parameters.entries import Known, read_entries
+from ...parameters.schema import document
 from ...physics import kinematics, mechanics
 from ...support.files import models_directory
+from ...variables import Variable
 
-
-@dataclass(frozen=True)
-class _Entry(In):
-    """A quantity above 0, alone or in a table with its unit, source and note."""
-
-    def limited(self, written: Any) -> Any:
-        """Return the value in the unit. Raises ValueError."""
-        if isinstance(written, Mapping):
-            if "value" not in written or not {"value", "unit", "source", "note"}.issuperset(written):
-                raise ValueError("an entry has value, unit, source, note")
-            written = f"{written['value']} {written.get('unit', '')}"
-        value = self.number(written)
-        if not value > 0.0:
-            raise ValueError("must be above 0")
-        return value
-
-
-class _Rod(Table):
-    length: Annotated[float, _Entry("m")] = nan
-    diameter: Annotated[float, _Entry("m")] = nan
-    tensile_modulus: Annotated[float, _Entry("N/m^2")] = nan
-    shear_modulus: Annotated[float, _Entry("N/m^2")] = nan
-
-
-class _Table1(Table):
-    inertia: Annotated[float, _Entry("kg*m^2")] = nan
-    mass: Annotated[float, _Entry("kg")] = nan
-    bandwidth: Annotated[float, _Entry("Hz")] = nan
-
-
-class _File(Table):
-    rod: _Rod = _Rod()
-    thesis: _Table1 = _Table1()
+_SMALLEST = 1e-15  # of each quantity, in its unit; all are above 0
+_KNOWN = Known([Variable(name, "Real", "parameter", "fixed", unit, "", _SMALLEST) for name, unit in {
+    "rod.length": "m", "rod.diameter": "m", "rod.tensile_modulus": "N/m^2", "rod.shear_modulus": "N/m^2",
+    "thesis.inertia": "kg*m^2", "thesis.mass": "kg", "thesis.bandwidth": "Hz"}.items()], "a rod has no such entry")
 
 
 @dataclass(frozen=True)
@@ -88,8 +61,10 @@ def load_rod(path: Path | None = None) -> Mapping[str, float]:
     """
     entries: dict[str, float] = {}
     for file in (models_directory() / "rod.toml", *([path] if path else [])):
-        tables = load(_File, file, EmcasError).model_dump(exclude_unset=True)
-        entries |= {f"{table}.{key}": value for table, keys in tables.items() for key, value in keys.items()}
+        read, problems = read_entries(document(file, EmcasError, str)[1], str(file), file.name, "user", _KNOWN)
+        if problems:
+            raise EmcasError("\n".join(problems))
+        entries |= {name: float(entry.value) for name, entry in read.items()}
     return entries
 
 

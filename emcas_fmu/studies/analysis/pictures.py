@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from math import degrees, pi
 from typing import Any
 
+import control as ct
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -13,10 +14,9 @@ from ...actuators import capabilities
 from ...actuators.declaration import Actuator
 from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
-from ...bench.linear.systems import System
 from ...figures import plots
 from ...figures.plots import LIMIT, Drawing
-from .analyse import Analysis
+from .analyse import Analysis, ClosedLoop
 from .steps import STOP
 from .sweep import LIMITS, shared
 
@@ -89,41 +89,29 @@ def bode(analysis: Analysis) -> Drawing:
 def nichols(analysis: Analysis) -> Drawing:
     """Draw the open loops in the Nichols plane, with lines of constant closed-loop gain."""
     figure, (axes,) = plots.column("open-loop gain [dB]", x="open-loop phase [deg]", height=4.2, width=7.0)
-    phase, gain = np.meshgrid(np.linspace(-360, 0, 361), np.linspace(-30, 40, 281))
-    loop = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
-    with np.errstate(divide="ignore"):
-        closed = 20.0 * np.log10(np.abs(loop / (1.0 + loop)))
-    axes.contour(phase, gain, closed, levels=[-3.0, 0.0, 3.0, 6.0], colors=plots.GRAY, linewidths=0.6,
-                 linestyles="dotted")
-    labels: Look = {"fontsize": 6.5, "color": plots.GRAY}
-    axes.text(-88.0, 36.0, "0 dB", **labels)
-    axes.text(-40.0, 8.0, "-3 dB", **labels)
-    for level in (3, 6):  # at -180 deg, L = -M/(M - 1)
-        m = 10.0 ** (level / 20)
-        axes.text(-180.0, 20.0 * np.log10(m / (m - 1.0)), f"{level} dB", ha="center", va="bottom", **labels)
+    ct.nichols_grid(np.array([-3.0, 0.0, 3.0, 6.0]), ax=axes, label_cl_phases=False)
     at = analysis.actuator.reference_name
-    # The current loop is in continuous time.
-    for name, label, color in (("velocity", "velocity loop", plots.GREEN), ("position", "position loop", plots.PURPLE),
-                               ("reference", f"at {at}", plots.BLUE)):
+    looks = {"velocity": {"label": "velocity loop", "color": plots.GREEN},  # the current loop is in continuous time
+             "position": {"label": "position loop", "color": plots.PURPLE},
+             "reference": {"label": f"at {at}", "color": plots.BLUE}}
+    for name, look in looks.items():
         if name in analysis.linear.loops:
-            _nichols_line(axes, analysis.linear.loops[name], analysis.linear.margins[name],
-                          {"color": color, "label": label})
+            _nichols_line(axes, analysis.linear, name, look)
     if analysis.thesis:
-        _nichols_line(axes, analysis.thesis.loops["reference"], analysis.thesis.margins["reference"],
-                      {**_THESIS, "label": f"thesis's model, at {at}"})
+        _nichols_line(axes, analysis.thesis, "reference", {**_THESIS, "label": f"thesis's model, at {at}"})
     axes.plot(-180, 0, "+", color=plots.INK, markersize=9)
     axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45))
     plots.legend_above(figure, 2)
     m = analysis.linear.margins["reference"]
     return Drawing("Nichols chart", figure, f"At {at} the gain may grow by {m.gain_db:.1f} dB "
                    f"(square, at {m.phase_crossover:.0f} Hz), the phase lag by {degrees(m.phase):.0f} deg (circle, at "
-                   f"{m.gain_crossover:.0f} Hz), which is {m.delay * 1e3:.2f} ms of delay. Dotted: gain of the closed "
-                   "loop.")
+                   f"{m.gain_crossover:.0f} Hz), which is {m.delay * 1e3:.2f} ms of delay. Dotted: gain and "
+                   "phase of the closed loop.")
 
 
-def _nichols_line(axes: Axes, loop: System, margins: frequency.Margins, look: Look) -> None:
-    grid = frequency.frequencies(frequency.highest(loop), 0.02)
-    response = frequency.of_ratio(grid, frequency.evaluate(loop, grid))
+def _nichols_line(axes: Axes, model: ClosedLoop, name: str, look: Look) -> None:
+    response, margins = frequency.response(model.loops[name]), model.margins[name]
+    grid = response.frequency
     # The phase of a loop with integrators starts below -90 deg: this is the branch nearest to the crossover.
     turns = np.round((np.interp(margins.gain_crossover, grid, response.phase) + 0.5 * pi) / (2.0 * pi))
     phase = np.degrees(response.phase - 2.0 * pi * turns)
@@ -251,27 +239,29 @@ def torque_speed(analysis: Analysis) -> Drawing:
     figure, (axes,) = plots.column("motor torque [N.m]", x="motor speed [rad/s]", height=4.0, width=7.5)
     e, cases = analysis.envelope, analysis.cases
     assert e is not None
-    axes.fill_between(e.speed, -e.highest[::-1], e.highest, color=plots.GRAY, alpha=0.13, linewidth=0)
+    speed, highest, prompt = e["speed_rad_per_s"], e["torque_nm"], e["prompt_torque_nm"]
+    free, integral = e["no_load_speed_rad_per_s"], e["integral_time_s"]
+    axes.fill_between(speed, -highest[::-1], highest, color=plots.GRAY, alpha=0.13, linewidth=0)
     for side in (1.0, -1.0):
-        axes.plot(side * e.speed, side * e.highest, label="motor and drive, steady", color=plots.INK, linewidth=1.2)
-        axes.plot(side * e.speed, side * e.prompt, label="without the drive's integral", color=plots.GRAY,
-                  linewidth=1.0, **_DASHED)
+        axes.plot(side * speed, side * highest, label="motor and drive, steady", color=plots.INK, linewidth=1.2)
+        axes.plot(side * speed, side * prompt, label="without the drive's integral", color=plots.GRAY, linewidth=1.0,
+                  **_DASHED)
     named = {"step_plus20": plots.BLUE, "load_opposing": plots.VERMILLION, "load_aiding": plots.GREEN,
-             "sag": plots.ORANGE, "other cases": plots.SKY}
+             "sag": plots.ORANGE}
     for name, columns in cases.items():
         dots = slice(None, None, max(len(columns["time"]) // _DOTS, 1))
-        alpha, order = (0.9, 3.0) if name in named else (0.35, 2.0)
-        axes.plot(columns["motor_speed"][dots], columns["motor_torque"][dots], ".", markersize=2.6, alpha=alpha,
-                  color=named.get(name, plots.SKY), zorder=order, label=name if name in named else "other cases")
+        look = {"color": named[name], "alpha": 0.9, "zorder": 3.0, "label": name} if name in named else {
+            "color": plots.SKY, "alpha": 0.35, "zorder": 2.0, "label": "other cases"}
+        axes.plot(columns["motor_speed"][dots], columns["motor_torque"][dots], ".", markersize=2.6, **look)
     plots.limits(axes, analysis.parameters.values["controller.speed_limit"], sides=True, across=False)
     fastest, most = (max(float(np.max(np.abs(columns[name]))) for columns in cases.values())
                      for name in ("motor_speed", "motor_torque"))
-    end, top = 1.05 * max(e.no_load_speed, fastest), max(1.05 * most, 1.1 * float(np.max(e.highest)))
+    end, top = 1.05 * max(free, fastest), max(1.05 * most, 1.1 * float(np.max(highest)))
     axes.set(xlim=(-end, end), ylim=(-top, top))
     plots.legend_above(figure, 4, markerscale=3)
-    slow = f", in some {e.integral_time:.0f} s" if np.isfinite(e.integral_time) else ""
-    return Drawing("Torque and speed", figure, f"Grey: steady torque within the drive's current "
-                   f"({e.stall_torque:.3g} N.m at stall) and the supply (no torque at {e.no_load_speed:.0f} rad/s). "
+    slow = f", in some {integral:.0f} s" if np.isfinite(integral) else ""
+    return Drawing("Torque and speed", figure, "Grey: steady torque within the drive's current "
+                   f"({e['stall_torque_nm']:.3g} N.m at stall) and the supply (no torque at {free:.0f} rad/s). "
                    f"Dashed: at first, before the drive's integral has closed the rest{slow}. Points: the reference "
                    "cases with these parameters; dotted verticals: the controllers' speed limit. Points outside are "
                    "transients, in which the current outlasts the voltage that made it.")

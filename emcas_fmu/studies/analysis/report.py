@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import degrees, log10, pi
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ...bench.linear.frequency import continuous_poles
 from ...bench.linear.systems import System
 from ...figures import plots
 from ...motions import RATED
+from ...pages.numbers import number
 from ...pages.page import write_page
 from . import final_values
 from .analyse import Analysis, ClosedLoop
@@ -49,7 +50,7 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
                    "phase_deg": np.degrees(s.response.phase),
                    "limit_share": dict(zip(LIMITS, s.active))} for s in analysis.sweeps],
         "modes": _rod(*analysis.modes) if analysis.modes else None,
-        "envelope": _envelope(analysis),
+        "envelope": analysis.envelope,
         "capability": _capability(analysis),
         "locus": {"parameter": locus.name, "unit": locus.unit, "value": locus.nominal,
                   "tried": [locus.values[0], locus.values[-1]], "stable": locus.stable_range},
@@ -82,21 +83,12 @@ def _state_space(system: System) -> dict[str, Any]:
 
 
 def _rod(here: Modes, thesis: Modes) -> dict[str, Any]:
-    def common(modes: Modes) -> dict[str, float]:
-        return {"axial_hz": modes.axial, "torsional_hz": modes.torsional,
-                "axial_over_bandwidth": modes.ratios[0], "torsional_over_bandwidth": modes.ratios[1]}
-
-    return {**common(here), "inertia_kgm2": here.inertia, "mass_kg": here.mass,
-            "thesis": {**common(thesis), "axial_rad_per_s_over_hz": thesis.slipped[0],
+    of_set, of_thesis = ({"axial_hz": modes.axial, "torsional_hz": modes.torsional,
+                          "axial_over_bandwidth": modes.ratios[0], "torsional_over_bandwidth": modes.ratios[1]}
+                         for modes in (here, thesis))
+    return {**of_set, "inertia_kgm2": here.inertia, "mass_kg": here.mass,
+            "thesis": {**of_thesis, "axial_rad_per_s_over_hz": thesis.slipped[0],
                        "torsional_rad_per_s_over_hz": thesis.slipped[1], "bandwidth_hz": thesis.bandwidth}}
-
-
-def _envelope(analysis: Analysis) -> dict[str, Any] | None:
-    if (e := analysis.envelope) is None:
-        return None
-    return {"stall_torque_nm": e.stall_torque, "no_load_speed_rad_per_s": e.no_load_speed,
-            "integral_time_s": e.integral_time, "speed_rad_per_s": e.speed, "torque_nm": e.highest,
-            "prompt_torque_nm": e.prompt}
 
 
 def _capability(analysis: Analysis) -> dict[str, Any] | None:
@@ -111,17 +103,58 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
             **{f"{name}_deg_per_s": np.degrees(np.min(both, axis=0)) for name, both in rates.items()}}
 
 
-def write_report(analysis: Analysis, path: Path) -> None:
-    """Write the page; the same analysis gives the same bytes."""
-    f, reference = figures_of(analysis), analysis.actuator.reference_name
-    margins = f["linear"]["loops"]
+class Rows(NamedTuple):
+    """A table for page and terminal; columns whose name begins with ">" have numbers, None where there is no value."""
+
+    caption: str
+    columns: list[str]
+    rows: list[list[Any]]
+
+
+def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
+    """Return the tables of the figures `f` by section; `reference` is the reference's name."""
+    here, thesis, compared = f["linear"], f["thesis_linear"], "thesis_linear" not in f["left_out"]
+    made = {"linear": Rows("Bandwidth and peak of the linear models", [
+        "", ">linearised here", *[">thesis’s model"] * compared], [
+            [label, here[key], *[thesis[key] if thesis else "unstable"] * compared] for label, key in (
+                ("bandwidth, -3 dB [Hz]", "bandwidth_3db_hz"), ("bandwidth, -90 deg [Hz]", "bandwidth_90deg_hz"),
+                ("largest closed-loop gain [dB]", "peak_db"))])}
     named = {"reference": f"{reference} u", "position": "position", "velocity": "velocity (position loop open)",
              "current": "current (outer loops open)"}
-    loops = [(label, margins[name]) for name, label in named.items() if name in margins]
-    if f["thesis_linear"]:
-        loops.append((f"{reference} u, thesis’s model", f["thesis_linear"]["loops"]["reference"]))
-    finals = [(label, f["final_values"][name]) for name, label in (("p", "P"), ("pi", "PI"), ("as_set", "as set"))
-              if name in f["final_values"]]
-    write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=f, loops=loops,
-                       finals=finals, actuator=analysis.actuator.actuator, reference=reference,
-                       small=unseen(analysis.actuator.actuator), pictures=plots.pictures(drawings(analysis)))
+    loops = {label: here["loops"][name] for name, label in named.items() if name in here["loops"]}
+    if thesis:
+        loops[f"{reference} u, thesis’s model"] = thesis["loops"]["reference"]
+    made["margins"] = Rows("Stability margins, loop by loop", [
+        "loop broken at", ">gain margin [dB]", ">at [Hz]", ">phase margin [deg]", ">at [Hz]", ">delay margin [ms]",
+        ">least |1 + L|"], [
+            [label, x["gain_margin_db"], x["phase_crossover_hz"], x["phase_margin_deg"], x["gain_crossover_hz"],
+             x["delay_margin_s"] and 1e3 * x["delay_margin_s"], x["modulus_margin"]] for label, x in loops.items()])
+    finals = f["final_values"]
+    made["finals"] = Rows("Errors that remain after steps of command and load", [
+        "position controller", f">after a command of {finals['command_step_deg']:g} deg [deg]",
+        f">after a load of {finals['load_step_nm']:g} N.m [deg]", ">slowest mode [s]"], [
+            [label.format(number(x["ki"])) + ("" if x["stable"] else " (unstable)"), x["command_error_deg"],
+             x["load_error_deg"], x["slowest_time_constant_s"]] for key, label in (
+                ("p", "P"), ("pi", "PI, ki = {} 1/s2"), ("as_set", "as set")) if (x := finals.get(key))])
+    if rod := f["modes"]:
+        made["modes"] = Rows("Natural frequencies of motor shaft and screw", [
+            "motor shaft and screw as a rod", ">axial [Hz]", ">torsional [Hz]",
+            f">over {rod['thesis']['bandwidth_hz']:g} Hz"], [
+                [label, x["axial_hz"], x["torsional_hz"],
+                 f"{number(x['axial_over_bandwidth'])} and {number(x['torsional_over_bandwidth'])}"] for label, x in (
+                    (f"inertia of this parameter set, {rod['inertia_kgm2']:.3g} kg.m2", rod),
+                    ("Table 1 of the thesis", rod["thesis"]))])
+    limits = () if "limits" in f["left_out"] else ("rate limited", "current", "voltage", "analogue reference")
+    made["sweep"] = Rows("Bandwidth and first limit against amplitude", [
+        ">amplitude [deg]", ">-3 dB [Hz]", ">-90 deg [Hz]", *(f">{limit} from [Hz]" for limit in limits)], [
+            [s["amplitude_deg"], s["bandwidth_3db_hz"], s["bandwidth_90deg_hz"], *s["limit_onset_hz"].values()]
+            for s in f["sweep"]])
+    return made
+
+
+def write_report(analysis: Analysis, path: Path) -> None:
+    """Write the page; the same analysis gives the same bytes."""
+    f, actuator = figures_of(analysis), analysis.actuator
+    write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=f,
+               tables=tables(f, actuator.reference_name), actuator=actuator.actuator, reference=actuator.reference_name,
+               small=unseen(actuator.actuator), pictures=plots.pictures(drawings(analysis)))
