@@ -62,24 +62,28 @@ def fly(
         "--model", "--models", help="Build actuators of this model with default parameters and fly them; repeatable. "
         "all compares every model. Default without --fmu: nonlinear.",
         metavar="NAME|all")] = None,
-    actuator: Annotated[Actuator, typer.Option(help="What moves the fins: second-order is a fit to the FMU, "
-                                                    "undelayed the same without delay, stiff the FMU on a "
-                                                    "stiff bus.")] = Actuator.ALL,
-    manoeuvre: Annotated[Flown, typer.Option(help="Manoeuvre; tight is aggressive with higher gains.")] = Flown.ALL,
+    actuator: Annotated[Actuator, typer.Option(
+        help="What moves the fins: ideal, second-order (a fit to the FMU), second-order-undelayed (without its delay), "
+             "fmu, stiff (the FMU on a stiff bus) or all.", metavar="NAME")] = Actuator.ALL,
+    manoeuvre: Annotated[Flown, typer.Option(help="gentle, aggressive, tight (aggressive with higher gains) or all.",
+                                             metavar="NAME")] = Flown.ALL,
     bus_resistance: Annotated[float | None, typer.Option(
         help="Resistance of the bus's source in Ohm, 0 to 1. Default for an FMU of four: 0.02.", metavar="OHM")] = None,
     bus_voltage: Annotated[float | None, typer.Option(
         help="Voltage of the bus's source. Default: the start value of the FMU or archive.", metavar="V")] = None,
     mixing: Annotated[bool, typer.Option("--mixing", help="Let an FMU of four mix roll, pitch and yaw.")] = False,
-    host: Annotated[Host | None, typer.Option(help="Also fly the four single FMUs of an SSP in this master.")] = None,
+    host: Annotated[Host | None, typer.Option(
+        help="Also fly the four single FMUs of an SSP in this master: fmpy, libcosim, ecos or all.", metavar="NAME")] = None,
     ssp: Annotated[Path | None, typer.Option(help="Archive for --host. Default: one built of the model.",
                                              metavar="FILE.ssp")] = None,
     variant: Annotated[str, typer.Option(help="Variant of --ssp.", metavar="NAME")] = "nominal",
-    step: Annotated[float, typer.Option(help="Communication step in ms; 4 ms must be a multiple.", min=0.01)] = 1.0,
+    step: Annotated[float, typer.Option(help="Communication step in ms; 4 ms must be a multiple.", min=0.01,
+                                         metavar="MS")] = 1.0,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for page, figures and trajectories.",
                                          metavar="DIR")] = Path("jsbsim-flight"),
-    kind: Annotated[Format, typer.Option("--format", help="Format of trajectories.")] = Format.CSV,
-    guid: Annotated[str | None, typer.Option(help="Refuse an FMU of another GUID.")] = None,
+    kind: Annotated[Format, typer.Option("--format", help="Format of trajectories: csv or npz.",
+                                         metavar="NAME")] = Format.CSV,
+    guid: Annotated[str | None, typer.Option(help="Refuse an FMU of another GUID.", metavar="GUID")] = None,
     convergence: Annotated[bool, typer.Option(help="Measure convergence with the communication step (half a "
                                                    "minute).")] = True,
 ) -> None:
@@ -136,7 +140,7 @@ def _print(results: Any) -> None:
         for heading in shown.values():
             table.add_column(heading, justify="right", no_wrap=True)
         for actuator, figures in flown.items():
-            table.add_row(actuator, *(f"{figures[k]:.4g}" if k in figures else "-" for k in shown))
+            table.add_row(actuator, *(f"{figures[k]:.3g}" if k in figures else "-" for k in shown))
         out.print(table)
     for manoeuvre, found in agreements(results).items():
         first = next(iter(found))
