@@ -113,12 +113,12 @@ class Response:
         """Figures of the line that several fins share; the names end in units."""
         if self.unit.line is None:
             return {}
-        level, drawn = self.unit.line.outputs
+        level, current = self.unit.line.outputs
         (lowest, by), (peak, times) = (metrics.named(f"{figure}_{v.name}", v.unit)
-                                       for figure, v in (("lowest", level), ("peak", drawn)))
+                                       for figure, v in (("lowest", level), ("peak", current)))
         power = Run(self.excitation, {name: self.columns[name] for name in ("time", "supply_power")}, None, (), 0.0)
         return {lowest: by * float(np.min(self.columns[level.name])),
-                peak: times * float(np.max(np.abs(self.columns[drawn.name]))),
+                peak: times * float(np.max(np.abs(self.columns[current.name]))),
                 **metrics.displayed(metrics.usage(power))}
 
     @cached_property

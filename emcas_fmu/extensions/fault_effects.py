@@ -145,8 +145,8 @@ def at_line(ops: Ops, f: Held, power: Value) -> Value:
     Current or flow is the same on both sides of the drop, which dissipates the difference. Power that the actuator
     returns reaches the supply unchanged.
     """
-    drawn = ops.both(power > 0.0, f.supply > 0.0)
-    return ops.branch(drawn, lambda: (power / f.supply,), lambda: (power,))[0]
+    consumes = ops.both(power > 0.0, f.supply > 0.0)
+    return ops.branch(consumes, lambda: (power / f.supply,), lambda: (power,))[0]
 
 
 def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:

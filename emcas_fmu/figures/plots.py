@@ -183,7 +183,7 @@ def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping
     Of each response (`bench.frequency_response`) there are the frequencies [Hz] of -3 dB and -90 deg, which have dots,
     and line properties. Lines are at the `required` bandwidths [Hz].
     """
-    drawn, (gain, phase, coherence) = column("", "", "coherence", height=1.9, height_ratios=(1.3, 1.3, 0.8))
+    plot, (gain, phase, coherence) = column("", "", "coherence", height=1.9, height_ratios=(1.3, 1.3, 0.8))
     for response, marks, look in curves:
         bode(gain, phase, response.frequency, response.gain_db, np.degrees(response.phase), marks, **look)
         coherence.semilogx(response.frequency, response.coherence, **look)
@@ -197,7 +197,7 @@ def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping
     for axes in (gain, phase, coherence):
         axes.minorticks_off()
         axes.margins(x=0.0)
-    return drawn
+    return plot
 
 
 def legend(owner: Axes | Figure, **more: Any) -> None:

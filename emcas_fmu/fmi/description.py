@@ -135,8 +135,8 @@ def _for_all_fins(interface: FmuInterface, of_one: Mapping[str, Collection[str]]
     if interface.line and interface.actuator.supply:
         source, power = {interface.actuator.supply.input.name}, interface.actuator.supply.power.name
         every = set().union(*(of_fin(fin, power) for fin in range(interface.fins)))
-        drawn = source | every  # the power divided by the line's voltage or pressure
-        listed |= zip((v.name for v in interface.line_outputs), (source, drawn, every), strict=True)
+        current = source | every  # the power divided by the line's voltage or pressure
+        listed |= zip((v.name for v in interface.line_outputs), (source, current, every), strict=True)
     return {v.name: tuple(sorted(listed[v.name], key=interface.reference.__getitem__)) for v in interface.outputs}
 
 

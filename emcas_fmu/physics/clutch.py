@@ -45,7 +45,7 @@ class Coil(NamedTuple):
         """Return di/dt [A/s]."""
         return (self.voltage(ops, p, current) - p.coil.resistance * current) / p.coil.inductance
 
-    def drawn(self, ops: Ops, p: Any, current: Value) -> Value:
+    def power(self, ops: Ops, p: Any, current: Value) -> Value:
         """Return the power [W] that the amplifier draws from the supply; below 0 V the suppressor absorbs it."""
         return ops.maximum(self.voltage(ops, p, current), 0.0) * current
 

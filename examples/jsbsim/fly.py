@@ -73,7 +73,8 @@ def fly(
         help="Voltage of the bus's source. Default: the start value of the FMU or archive.", metavar="V")] = None,
     mixing: Annotated[bool, typer.Option("--mixing", help="Let an FMU of four mix roll, pitch and yaw.")] = False,
     host: Annotated[Host | None, typer.Option(
-        help="Also fly the four single FMUs of an SSP in this master: fmpy, libcosim, ecos or all.", metavar="NAME")] = None,
+        help="Also fly the four single FMUs of an SSP in this master: fmpy, libcosim, ecos or all.",
+        metavar="NAME")] = None,
     ssp: Annotated[Path | None, typer.Option(help="Archive for --host. Default: one built of the model.",
                                              metavar="FILE.ssp")] = None,
     variant: Annotated[str, typer.Option(help="Variant of --ssp.", metavar="NAME")] = "nominal",

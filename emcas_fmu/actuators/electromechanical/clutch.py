@@ -221,21 +221,21 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     m = mode(ops, p, x, u, 0.0)
     b, supply = _bodies(ops, p, x, u, m), ops.maximum(u.supply, 0.0)
     current = ops.maximum(_surplus(ops, p, x.motor_speed, u), 0.0) / p.motor.resistance
-    drawn, limited = supply * current, u.limited > 0.0
+    power, limited = supply * current, u.limited > 0.0
     coil_currents = (x.coil_current_1, x.coil_current_2)
     for coil, coil_current in zip(m.coils, coil_currents, strict=True):
-        drawn = drawn + coil.drawn(ops, p, coil_current)
+        power = power + coil.power(ops, p, coil_current)
         limited = ops.either(limited, ops.negate(ops.equal(coil.side, 0.0)))
     # While everything is at rest friction is not determined: the output is within the clutch's torque.
     torques = [ops.clip(torque, -dry.low, dry.high)
                for torque, dry in zip(coupled.friction_torques(ops, b, m.signs), b.dry, strict=True)]
     return p, interface.moment(
-        ops, p, x, u, x.screw_angle, x.screw_speed, current=current, limited=limited, drawn=drawn,
+        ops, p, x, u, x.screw_angle, x.screw_speed, current=current, limited=limited, power=power,
         coil_currents=coil_currents, torques=(torques[coupled.WITH], torques[coupled.AGAINST]),
         slip_powers=_slip_powers(ops, b, m.signs, x))
 
 
-_POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.drawn),), wired=False,
+_POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.power),), wired=False,
                provides=frozenset({capabilities.SUPPLY_VOLTAGE}))
 COMPOSITION = interface.composed(
     moment, *clutches.SCREW_SIDE,

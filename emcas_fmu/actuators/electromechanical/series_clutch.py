@@ -67,9 +67,9 @@ def _screw_loss(ops: Ops, p: Any, m: Record) -> Value:
 
 
 _POWERS = Group(groups.EFFICIENCY.parameters, (
-    Output(SUPPLY_POWER, lambda ops, p, m: ops.maximum(m.drawn, 0.0)),
+    Output(SUPPLY_POWER, lambda ops, p, m: ops.maximum(m.power, 0.0)),
     Output(real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor",
-                       100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.drawn, 0.0)),
+                       100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.power, 0.0)),
     Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0,
                        minimum=0.0), _screw_loss)), wired=False, provides=frozenset({capabilities.SUPPLY_VOLTAGE}))
 FAULTS = (
@@ -225,7 +225,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     return p, interface.moment(
         ops, p, x, u, x.screw_angle, x.screw_speed, voltage=voltage, current=current,
         limited=ops.either(clipped > 0.0, limited), train=t, motion=motion,
-        drawn=voltage * current + m.coil.drawn(ops, p, x.coil_current))
+        power=voltage * current + m.coil.power(ops, p, x.coil_current))
 
 
 COMPOSITION = interface.composed(

@@ -174,15 +174,15 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
 def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return every output."""
     p = with_deviations(ops, p)
-    _, _, drawn = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
+    _, _, supply_flow = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
     at_speed = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT
     limited = ops.either(at_speed, ops.either(ops.fabs(x.spool_position) >= 1.0, u.limited > 0.0))
     return {
         **interface.output_values(ops, p, x, u, limited),
         "valve_reference": u.sampled_reference,
         "valve_position": x.spool_position,
-        "supply_flow": drawn,
-        "supply_power": u.supply * drawn,
+        "supply_flow": supply_flow,
+        "supply_power": u.supply * supply_flow,
     }
 
 
