@@ -44,15 +44,6 @@ def interface_guid(starts: tuple[Any, ...], interface: FmuInterface, fmi: Format
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 
 
-def _native(interface: FmuInterface, starts: tuple[Any, ...], guid: str, platforms: Sequence[str] | None,
-            cc: str | None, progress: Progress | None, fmi: Format) -> dict[str, bytes]:
-    files = native.sources(interface, starts, guid, fmi)
-    contents = native.binaries(interface.model, files, native.chosen(platforms, cc), cc, progress, fmi)
-    contents |= {f"sources/{name}": text.encode() for name, text in files.items()}
-    contents["sources/buildDescription.xml"] = to_bytes(native.build_description(interface.model, fmi))
-    return contents
-
-
 def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,
               cc: str | None, progress: Progress | None, fmi: Format,
               ) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
@@ -61,7 +52,10 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
     # Without the versions of Python and compiler: all supported ones give the same FMU except for the binaries.
     tool = f"emcas-fmu {__version__}"
     if backend == "native":
-        contents, options = _native(interface, starts, guid, platforms, cc, progress, fmi), fmi.options
+        files, options = native.sources(interface, starts, guid, fmi), fmi.options
+        contents = native.binaries(interface.model, files, native.chosen(platforms, cc), cc, progress, fmi)
+        contents |= {f"sources/{name}": text.encode() for name, text in files.items()}
+        contents["sources/buildDescription.xml"] = to_bytes(native.build_description(interface.model, fmi))
     else:
         contents, options = python.exported(interface, starts, guid), python.OPTIONS
         tool += f" with {python.TOOL}"
