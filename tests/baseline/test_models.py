@@ -85,4 +85,4 @@ def test_an_fmu_is_checked_by_the_baseline_of_its_parameters(base: Path, model: 
     asked = ("--model", model) if model == DIRECT_DRIVE else ()
     check(base, *asked, article=fmu)
     if asked:
-        assert "does not tell its model" in check(base, article=fmu, code=2)
+        assert "does not contain its model" in check(base, article=fmu, code=2)
