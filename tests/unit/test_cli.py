@@ -220,7 +220,7 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     (("--step", "nan"), "--step nan: is not a finite number"), (("--step", "1e9"), "within -180 .. 180 deg"),
     (("--step", "5 N"), "--step 5 N: the unit N does not measure"),
     (("--step", "1", "--interval", "1"), "steps of 1 s"), (("--step", "1", "--interval", "1e-12"), "steps of"),
-    (("--step", "1", "--interval", "0.3"), "no whole number of steps"),
+    (("--step", "1", "--interval", "0.3"), "not a whole number of steps"),
     (("--step", "1", "--stop", "0.02"), "before that"), (("--case", "step", "--torque", "1"), "belongs to --step")])
 def test_simulate_refuses(arguments: tuple[str, ...], said: str) -> None:
     refused = emcas("simulate", *arguments)
