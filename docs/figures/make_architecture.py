@@ -63,7 +63,7 @@ BOXES = (
         "common/: an instance in C for both versions · fmi2/: fmi2.c, slave.py · fmi3/: fmi3.c"), "1"),
     Box(10, 292, 640, 88, BLUE, "runtime/", (
         "codegen · compiled · batch: an actuator, or many at once, as a program in Python and C",
-        "core.py, core.h, vector_core.h, the same in all: samples, delay line, ticks, events",
+        "core.py and core.h, the same in both: samples, delay line, ticks, events",
         "multi_fin.py and multi_fin.h: several fins on one line · schedule"), "2"),
     Box(10, 394, 200, 268, BLUE, "trace/", (
         "tracer: runs a function", "once, over symbols, and", "notes what it does", "",

@@ -41,6 +41,7 @@ API int actuator_bind(actuator *a, const double *parameters)
 API int actuator_start(actuator *a, const double *parameters)
 {
     if (!actuator_bind(a, parameters)) return 0;
+    a->state = (core_state){.period = 0};
     core_start(a->parameters, a->constants, &a->state);
     return 1;
 }

@@ -57,7 +57,7 @@ def batch_sources(model: str = NONLINEAR) -> dict[str, str]:
 def vector_sources(model: str = NONLINEAR) -> dict[str, str]:
     """Return the sources of an actuator's library of vectors, the main file first."""
     equations = f"{vector_elementary(elementary.traced())}\n{vector_source(codegen.traced(False, model), 'vector')}"
-    return {**{name: handwritten(name) for name in ("vectors.c", "vector.h", "vector_core.h", "tables.h")},
+    return {**{name: handwritten(name) for name in ("vectors.c", "vector.h", "tables.h")},
             "vector_kernel.h": header("vector_kernel", "The actuator's equations for many at once",
                                       f'#include "vector.h"\n\n{_NO_CONTRACTION}\n{equations}'),
             **core_sources(model=model)}
@@ -154,4 +154,4 @@ def core_sources(several: bool = False, model: str = NONLINEAR, worded: Callable
     """
     return {"elementary.h": elementary_header(), "kernel.h": kernel_header(several, model),
             "model.h": model_header(get(model)), "rules.h": rules_header(model, worded),
-            **{name: handwritten(name) for name in ("core.h", "parameter_checks.h")}}
+            **{name: handwritten(name) for name in ("core.h", "scalar.h", "parameter_checks.h")}}

@@ -1,8 +1,9 @@
-/* Samples, delay buffers and ticks of one actuator: core.py in C, function by function.
+/* Samples, delay buffers and ticks of actuators that are stepped together: core.py in C, function by function.
  *
- * kernel.h holds the equations and model.h the sizes, both generated. The state is that at the beginning of a tick. At a
- * communication point inside a tick the outputs come from a tentative step, so that the trajectory does not depend on the
- * host's step sizes.
+ * `lanes` are a number for each of them: one number by scalar.h, several if vector.h comes first. Lanes move together while
+ * their samples and ticks coincide; `which` are the lanes that do, values of the others have no meaning. model.h holds the
+ * sizes; it is generated, and so are the equations. The state is that at the beginning of a tick. At a communication point
+ * inside a tick the outputs come from a tentative step, so that the trajectory does not depend on the host's step sizes.
  */
 #ifndef EMCAS_CORE_H
 #define EMCAS_CORE_H
@@ -12,52 +13,55 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "kernel.h"
+#ifndef EMCAS_VECTOR_H
+#include "scalar.h"
+#endif
 #include "model.h"
 
-/* The plant's states and, behind them, the duration of the last step: kernel_step writes both in place. A copy would
- * be read in wider words than those just written, for which a processor waits. */
+/* The plant's states and, behind them, the duration of the last step: a step writes both in place. A copy would be read
+ * in wider words than those just written, for which a processor waits. */
 typedef struct {
-    double x[CORE_PLANT + 1];
+    lanes x[CORE_PLANT + 1];
 } core_plant;
 
 /* Command, loads (aero_torque and the motion loads, which have a mean over a tick), inputs that act through limits, and
  * the actuator's further inputs. Their array has an unused element, since there may be no further input. */
 typedef struct {
-    double command, loads[CORE_LOADS], supply, enable, further[CORE_FURTHER + 1];
+    lanes command, loads[CORE_LOADS], supply, enable, further[CORE_FURTHER + 1];
 } core_inputs;
 
 /* How the inputs change from those at `begin` [s]; enable and other Booleans do not. */
 typedef struct {
-    double begin, command, loads[CORE_LOADS], supply, further[CORE_ACTING + 1];
+    lanes begin, command, loads[CORE_LOADS], supply, further[CORE_ACTING + 1];
 } core_ramp;
 
 /* A tick that contains a communication point: the plant's time within the tick [s], the time up to which inputs are known
  * [s], the inputs at the beginning, and the integrals of the loads' differences from these. */
 typedef struct {
-    double origin, covered;
+    lanes origin, covered;
     core_inputs first;
-    double loads[CORE_LOADS];
+    lanes loads[CORE_LOADS];
 } core_part;
 
-/* Everything that changes while running. The line is the delay buffer: the DAC's values up to the present one and, behind
- * them, the commands on their way, the oldest first. There is a part only while `partial`. */
+/* Everything that changes while running; there is a part only while `partial`. The line is the delay buffer: the DAC's
+ * values up to the present one and, behind them, the commands on their way, the oldest first. */
 typedef struct {
+    core_part part;
     int64_t period;
     int32_t position;
     int32_t partial;
-    double sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, states that steps see */
-    double active;
+    lanes sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, states that steps see */
+    lanes active;
     core_plant plant, tentative;
-    double line[CORE_LINE];
-    core_part part;
+    lanes line[CORE_LINE];
 } core_state;
 
 typedef enum { CORE_DONE, CORE_NOT_FINITE, CORE_TOO_MANY_EVENTS, CORE_TOO_MANY_TICKS } core_result;
 
-/* The schedule's numbers, in the order of schedule.py's Schedule. */
+/* The schedule's numbers, in the order of schedule.py's Schedule. Lanes that move have as many ticks, samples and late
+ * commands as the first. */
 typedef struct {
-    double period, before, after, arrival, h_before, h_after, samples, late_commands, slack;
+    lanes period, before, after, arrival, h_before, h_after, samples, late_commands, slack;
 } core_schedule;
 
 /* Tests the bits: comparing a NaN would raise a floating-point exception. */
@@ -80,39 +84,48 @@ static inline bool core_all_finite(const double *x, size_t count)
     return !(carries >> 63);
 }
 
-/* The sum is finite if all terms are, and if they are small enough to be added. */
-static inline double core_sum(const double *x, size_t count)
+/* The sum is finite if all terms are, and if they are small enough to be added. That of vectors is made of four parts, which
+ * a processor adds in parallel. */
+static inline lanes core_sum(const lanes *x, int count)
 {
-    double sum = 0.0;
-    for (size_t i = 0; i < count; ++i) sum += x[i];
-    return sum;
+    enum { PARTS = LANES > 1 ? 4 : 1 };
+    lanes sum[4] = {lanes_set(0.0), lanes_set(0.0), lanes_set(0.0), lanes_set(0.0)};
+#pragma GCC unroll 32
+    for (int i = 0; i < count; ++i) sum[i % PARTS] = sum[i % PARTS] + x[i];
+    if (LANES == 1) return sum[0];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-static inline core_schedule core_scheduled(const double *p, const double *c)
+static inline core_schedule core_scheduled(const lanes *p, const lanes *c)
 {
-    double out[9];
-    kernel_schedule(p, c, out);
+    lanes out[9];
+    EQUATIONS(schedule, EVERY_LANE, p, c, out);
     return (core_schedule){out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7], out[8]};
+}
+
+/* A whole number of the schedule; the conversion to a signed integer is one instruction. */
+static inline int32_t core_count(lanes number)
+{
+    return (int32_t)lanes_of(number, 0);
 }
 
 /* Number of DAC values in the line. */
 static inline size_t core_values(const core_schedule *plan)
 {
-    return (size_t)(int32_t)plan->samples + 2; /* the conversion to a signed integer is one instruction */
+    return (size_t)core_count(plan->samples) + 2;
 }
 
 static inline size_t core_line_length(const core_schedule *plan)
 {
-    return core_values(plan) + (size_t)(int32_t)plan->late_commands;
+    return core_values(plan) + (size_t)core_count(plan->late_commands);
 }
 
-/* The state at rest at the start. */
-static inline void core_start(const double *p, const double *c, core_state *s)
+/* The state at rest at the start, in memory that is all 0. */
+static inline void core_start(const lanes *p, const lanes *c, core_state *s)
 {
     const size_t limited = CORE_CONTROLLER + 1; /* the flag for a limit, which is not among the initial values */
-    double out[CORE_PLANT + CORE_SAMPLED - 1];
-    kernel_initial(p, c, out);
-    memset(s, 0, sizeof *s);
+    lanes out[CORE_PLANT + CORE_SAMPLED - 1];
+    EQUATIONS(initial, EVERY_LANE, p, c, out);
     memcpy(s->plant.x, out, CORE_PLANT * sizeof *out);
     s->tentative = s->plant;
     for (size_t i = 0; i < limited; ++i) s->sampled[i] = out[CORE_PLANT + i];
@@ -120,142 +133,161 @@ static inline void core_start(const double *p, const double *c, core_state *s)
 }
 
 /* The loads that the vehicle's motion causes, which are all but the first, from the inputs of the motion. */
-static inline void core_motion_loads(const double *p, const double *c, const double *motion, double *out)
+static inline void core_motion_loads(const lanes *p, const lanes *c, const lanes *motion, lanes *out)
 {
-    kernel_motion_loads(p, c, MODEL_MOTION_OF(motion), out);
+    EQUATIONS(motion_loads, EVERY_LANE, p, c, MODEL_MOTION_OF(motion), out);
 }
 
 /* A core's inputs from an actuator's inputs, in the interface's order, and its motion loads. */
-static inline void core_inputs_of(const double *in, const double *motion_loads, core_inputs *out)
+static inline void core_inputs_of(const lanes *in, const lanes *motion_loads, core_inputs *out)
 {
     out->command = in[INPUT_FIN_COMMAND];
     out->loads[0] = in[INPUT_AERO_TORQUE];
     for (int i = 0; i < CORE_MOTION_LOADS; ++i) out->loads[i + 1] = motion_loads[i];
-    out->supply = 0.0;
+    out->supply = lanes_set(0.0);
 #if MODEL_SUPPLY >= 0
     out->supply = in[MODEL_SUPPLY];
 #endif
     out->enable = in[INPUT_ENABLE];
     memcpy(out->further, in + MODEL_INPUTS - CORE_FURTHER, CORE_FURTHER * sizeof *in);
-    out->further[CORE_FURTHER] = 0.0;
+    out->further[CORE_FURTHER] = lanes_set(0.0);
 }
 
-static inline void core_outputs_of(const double *p, const double *c, const core_state *s, const core_plant *x,
-                                   const core_schedule *plan, const core_inputs *in, double *out)
+static inline void core_outputs_of(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
+                                   const core_plant *x, const core_schedule *plan, const core_inputs *in, lanes *out)
 {
-    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[core_values(plan) - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s),
-                   in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
+    (void)which;
+    EQUATIONS(outputs, which, p, c, CORE_PLANT_OF(x), s->active, s->line[core_values(plan) - 1],
+              CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in),
+              out);
 }
 
-static inline void core_outputs(const double *p, const double *c, const core_state *s, const core_schedule *plan,
-                                const core_inputs *in, double *out)
+static inline void core_outputs(const lanes *p, const lanes *c, const core_state *s, const core_schedule *plan,
+                                const core_inputs *in, lanes *out)
 {
-    core_outputs_of(p, c, s, &s->tentative, plan, in, out);
+    core_outputs_of(p, c, EVERY_LANE, s, &s->tentative, plan, in, out);
 }
 
 /* The inputs at a time of a ramp, stored in `then`; without a ramp (null) the inputs are held. */
-static inline const core_inputs *core_at(const core_inputs *in, const core_ramp *ramp, double time, core_inputs *then)
+static inline const core_inputs *core_at(const core_inputs *in, const core_ramp *ramp, lanes time, core_inputs *then)
 {
     if (!ramp) return in;
-    const double t = time - ramp->begin;
+    const lanes t = time - ramp->begin;
     *then = *in;
-    then->command += ramp->command * t;
-    for (int i = 0; i < CORE_LOADS; ++i) then->loads[i] += ramp->loads[i] * t;
-    then->supply += ramp->supply * t;
-    for (int i = 0; i < CORE_ACTING; ++i) then->further[i] += ramp->further[i] * t;
+    then->command = then->command + ramp->command * t;
+    for (int i = 0; i < CORE_LOADS; ++i) then->loads[i] = then->loads[i] + ramp->loads[i] * t;
+    then->supply = then->supply + ramp->supply * t;
+    for (int i = 0; i < CORE_ACTING; ++i) then->further[i] = then->further[i] + ramp->further[i] * t;
     return then;
 }
 
-/* Step a plant of `s` over the rest of a tick, `left` [s], from event to event. */
-static inline bool core_finish(const double *p, const double *c, const core_state *s, core_plant *x,
-                               const core_inputs *in, double left)
+/* Step a plant of `s` over the rest of a tick, `left` [s], from event to event; returns the lanes that reached its end. */
+static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask which, const core_state *s, core_plant *x,
+                                     const core_inputs *in, lanes left)
 {
-    if (left <= 0.0) return true;
-    for (int i = 0; i < CORE_MOST_EVENTS; ++i) {
-        kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply, in->enable
-                    CORE_ACTING_OF(in), left, x->x);
-        if (x->x[CORE_PLANT] >= left) return true;
-        left -= x->x[CORE_PLANT];
+    lanes_mask moving = lanes_within(which, lanes_greater(left, lanes_set(0.0)));
+    for (int i = 0; i < CORE_MOST_EVENTS && lanes_any(moving); ++i) {
+        lanes apart[CORE_PLANT + 1], *moved = LANES > 1 ? apart : x->x; /* the other lanes keep their states */
+        EQUATIONS(step, moving, p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply,
+                  in->enable CORE_ACTING_OF(in), left, moved);
+        for (int k = 0; LANES > 1 && k < CORE_PLANT; ++k) x->x[k] = lanes_where(moving, moved[k], x->x[k]);
+        moving = lanes_but(moving, lanes_greater_equal(moved[CORE_PLANT], left));
+        left = left - moved[CORE_PLANT];
     }
-    return false;
+    return lanes_but(which, moving);
 }
 
-static inline void core_extend(core_state *s, double until, const core_inputs *in)
+static inline void core_extend(core_state *s, lanes until, const core_inputs *in)
 {
     core_part *part = &s->part;
     if (!s->partial) {
-        *part = (core_part){0.0, until, *in, {0.0}};
+        *part = (core_part){lanes_set(0.0), until, *in, {lanes_set(0.0)}};
         s->partial = 1;
         return;
     }
-    const double gained = until - part->covered;
-    for (int i = 0; i < CORE_LOADS; ++i) part->loads[i] += gained * (in->loads[i] - part->first.loads[i]);
+    const lanes gained = until - part->covered;
+    for (int i = 0; i < CORE_LOADS; ++i)
+        part->loads[i] = part->loads[i] + gained * (in->loads[i] - part->first.loads[i]);
     part->covered = until;
 }
 
 static inline core_inputs core_mean(const core_part *part)
 {
     core_inputs mean = part->first;
-    const double width = part->covered - part->origin;
-    if (width <= 0.0) return mean;
-    for (int i = 0; i < CORE_LOADS; ++i) mean.loads[i] += part->loads[i] / width;
+    const lanes width = part->covered - part->origin;
+    const lanes_mask wide = lanes_greater(width, lanes_set(0.0));
+    for (int i = 0; i < CORE_LOADS; ++i)
+        mean.loads[i] = lanes_where(wide, mean.loads[i] + part->loads[i] / lanes_where(wide, width, lanes_set(1.0)),
+                                    mean.loads[i]);
     return mean;
 }
 
 /* A tick is split where inputs change that act through limits, or in a way that is not known here: the plant advances to
- * the time up to which inputs are known, and a new part begins there. */
-static inline bool core_split(const double *p, const double *c, core_state *s, const core_inputs *in)
+ * the time up to which inputs are known, and a new part begins there. Returns the lanes that got there. */
+static inline lanes_mask core_split(const lanes *p, const lanes *c, lanes_mask which, core_state *s, const core_inputs *in)
 {
-    const core_part *part = &s->part;
-    bool differ = part->first.supply != in->supply || part->first.enable != in->enable;
-    for (int i = 0; i < CORE_ACTING; ++i) differ |= part->first.further[i] != in->further[i];
-    if (!differ) return true;
+    core_part *part = &s->part;
+    lanes_mask same = lanes_both(lanes_equal(part->first.supply, in->supply), lanes_equal(part->first.enable, in->enable));
+    for (int i = 0; i < CORE_ACTING; ++i) same = lanes_both(same, lanes_equal(part->first.further[i], in->further[i]));
+    const lanes_mask differ = lanes_but(which, same);
+    if (!lanes_any(differ)) return lanes_but(which, NO_LANE);
     const core_inputs mean = core_mean(part);
-    const double covered = part->covered;
-    const bool followed = core_finish(p, c, s, &s->plant, &mean, covered - part->origin);
-    s->part = (core_part){covered, covered, *in, {0.0}};
-    return followed;
+    const lanes_mask reached = core_finish(p, c, differ, s, &s->plant, &mean, part->covered - part->origin);
+    const core_part next = {part->covered, part->covered, *in, {lanes_set(0.0)}};
+    for (size_t i = 0; i < sizeof next / sizeof(lanes); ++i)
+        ((lanes *)part)[i] = lanes_where(differ, ((const lanes *)&next)[i], ((lanes *)part)[i]);
+    return lanes_but(which, lanes_but(differ, reached));
 }
 
-static inline void core_sample(const double *p, const double *c, core_state *s, const core_schedule *plan,
+/* Move values to the front by one, and put one behind them. */
+static inline void core_push(lanes *values, size_t count, lanes last)
+{
+    memmove(values, values + 1, (count - 1) * sizeof *values);
+    values[count - 1] = last;
+}
+
+static inline void core_sample(const lanes *p, const lanes *c, lanes_mask which, core_state *s, const core_schedule *plan,
                                const core_inputs *in)
 {
-    double out[1 + CORE_SAMPLED], command = in->command;
+    lanes out[1 + CORE_SAMPLED], command = in->command;
     const core_plant *x = &s->plant;
-    const size_t line = core_values(plan), late = (size_t)(int32_t)plan->late_commands;
+    const size_t line = core_values(plan), late = (size_t)core_count(plan->late_commands);
+    (void)which;
     if (late) {
-        double *commands = s->line + line;
-        command = commands[0];
-        memmove(commands, commands + 1, (late - 1) * sizeof *commands);
-        commands[late - 1] = in->command;
+        command = s->line[line];
+        core_push(s->line + line, late, in->command);
     }
-    kernel_sample(p, c, CORE_PLANT_OF(x) CORE_CONTROLLER_OF(s) CORE_HELD_OF(s), command, in->supply,
-                  in->enable CORE_FURTHER_OF(in), out);
-    memmove(s->line, s->line + 1, (line - 1) * sizeof *s->line);
-    s->line[line - 1] = out[0];
+    EQUATIONS(sample, which, p, c, CORE_PLANT_OF(x) CORE_CONTROLLER_OF(s) CORE_HELD_OF(s), command, in->supply,
+              in->enable CORE_FURTHER_OF(in), out);
+    core_push(s->line, line, out[0]);
     memcpy(s->sampled, out + 1, sizeof s->sampled);
 }
 
 /* The time at which the present tick begins [s]. */
-static inline double core_begun(const core_state *s, const core_schedule *plan)
+static inline lanes core_begun(const core_state *s, const core_schedule *plan)
 {
-    const double within = s->position < (int32_t)plan->before ? s->position * plan->h_before
-                                                              : plan->arrival + (s->position - plan->before) * plan->h_after;
-    return (double)s->period * plan->period + within;
+    const lanes position = lanes_set(s->position);
+    const lanes within = s->position < core_count(plan->before) ? position * plan->h_before
+                                                                : plan->arrival + (position - plan->before) * plan->h_after;
+    return lanes_set((double)s->period) * plan->period + within;
 }
 
-/* Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part. */
-static inline bool core_tick(const double *p, const double *c, core_state *s, const core_schedule *plan,
-                             const core_inputs *in, const core_ramp *ramp, double until, bool whole)
+/* Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part. Returns the lanes that got
+ * there. */
+static inline lanes_mask core_tick(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
+                                   const core_schedule *plan, const core_inputs *in, const core_ramp *ramp, lanes until,
+                                   bool whole)
 {
-    const double begun = ramp ? core_begun(s, plan) : 0.0;
+    const lanes begun = ramp ? core_begun(s, plan) : lanes_set(0.0);
+    const lanes covered = s->partial ? s->part.covered : lanes_set(0.0);
     core_inputs sampled, middle, mean;
-    const core_inputs *acting = core_at(in, ramp, begun + 0.5 * (s->partial ? until + s->part.covered : until), &middle);
-    if (s->position == 0 && !s->partial) core_sample(p, c, s, plan, core_at(in, ramp, begun, &sampled));
-    s->active = s->line[s->position < (int32_t)plan->before ? 0 : 1];
-    double origin = 0.0;
+    const core_inputs *acting = core_at(in, ramp, begun + lanes_set(0.5) * (until + covered), &middle);
+    if (s->position == 0 && !s->partial) core_sample(p, c, which, s, plan, core_at(in, ramp, begun, &sampled));
+    s->active = s->line[s->position < core_count(plan->before) ? 0 : 1];
+    lanes origin = lanes_set(0.0);
     if (s->partial) {
-        if (!core_split(p, c, s, acting)) return false;
+        which = core_split(p, c, which, s, acting);
+        if (!lanes_any(which)) return NO_LANE;
         origin = s->part.origin;
     }
     if (s->partial || !whole) {
@@ -265,35 +297,47 @@ static inline bool core_tick(const double *p, const double *c, core_state *s, co
     }
     if (whole) {
         s->partial = 0;
-        return core_finish(p, c, s, &s->plant, acting, until - origin);
+        return core_finish(p, c, which, s, &s->plant, acting, until - origin);
     }
     s->tentative = s->plant;
-    return core_finish(p, c, s, &s->tentative, acting, until - origin);
+    return core_finish(p, c, which, s, &s->tentative, acting, until - origin);
 }
 
-/* Advance as core_run does, but without restoring the state if the equations cannot be followed. */
-static inline core_result core_move(const double *p, const double *c, core_state *s, const core_schedule *plan,
-                                    double end, const core_inputs *in, const core_ramp *ramp, double *out)
+/* Advance the lanes `which` (at least one) as core_run does, as far as they move together, but without restoring the state.
+ * Returns the lanes that reached `end`, and sets `why` the others did not. */
+static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
+                                   const core_schedule *plan, double end, const core_inputs *in, const core_ramp *ramp,
+                                   lanes *out, core_result *why)
 {
-    const int32_t ticks = (int32_t)(plan->before + plan->after);
-    double at[3] = {(double)(s->period + 1), 0.0, 0.0}; /* most hosts step from sample to sample */
-    const double beyond = end - at[0] * plan->period;
-    if (!(beyond <= plan->slack && -plan->slack <= beyond)) kernel_locate(p, c, end, at);
-    if (!((at[0] - (double)s->period) * ticks <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
-    int64_t period = (int64_t)(at[0] > -1.0 ? at[0] : -1.0); /* any time before the start is like the start */
-    int32_t position = (int32_t)at[1];
-    double rest = at[2];
+    const int32_t ticks = (int32_t)lanes_of(plan->before + plan->after, 0);
+    const int lead = lanes_lead(which);
+    lanes at[3] = {lanes_set((double)(s->period + 1)), lanes_set(0.0), lanes_set(0.0)}; /* most hosts step by samples */
+    const lanes_mask near = lanes_less_equal(lanes_fabs(lanes_set(end) - at[0] * plan->period), plan->slack);
+    if (lanes_any(lanes_but(which, near))) {
+        lanes located[3];
+        EQUATIONS(locate, which, p, c, lanes_set(end), located);
+        for (int i = 0; i < 3; ++i) at[i] = lanes_where(near, at[i], located[i]);
+    }
+    const double periods = lanes_of(at[0], lead);
+    *why = CORE_TOO_MANY_TICKS;
+    if (!((periods - (double)s->period) * ticks <= CORE_MOST_TICKS)) return NO_LANE;
+    lanes_mask moving = lanes_within(which, lanes_both(lanes_alike(at[0], lead), lanes_alike(at[1], lead)));
+    int64_t period = (int64_t)(periods > -1.0 ? periods : -1.0); /* any time before the start is like the start */
+    int32_t position = (int32_t)lanes_of(at[1], lead);
+    lanes rest = at[2];
     if (period < s->period || (period == s->period && position <= s->position)) { /* time never goes back */
-        const double covered = s->partial ? s->part.covered : 0.0;
+        const lanes covered = s->partial ? s->part.covered : lanes_set(0.0);
         const bool behind = period < s->period || position < s->position;
         period = s->period;
         position = s->position;
-        if (behind || rest < covered) rest = covered;
+        rest = behind ? covered : lanes_where(lanes_less(rest, covered), covered, rest);
     }
     /* The number of ticks is computed first, so that the loop ends whatever the state was. */
+    *why = CORE_TOO_MANY_EVENTS;
     for (int64_t left = (period - s->period) * ticks + (position - s->position); left > 0; --left) {
-        const double h = s->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
-        if (!core_tick(p, c, s, plan, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
+        const lanes h = s->position < core_count(plan->before) ? plan->h_before : plan->h_after;
+        moving = core_tick(p, c, moving, s, plan, in, ramp, h, true);
+        if (!lanes_any(moving)) return NO_LANE;
         if (++s->position == ticks) {
             s->position = 0;
             ++s->period;
@@ -301,36 +345,40 @@ static inline core_result core_move(const double *p, const double *c, core_state
     }
     const core_plant *reached = &s->plant; /* not the copy, for which the processor would wait */
     s->tentative = s->plant;
-    if (rest > 0.0) {
-        if (!core_tick(p, c, s, plan, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
+    const lanes_mask inside = lanes_within(moving, lanes_greater(rest, lanes_set(0.0)));
+    if (lanes_any(inside)) {
+        moving = core_tick(p, c, inside, s, plan, in, ramp, rest, false);
+        if (!lanes_any(moving)) return NO_LANE;
         reached = &s->tentative;
     }
     core_inputs final;
-    double outputs[MODEL_OUTPUTS];
-    core_outputs_of(p, c, s, reached, plan, core_at(in, ramp, end, &final), outputs);
-    if (!core_finite(core_sum(s->sampled, CORE_SAMPLED) + core_sum(reached->x, CORE_PLANT)
-                     + core_sum(outputs, MODEL_OUTPUTS)))
-        return CORE_NOT_FINITE;
-    memcpy(out, outputs, sizeof outputs);
-    return CORE_DONE;
+    core_outputs_of(p, c, moving, s, reached, plan, core_at(in, ramp, lanes_set(end), &final), out);
+    *why = CORE_NOT_FINITE;
+    return lanes_within(moving, lanes_finite(core_sum(s->sampled, CORE_SAMPLED) + core_sum(reached->x, CORE_PLANT)
+                                             + core_sum(out, MODEL_OUTPUTS)));
+}
+
+/* Copy a state as far as it is in use: the first `line` values of the line, and the part of a tick if it is `partial`. */
+static inline void core_keep(const core_state *s, core_state *to, size_t line, bool partial)
+{
+    const size_t begin = offsetof(core_state, period), end = offsetof(core_state, line) + line * sizeof *s->line;
+    memcpy((char *)to + begin, (const char *)s + begin, end - begin);
+    if (partial) to->part = s->part;
 }
 
 /* Advance to `end` [s] from the start, all or nothing, with the inputs held or changing by a `ramp` (null: held). The
- * outputs there are written to `out`. */
-static inline core_result core_run(const double *p, const double *c, core_state *s, double end,
-                                   const core_inputs *in, const core_ramp *ramp, double *out)
+ * outputs there are written to `out`; they have no meaning if the end was not reached. */
+static inline core_result core_run(const lanes *p, const lanes *c, core_state *s, double end, const core_inputs *in,
+                                   const core_ramp *ramp, lanes *out)
 {
     const core_schedule plan = core_scheduled(p, c);
-    const size_t used = offsetof(core_state, line) + core_line_length(&plan) * sizeof *s->line;
+    const size_t line = core_line_length(&plan);
     core_state before;
-    memcpy(&before, s, used);
-    if (s->partial) before.part = s->part;
-    const core_result result = core_move(p, c, s, &plan, end, in, ramp, out);
-    if (result != CORE_DONE) {
-        memcpy(s, &before, used);
-        if (s->partial) s->part = before.part;
-    }
-    return result;
+    core_result why;
+    core_keep(s, &before, line, s->partial);
+    if (lanes_every(core_move(p, c, EVERY_LANE, s, &plan, end, in, ramp, out, &why))) return CORE_DONE;
+    core_keep(&before, s, line, before.partial);
+    return why;
 }
 
 #endif

@@ -45,9 +45,8 @@ static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 
 static void multi_fin_start(const multi_fin *m, multi_fin_state *s)
 {
+    *s = (multi_fin_state){.line = MODEL_LINE_START, .instant = 1};
     for (size_t fin = 0; fin < FINS; ++fin) core_start(m->p[fin], m->c[fin], &s->core[fin]);
-    s->line = MODEL_LINE_START;
-    s->instant = 1;
 }
 
 #if MULTI_FIN_LINE
@@ -119,8 +118,11 @@ static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, cons
 static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, double from, double end,
                                  const core_inputs *in, const core_ramp *ramp, double *out)
 {
+    double outputs[MODEL_OUTPUTS];
     (void)from;
-    return core_run(m->p[0], m->c[0], state->core, end, in, ramp, out);
+    const core_result result = core_run(m->p[0], m->c[0], state->core, end, in, ramp, outputs);
+    if (result == CORE_DONE) memcpy(out, outputs, sizeof outputs);
+    return result;
 }
 
 #else

@@ -87,15 +87,26 @@ static inline lanes_mask lanes_of_bits(unsigned b)
 
 enum { LANES_ALL = (1 << LANES) - 1 };
 
+/* A function of the equations, for the lanes `which`. */
+#define EQUATIONS(name, which, ...) vector_##name(lanes_bits(which), __VA_ARGS__)
+#define EVERY_LANE lanes_of_bits(LANES_ALL)
+#define NO_LANE lanes_of_bits(0)
+
 static inline lanes_mask lanes_greater(lanes a, lanes b) { return lanes_less(b, a); }
 static inline lanes_mask lanes_greater_equal(lanes a, lanes b) { return lanes_less_equal(b, a); }
-static inline lanes_mask lanes_negate(lanes_mask m) { return lanes_but(lanes_of_bits(LANES_ALL), m); }
+static inline lanes_mask lanes_negate(lanes_mask m) { return lanes_but(EVERY_LANE, m); }
 static inline lanes lanes_number(lanes_mask m) { return lanes_where(m, lanes_set(1.0), lanes_set(0.0)); }
 static inline lanes_mask lanes_where_mask(lanes_mask m, lanes_mask yes, lanes_mask no)
 {
     return lanes_either(lanes_both(m, yes), lanes_but(no, m));
 }
+static inline lanes_mask lanes_within(lanes_mask which, lanes_mask m) { return lanes_both(which, m); }
 static inline bool lanes_any(lanes_mask m) { return lanes_bits(m) != 0; }
+static inline bool lanes_every(lanes_mask m) { return lanes_bits(m) == LANES_ALL; }
+static inline int lanes_lead(lanes_mask which) { return __builtin_ctz(lanes_bits(which)); } /* the first of at least one */
+static inline double lanes_of(lanes x, int lane) { return ((const double *)&x)[lane]; }
+static inline lanes_mask lanes_alike(lanes x, int lane) { return lanes_equal(x, lanes_set(lanes_of(x, lane))); }
+static inline lanes_mask lanes_finite(lanes x) { return lanes_equal(x - x, lanes_set(0.0)); }
 static inline lanes lanes_clip(lanes x, lanes low, lanes high)
 {
     return lanes_where(lanes_less(x, low), low, lanes_minimum(high, x));

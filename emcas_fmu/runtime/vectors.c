@@ -1,9 +1,44 @@
 /* Many actuators as a library for the Python API, LANES at a time. */
-#include "vector_core.h"
+#include "kernel.h"
+#include "vector.h"
+#include "vector_kernel.h"
+
+#include "core.h"
 #include "parameter_checks.h"
 #include "tables.h"
 
-enum { PLAN = sizeof(core_schedule) / sizeof(double) };
+enum { PLAN = sizeof(core_schedule) / sizeof(lanes), INPUTS = sizeof(core_inputs) / sizeof(lanes) };
+
+/* Parameters of actuators and, behind them, the constants computed from these. */
+enum { GROUP_VALUES = MODEL_PARAMETERS + KERNEL_CONSTANTS };
+
+typedef struct {
+    lanes values[GROUP_VALUES];
+} group_parameters;
+
+/* The time that each lane has reached, as in core_state. */
+typedef struct {
+    int64_t period[LANES];
+    int32_t position[LANES], partial[LANES];
+} group_times;
+
+/* `motion_loads` are those of `motion`; `common_motion` is its number if all groups have the same motion, else 0. */
+typedef struct {
+    uint64_t common_motion;
+    lanes motion[MODEL_MOTION], motion_loads[CORE_MOTION_LOADS];
+    bool apart;        /* the lanes may have reached different times: `times`; otherwise their time is that of the state */
+    group_times times;
+    core_state state; /* with a line as long as the longest of the batch */
+} group;
+
+/* A step of a group to `end` [s]. */
+typedef struct {
+    const lanes *p, *c;
+    core_schedule plan;
+    double end;
+    size_t line;           /* length of the longest line of a lane */
+    lanes_mask together;   /* lanes whose schedule has the same numbers as that of lane 0 */
+} group_step;
 
 /* Many actuators, in groups of LANES. `order` lists the actuators of the groups; the last one is repeated to fill a group.
  * The values of an actuator are its parameters and the constants computed from them. `common` are those of one actuator;
@@ -53,144 +88,136 @@ API void batch_prepare(size_t count, const double *parameters, size_t apart, dou
     for (size_t i = 0; i < count; ++i) {
         const double *p = parameters + i * apart;
         double *to = values + i * GROUP_VALUES;
-        core_schedule plan = {.period = NAN};
-        if (rules_hold(p)) {
-            memcpy(to, p, MODEL_PARAMETERS * sizeof *p);
-            kernel_prepare(p, to + MODEL_PARAMETERS);
-            plan = core_scheduled(p, to + MODEL_PARAMETERS);
-        }
-        memcpy(schedules + i * PLAN, &plan, sizeof plan);
+        schedules[i * PLAN] = NAN;
+        if (!rules_hold(p)) continue;
+        memcpy(to, p, MODEL_PARAMETERS * sizeof *p);
+        kernel_prepare(p, to + MODEL_PARAMETERS);
+        kernel_schedule(p, to + MODEL_PARAMETERS, schedules + i * PLAN);
     }
 }
 
-/* The step of a group to `end` [s]. Lanes with other numbers of ticks or delayed samples are not `together` with lane 0. */
 static group_step prepared(const group_parameters *of, double end)
 {
-    group_step g = {.p = of->values, .c = of->values + MODEL_PARAMETERS, .end = end};
-    vector_schedule(LANES_ALL, g.p, g.c, (lanes *)&g.plan);
-    vector_locate(LANES_ALL, g.p, g.c, lanes_set(end), g.at);
-    const double before = *group_at(&g.plan.before, 0), after = *group_at(&g.plan.after, 0);
-    g.before = (int32_t)before;
-    g.ticks = (int32_t)(before + after);
-    g.values = (size_t)*group_at(&g.plan.samples, 0) + 2;
-    g.late = (size_t)*group_at(&g.plan.late_commands, 0);
-    const lanes *const counts[] = {&g.plan.before, &g.plan.after, &g.plan.samples, &g.plan.late_commands};
-    lanes_mask same = lanes_of_bits(LANES_ALL);
-    for (int i = 0; i < 4; ++i) same = lanes_both(same, lanes_equal(*counts[i], group_lane(counts[i], 0)));
-    g.together = lanes_bits(same);
-    g.line = 0;
+    group_step g = {.p = of->values, .c = of->values + MODEL_PARAMETERS, .end = end, .together = EVERY_LANE};
+    g.plan = core_scheduled(g.p, g.c);
+    const lanes counts[] = {g.plan.before, g.plan.after, g.plan.samples, g.plan.late_commands};
+    for (int i = 0; i < 4; ++i) g.together = lanes_both(g.together, lanes_alike(counts[i], 0));
     for (int l = 0; l < LANES; ++l) {
-        const size_t line = (size_t)*group_at(&g.plan.samples, l) + 2 + (size_t)*group_at(&g.plan.late_commands, l);
+        const size_t line = (size_t)lanes_of(g.plan.samples + g.plan.late_commands, l) + 2;
         if (line > g.line) g.line = line;
     }
     return g;
 }
 
-/* core_start for every lane. */
-static void start(group *at, const group_step *g)
+static double *lane_at(lanes *x, int lane)
 {
-    memset(at, 0, batch_group_size(g->line));
-    at->motion[0] = lanes_set(NAN);
-    group_state *s = &at->state;
-    const size_t limited = CORE_CONTROLLER + 1;
-    lanes out[CORE_PLANT + CORE_SAMPLED - 1];
-    vector_initial(LANES_ALL, g->p, g->c, out);
-    memcpy(s->plant.x, out, sizeof s->plant.x);
-    s->tentative = s->plant;
-    for (size_t i = 0; i < limited; ++i) s->sampled[i] = out[CORE_PLANT + i];
-    for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
+    return (double *)x + lane;
 }
 
 static void to_lane(lanes *to, int lane, const double *from, size_t count)
 {
-    for (size_t i = 0; i < count; ++i) *group_at(&to[i], lane) = from[i];
+    for (size_t i = 0; i < count; ++i) *lane_at(&to[i], lane) = from[i];
 }
 
-static void of_lane(double *to, int lane, const lanes *from, size_t count)
+/* Copy one lane, and copy one lane to all. */
+static void copy_lane(lanes *to, int lane, const lanes *from, size_t count)
 {
-    for (size_t i = 0; i < count; ++i) to[i] = ((const double *)&from[i])[lane];
+    for (size_t i = 0; i < count; ++i) *lane_at(&to[i], lane) = lanes_of(from[i], lane);
 }
 
-enum { INPUTS = sizeof(core_inputs) / sizeof(double) };
-
-static void take_out(const group_state *from, int lane, core_state *s, size_t line)
+static void spread_lane(lanes *to, int lane, const lanes *from, size_t count)
 {
-    s->period = from->period[lane];
-    s->position = from->position[lane];
-    s->partial = from->partial[lane];
-    of_lane(s->sampled, lane, from->sampled, CORE_SAMPLED);
-    of_lane(&s->active, lane, &from->active, 1);
-    of_lane(s->plant.x, lane, from->plant.x, CORE_PLANT);
-    of_lane(s->tentative.x, lane, from->tentative.x, CORE_PLANT);
-    of_lane(&s->part.origin, lane, &from->origin, 1);
-    of_lane(&s->part.covered, lane, &from->covered, 1);
-    of_lane(s->part.loads, lane, from->loads, CORE_LOADS);
-    of_lane((double *)&s->part.first, lane, (const lanes *)&from->first, INPUTS);
-    of_lane(s->line, lane, from->line, line);
+    for (size_t i = 0; i < count; ++i) to[i] = lanes_set(lanes_of(from[i], lane));
 }
 
-static void put_back(const core_state *s, group_state *to, int lane, size_t line)
+/* Apply one of both to a state, but for the time, with `line` values of the delay buffer. */
+static void each_value(void (*copy)(lanes *, int, const lanes *, size_t), core_state *to, int lane, const core_state *from,
+                       size_t line)
 {
-    to->period[lane] = s->period;
-    to->position[lane] = s->position;
-    to->partial[lane] = s->partial;
-    to_lane(to->sampled, lane, s->sampled, CORE_SAMPLED);
-    to_lane(&to->active, lane, &s->active, 1);
-    to_lane(to->plant.x, lane, s->plant.x, CORE_PLANT);
-    to_lane(to->tentative.x, lane, s->tentative.x, CORE_PLANT);
-    to_lane(&to->origin, lane, &s->part.origin, 1);
-    to_lane(&to->covered, lane, &s->part.covered, 1);
-    to_lane(to->loads, lane, s->part.loads, CORE_LOADS);
-    to_lane((lanes *)&to->first, lane, (const double *)&s->part.first, INPUTS);
-    to_lane(to->line, lane, s->line, line);
+    copy((lanes *)&to->part, lane, (const lanes *)&from->part, sizeof to->part / sizeof(lanes));
+    copy(to->sampled, lane, from->sampled, (offsetof(core_state, line) - offsetof(core_state, sampled)) / sizeof(lanes) + line);
 }
 
-/* core_run for one lane from the state `before`; its state and outputs are written to that lane of `s` and `out`. */
-static core_result alone(const group_step *g, const group_state *before, group_state *s, int lane,
-                         const group_inputs *in, lanes *out)
+static void set_time(group_times *times, int lane, const core_state *s)
 {
-    double p[MODEL_PARAMETERS], c[KERNEL_CONSTANTS], outputs[MODEL_OUTPUTS];
+    times->period[lane] = s->period;
+    times->position[lane] = s->position;
+    times->partial[lane] = s->partial;
+}
+
+static void get_time(core_state *s, const group_times *times, int lane)
+{
+    s->period = times->period[lane];
+    s->position = times->position[lane];
+    s->partial = times->partial[lane];
+}
+
+/* The lanes that have reached the same time as `lane`. */
+static unsigned beside(const group_times *t, int lane)
+{
+    unsigned with = 0;
+    for (int l = 0; l < LANES; ++l)
+        with |= (unsigned)(t->period[l] == t->period[lane] && t->position[l] == t->position[lane]
+                           && t->partial[l] == t->partial[lane]) << l;
+    return with;
+}
+
+/* The lane of `which` (at least one) that has reached the latest time. */
+static int latest(const group_times *t, unsigned which)
+{
+    int lead = __builtin_ctz(which);
+    for (int l = lead + 1; l < LANES; ++l)
+        if (which >> l & 1u && (t->period[l] > t->period[lead]
+                                || (t->period[l] == t->period[lead] && t->position[l] > t->position[lead]))) lead = l;
+    return lead;
+}
+
+/* Move one lane from the state `before`, at its time, as if all lanes were like it. */
+static core_result alone(const group_step *g, const core_state *before, group *at, int lane, const core_inputs *in,
+                         lanes *out)
+{
+    lanes values[GROUP_VALUES], outputs[MODEL_OUTPUTS];
     core_state state;
     core_inputs inputs;
-    of_lane(p, lane, g->p, MODEL_PARAMETERS);
-    of_lane(c, lane, g->c, KERNEL_CONSTANTS);
-    of_lane((double *)&inputs, lane, (const lanes *)in, INPUTS);
-    take_out(before, lane, &state, g->line);
-    const core_result result = core_run(p, c, &state, g->end, &inputs, NULL, outputs);
-    put_back(&state, s, lane, g->line);
-    if (result == CORE_DONE) to_lane(out, lane, outputs, MODEL_OUTPUTS);
+    spread_lane(values, lane, g->p, GROUP_VALUES);
+    spread_lane((lanes *)&inputs, lane, (const lanes *)in, INPUTS);
+    each_value(spread_lane, &state, lane, before, g->line);
+    get_time(&state, &at->times, lane);
+    const core_result result = core_run(values, values + MODEL_PARAMETERS, &state, g->end, &inputs, NULL, outputs);
+    each_value(copy_lane, &at->state, lane, &state, g->line);
+    set_time(&at->times, lane, &state);
+    copy_lane(out, lane, outputs, MODEL_OUTPUTS);
     return result;
 }
 
-/* Copy a group's state; the part of a tick only if a lane is inside a tick. */
-static void keep(const group_state *s, group_state *to, size_t line)
-{
-    enum { ALWAYS = (offsetof(group_state, line) - offsetof(group_state, sampled)) / sizeof(lanes) };
-    int32_t partial = 0;
-    for (int l = 0; l < LANES; ++l) partial |= s->partial[l];
-    if (partial) memcpy(to, s, offsetof(group_state, period));
-    memcpy(to->period, s->period, sizeof s->period);
-    memcpy(to->position, s->position, sizeof s->position);
-    memcpy(to->partial, s->partial, sizeof s->partial);
-    const lanes *from = s->sampled;
-    lanes *copy = to->sampled;
-#pragma GCC unroll 64
-    for (int i = 0; i < ALWAYS; ++i) copy[i] = from[i];
-    for (size_t i = 0; i < line; ++i) to->line[i] = s->line[i];
-}
-
 /* Advance a group, each lane all or nothing; returns the lanes that did not get there, with their reasons in `result`. */
-static unsigned move(const group_step *g, group_state *s, const group_inputs *in, lanes *out, core_result *result)
+static unsigned move(const group_step *g, group *at, const core_inputs *in, lanes *out, core_result *result)
 {
-    group_state before;
-    keep(s, &before, g->line);
-    const unsigned done = lanes_bits(group_move(g, group_together(s, g->together), s, in, out));
-    unsigned stopped = 0;
-    for (int l = 0; done != LANES_ALL && l < LANES; ++l) {
-        if (done >> l & 1u) continue;
-        result[l] = alone(g, &before, s, l, in, out);
+    core_state before, *s = &at->state;
+    core_result why;
+    unsigned which = lanes_bits(g->together), stopped = 0;
+    if (at->apart) {
+        const int lead = latest(&at->times, which);
+        which &= beside(&at->times, lead);
+        get_time(s, &at->times, lead);
+    }
+    core_keep(s, &before, g->line, s->partial || at->apart);
+    which = lanes_bits(core_move(g->p, g->c, lanes_of_bits(which), s, &g->plan, g->end, in, NULL, out, &why));
+    if (which == LANES_ALL) {
+        at->apart = false;
+        return 0;
+    }
+    for (int l = 0; l < LANES; ++l) {
+        if (!at->apart) set_time(&at->times, l, &before);
+        if (which >> l & 1u) {
+            set_time(&at->times, l, s);
+            continue;
+        }
+        result[l] = alone(g, &before, at, l, in, out);
         stopped |= (unsigned)(result[l] != CORE_DONE) << l;
     }
+    at->apart = beside(&at->times, 0) != LANES_ALL;
+    get_time(s, &at->times, 0);
     return stopped;
 }
 
@@ -204,22 +231,7 @@ static void update_motion_loads(group *at, const group_step *g, const lanes *mot
     at->common_motion = common;
     if (lanes_bits(same) == LANES_ALL) return;
     memcpy(at->motion, motion, sizeof at->motion);
-    vector_motion_loads(LANES_ALL, g->p, g->c, MODEL_MOTION_OF(motion), at->motion_loads);
-}
-
-/* A group's inputs from a row of the interface's. */
-static void inputs_of(const group *at, const lanes *row, group_inputs *in)
-{
-    in->command = row[INPUT_FIN_COMMAND];
-    in->loads[0] = row[INPUT_AERO_TORQUE];
-    for (int i = 0; i < CORE_MOTION_LOADS; ++i) in->loads[i + 1] = at->motion_loads[i];
-    in->supply = lanes_set(0.0);
-#if MODEL_SUPPLY >= 0
-    in->supply = row[MODEL_SUPPLY];
-#endif
-    in->enable = row[INPUT_ENABLE];
-    for (int i = 0; i < CORE_FURTHER; ++i) in->further[i] = row[MODEL_INPUTS - CORE_FURTHER + i];
-    in->further[CORE_FURTHER] = lanes_set(0.0);
+    core_motion_loads(g->p, g->c, motion, at->motion_loads);
 }
 
 static void prefetch_from(const void *first, const void *last)
@@ -231,7 +243,7 @@ static void prefetch_from(const void *first, const void *last)
 static void prefetch(const group *at, size_t bytes)
 {
     prefetch_from(at->motion_loads, &at->state);
-    prefetch_from(at->state.period, (const char *)at + bytes);
+    prefetch_from(&at->state.period, (const char *)at + bytes);
 }
 
 static void fill(group_parameters *of, const double *common)
@@ -245,6 +257,13 @@ static void vary(group_parameters *of, const batch *b, size_t k)
     for (size_t i = 0; i < b->indices_count; ++i) of->values[b->indices[i]] = from[i];
 }
 
+static void start(group *at, const group_parameters *of, size_t size)
+{
+    memset(at, 0, size);
+    at->motion[0] = lanes_set(NAN);
+    core_start(of->values, of->values + MODEL_PARAMETERS, &at->state);
+}
+
 /* Put groups first to last - 1 at rest at their start. */
 API void batch_start(const batch *b, size_t first, size_t last)
 {
@@ -252,8 +271,7 @@ API void batch_start(const batch *b, size_t first, size_t last)
     fill(&of, b->common);
     for (size_t k = first; k < last; ++k) {
         vary(&of, b, k);
-        const group_step g = prepared(&of, 0.0);
-        start((group *)(b->groups + k * b->group_size), &g);
+        start((group *)(b->groups + k * b->group_size), &of, b->group_size);
     }
 }
 
@@ -286,14 +304,14 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
             const int i = varying[j];
             if (beside && stride[i] == 1) row[i] = lanes_load(columns[i] + actuator[0]);
             else
-                for (int l = 0; l < LANES; ++l) *group_at(&row[i], l) = columns[i][(ptrdiff_t)actuator[l] * stride[i]];
+                for (int l = 0; l < LANES; ++l) *lane_at(&row[i], l) = columns[i][(ptrdiff_t)actuator[l] * stride[i]];
         }
         lanes outputs[MODEL_OUTPUTS];
-        group_inputs in;
+        core_inputs in;
         core_result why[LANES];
         update_motion_loads(at, &g, row + INPUT_ACCELERATION_X, motion);
-        inputs_of(at, row, &in);
-        const unsigned stopped = move(&g, &at->state, &in, outputs, why);
+        core_inputs_of(row, at->motion_loads, &in);
+        const unsigned stopped = move(&g, at, &in, outputs, why);
         if (beside && !stopped) {
             for (int l = 0; l < LANES; ++l) result[actuator[0] + (size_t)l] = CORE_DONE;
             for (int i = 0; i < MODEL_OUTPUTS; ++i)
@@ -305,7 +323,7 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
             result[actuator[l]] = done ? CORE_DONE : why[l];
             failed += !done;
             for (int i = 0; done && i < MODEL_OUTPUTS; ++i)
-                out[(size_t)i * out_stride + actuator[l]] = *group_at(&outputs[i], (int)l);
+                out[(size_t)i * out_stride + actuator[l]] = *lane_at(&outputs[i], (int)l);
         }
     }
     return failed;
@@ -319,7 +337,7 @@ static unsigned table_row(const input_column *in, const size_t *run, size_t k, l
         const double *at = in[i].first + (ptrdiff_t)k * in[i].row;
         row[i] = lanes_set(*at);
         if (in[i].run)
-            for (int l = 0; l < LANES; ++l) *group_at(&row[i], l) = at[(ptrdiff_t)run[l] * in[i].run];
+            for (int l = 0; l < LANES; ++l) *lane_at(&row[i], l) = at[(ptrdiff_t)run[l] * in[i].run];
         sum = sum + (row[i] - row[i]);
     }
     return lanes_bits(lanes_equal(sum, lanes_set(0.0)));
@@ -332,30 +350,28 @@ static void simulate(const group_parameters *of, unsigned which, const size_t *r
                      size_t columns, int64_t *reached, int *result)
 {
     group at;
-    group_inputs inputs;
+    core_inputs inputs;
     lanes row[MODEL_INPUTS], now[MODEL_OUTPUTS], stiffness = lanes_set(0.0);
-    for (int l = 0; spring && l < LANES; ++l) *group_at(&stiffness, l) = spring[run[l]];
-    group_step g = prepared(of, 0.0);
-    start(&at, &g);
-    which &= g.together;
+    for (int l = 0; spring && l < LANES; ++l) *lane_at(&stiffness, l) = spring[run[l]];
+    core_result why;
+    const group_step g = prepared(of, 0.0);
+    start(&at, of, sizeof at);
+    which &= lanes_bits(g.together);
     for (size_t k = 0; which && k < points; ++k) {
-        if (k) {
-            g.end = (double)k * step;
-            vector_locate(which, g.p, g.c, lanes_set(g.end), g.at);
-            which &= lanes_bits(group_move(&g, which, &at.state, &inputs, now));
-        }
+        if (k) which = lanes_bits(core_move(g.p, g.c, lanes_of_bits(which), &at.state, &g.plan, (double)k * step, &inputs,
+                                            NULL, now, &why));
         if (k % held == 0) {
             which &= table_row(in, run, k / held, row);
             update_motion_loads(&at, &g, row + INPUT_ACCELERATION_X, 0);
-            inputs_of(&at, row, &inputs);
+            core_inputs_of(row, at.motion_loads, &inputs);
         }
-        if (k == 0) group_outputs(&g, which, &at.state, &inputs, now);
+        if (k == 0) core_outputs(g.p, g.c, &at.state, &g.plan, &inputs, now);
         if (spring && k % held == 0) inputs.loads[0] = inputs.loads[0] - stiffness * now[angle];
         for (size_t j = 0; j < columns; ++j) {
             if (!kept_at(&out[j], k)) continue;
             double *to = value_at(&out[j], 0, k);
             for (int l = 0; l < LANES; ++l)
-                if (which >> l & 1u) to[(ptrdiff_t)run[l] * out[j].run] = *group_at(&now[out[j].index], l);
+                if (which >> l & 1u) to[(ptrdiff_t)run[l] * out[j].run] = *lane_at(&now[out[j].index], l);
         }
     }
     for (int l = 0; l < LANES; ++l) {

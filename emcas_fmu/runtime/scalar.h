@@ -1,0 +1,37 @@
+/* One actuator as the single lane of vector.h: its lanes are a number, and it is always among the lanes that move. */
+#ifndef EMCAS_SCALAR_H
+#define EMCAS_SCALAR_H
+
+#include <math.h>
+#include <stdbool.h>
+
+#include "kernel.h"
+
+enum { LANES = 1 };
+typedef double lanes;
+typedef bool lanes_mask;
+
+/* A function of the equations, for the lanes `which`. */
+#define EQUATIONS(name, which, ...) kernel_##name(__VA_ARGS__)
+#define EVERY_LANE true
+#define NO_LANE false
+#define lanes_finite(x) core_finite(x)
+
+static inline lanes lanes_set(double x) { return x; }
+static inline double lanes_of(lanes x, int lane) { return (void)lane, x; }
+static inline lanes lanes_fabs(lanes x) { return fabs(x); }
+static inline lanes_mask lanes_less(lanes a, lanes b) { return a < b; }
+static inline lanes_mask lanes_less_equal(lanes a, lanes b) { return a <= b; }
+static inline lanes_mask lanes_greater(lanes a, lanes b) { return a > b; }
+static inline lanes_mask lanes_greater_equal(lanes a, lanes b) { return a >= b; }
+static inline lanes_mask lanes_equal(lanes a, lanes b) { return a == b; }
+static inline lanes lanes_where(lanes_mask m, lanes yes, lanes no) { return m ? yes : no; }
+static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return a && b; }
+static inline lanes_mask lanes_within(lanes_mask which, lanes_mask m) { return (void)which, m; }
+static inline lanes_mask lanes_but(lanes_mask which, lanes_mask m) { return (void)which, !m; }
+static inline bool lanes_any(lanes_mask m) { return m; }
+static inline bool lanes_every(lanes_mask m) { return m; }
+static inline int lanes_lead(lanes_mask which) { return (void)which, 0; }
+static inline lanes_mask lanes_alike(lanes x, int lane) { return (void)x, (void)lane, true; }
+
+#endif
