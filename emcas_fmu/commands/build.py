@@ -11,42 +11,39 @@ from rich.markup import escape
 from ..actuators import NONLINEAR
 from . import common
 
-EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
-                "\n\n  emcas build --backend native"
-                "\n\n  emcas build --backend native --platform linux64 --platform win64"
-                "\n\n  emcas build --backend native --cc gcc"
-                "\n\n  emcas build --fmi 3"
-                "\n\n  emcas build --backend native --names flat"
-                "\n\n  emcas build --model second-order"
-                "\n\n  emcas build --fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
+EPILOG = common.examples(
+    "build", "", "--parameters my_actuator.toml --output MyActuator.fmu", "--backend native",
+    "--backend native --platform linux64 --platform win64", "--backend native --cc gcc", "--fmi 3",
+    "--backend native --names flat", "--model second-order",
+    "--fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
 
 def build(
     parameters: common.ParametersOption = None,
-    backend: Annotated[str | None, typer.Option(
-        help="How the FMU computes: python (needs Python in the host; the default for FMI 2.0), or native (C, needs "
-             "nothing; built with the extra 'native' or --cc).", metavar="python|native")] = None,
-    fmi: Annotated[str, typer.Option("--fmi", help="Version of FMI; 3 is native only.", metavar="2|3")] = "2",
+    backend: Annotated[str | None, common.value(
+        "How the FMU computes: python (needs Python in the host; the default for FMI 2.0), or native (C, needs "
+        "nothing; built with the extra 'native' or --cc).", "python|native")] = None,
+    fmi: Annotated[str, common.value("Version of FMI; 3 is native only.", "2|3", "--fmi")] = "2",
     clock: Annotated[bool, typer.Option("--clock", help="FMI 3.0: with a clock that ticks when the controllers sample. "
                                         "Hosts made with fmi4c, such as Ecos 0.7, crash at any clock.")] = False,
-    platform: Annotated[list[str] | None, typer.Option(
-        help="Only for this platform (may be repeated): linux64, win64, darwin64 (macOS on Intel's and "
-             "Apple's processors), aarch64-linux; native only.", metavar="NAME")] = None,
-    cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
-                                                        "native only.", metavar="PROGRAM")] = None,
+    platform: Annotated[list[str] | None, common.value(
+        "Only for this platform (may be repeated): linux64, win64, darwin64 (macOS on Intel's and Apple's processors), "
+        "aarch64-linux; native only.", "NAME")] = None,
+    cc: Annotated[str | None, common.value("System C compiler instead of zig, for this platform; native only.",
+                                           "PROGRAM", "--cc")] = None,
     model: common.ModelOption = NONLINEAR,
-    fins: Annotated[int, typer.Option(help="Actuators in the FMU, on one supply; with 4 the model is called EMCAS4.",
-                                      metavar="N")] = 1,
+    fins: Annotated[int, common.value("Actuators in the FMU, on one supply; with 4 the model is called EMCAS4.",
+                                      "N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
-    names: Annotated[str, typer.Option(help="Names of variables, as fin[2].fin_angle, or flat, as fin2_fin_angle: for "
-                                            "tools that refuse dots and brackets, or make buses of them.",
-                                       metavar="structured|flat")] = "structured",
+    names: Annotated[str, common.value(
+        "Names of variables, as fin[2].fin_angle, or flat, as fin2_fin_angle: for tools that refuse dots and brackets, "
+        "or make buses of them.", "structured|flat")] = "structured",
     references: Annotated[bool, typer.Option(
         help="Include responses that any host can repeat; for new parameters they need a second or more "
              "to integrate.")] = True,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="FMU to write; default: EMCAS.fmu, or "
-                                                "EMCAS4.fmu with --fins 4.", metavar="FILE")] = None,
+    output: Annotated[Path | None, common.value("FMU to write; default: EMCAS.fmu, or EMCAS4.fmu with --fins 4.",
+                                                "FILE", "--output", "-o")] = None,
 ) -> None:
     """Build the FMU of a parameter set."""
     from ..fmi.interface import FmuInterface, fin_files
@@ -54,12 +51,12 @@ def build(
     from ..parameters import load_parameters
     from ..studies.overview import shipped_estimates
 
-    with common.failures(), common.progress_bar() as progress:
+    with common.work("build") as step:
         target, files = output or Path(f"{FmuInterface(fins, model).model}.fmu"), fin_files(fin or [])
-        common.check_outputs(target, inputs=(*(parameters or ()), *files.values()))
+        common.check_outputs(target, inputs=(parameters, files.values()))
         chosen = load_parameters(parameters, model=model)
-        built = build_fmu(chosen, target, backend, platform, cc,
-                          common.stepper(progress, "build"), fins, layout, files, fmi, references, clock, names)
+        built = build_fmu(chosen, target, backend, platform, cc, step, fins, layout, files, fmi, references, clock,
+                          names)
     common.warn(built.warnings)
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")

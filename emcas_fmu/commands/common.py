@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import date as calendar
 from pathlib import Path
@@ -17,7 +17,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Column, Table
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError, EmcasWarning, in_words, writing
@@ -88,6 +88,15 @@ def _files(arguments: list[Path] | None) -> list[Path] | None:
     return arguments and [file for argument in arguments if (file := _file(argument))]
 
 
+def _date(text: str) -> str:
+    """Return a date in ISO format; it may be empty."""
+    with failures():
+        try:
+            return text and calendar.fromisoformat(text).isoformat()
+        except ValueError as error:
+            raise EmcasError(f"--date {text}: expected a date such as 2026-03-31") from error
+
+
 def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
     """Return a check of an output option: its name has the ending, or is that of a terminal or pipe.
 
@@ -102,32 +111,45 @@ def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | Non
     return check
 
 
+def value(what: str, metavar: str, *names: str, ending: str = "", remedy: str = "", **more: Any) -> Any:
+    """Return an option with a value: its help, the value's name in it, the `names` of the option if it has several.
+
+    `ending` is that of the file which the value names. `more` are arguments of typer.Option.
+    """
+    if ending:
+        more["callback"] = ends_in(ending, remedy)
+    return typer.Option(*names, help=what, metavar=metavar, **more)
+
+
 def page_option(*names: str, what: str = "Write a page with pictures to this file.") -> Any:
     """Return the option for a page."""
-    return typer.Option(*names, help=what, metavar="FILE.html", callback=ends_in(
-        ".html", "; print the page from a browser for another format"))
+    return value(what, "FILE.html", *names, ending=".html", remedy="; print the page from a browser for another format")
 
 
 def json_option(what: str) -> Any:
     """Return the option --json for a file."""
-    return typer.Option("--json", help=what, metavar="FILE", callback=ends_in(".json"))
+    return value(what, "FILE", "--json", ending=".json")
 
 
 def csv_option(what: str) -> Any:
     """Return the option --output for a table."""
-    return typer.Option("--output", "-o", help=what, metavar="FILE", callback=ends_in(".csv"))
+    return value(what, "FILE", "--output", "-o", ending=".csv")
 
 
 def toml_option(what: str) -> Any:
     """Return the option --output for a parameter file."""
-    return typer.Option("--output", "-o", help=what, metavar="FILE", callback=ends_in(".toml"))
+    return value(what, "FILE", "--output", "-o", ending=".toml")
 
 
 def model_option(what: str, more: str = "") -> Any:
     """Return the option --model; `what` begins its help, `more` ends it."""
-    return typer.Option("--model", metavar="NAME|FILE.py[+EXTENSION...]", help=(
-        f"{what}: {', '.join(NAMES)}, or a Python file that declares one. Behind it extensions, as in "
-        f"elastic+heat+faults: {', '.join(EXTENSIONS)}.{more}"))
+    return value(f"{what}: {', '.join(NAMES)}, or a Python file that declares one. Behind it extensions, as in "
+                 f"elastic+heat+faults: {', '.join(EXTENSIONS)}.{more}", "NAME|FILE.py[+EXTENSION...]", "--model")
+
+
+def examples(command: str, *arguments: str, first: str = "Examples:", last: Sequence[str] = ()) -> str:
+    """Return the end of a command's help: examples of its arguments, then the lines of `last`, between empty lines."""
+    return "\n\n".join([first, *(f"  emcas {command} {each}".rstrip() for each in arguments), *last])
 
 
 ModelOption = Annotated[str, model_option("Which actuator")]
@@ -137,34 +159,22 @@ SubjectArgument = Annotated[Path | None, typer.Argument(
 SubjectModelOption = Annotated[str | None, model_option(
     "Which actuator a parameter file is of", " Default: nonlinear. An FMU's name says it, except of one from your "
                                               "file.")]
-ParametersOption = Annotated[list[Path] | None, typer.Option(
-    "--parameters", "-p", help="Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); "
-                               "overrides any subset of the defaults. Repeatable: a later file overrides those "
-                               "before it.", metavar="FILE|SET", callback=_files)]
-FinOption = Annotated[int | None, typer.Option(help="Number of the fin in an FMU of several. Default: the first.",
-                                               metavar="N")]
-LayoutOption = Annotated[str, typer.Option(help="Placement of several fins: plus has one along body y, cross is half a "
-                                                "pitch further.",
-                                           metavar="plus|cross")]
-FinFilesOption = Annotated[list[str] | None, typer.Option(
-    help="Parameter file of one of several fins, which overrides those of all fins. Repeatable.", metavar="N=FILE")]
+ParametersOption = Annotated[list[Path] | None, value(
+    "Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); overrides any subset of the "
+    "defaults. Repeatable: a later file overrides those before it.", "FILE|SET", "--parameters", "-p", callback=_files)]
+FinOption = Annotated[int | None, value("Number of the fin in an FMU of several. Default: the first.", "N")]
+LayoutOption = Annotated[str, value("Placement of several fins: plus has one along body y, cross is half a pitch "
+                                    "further.", "plus|cross")]
+FinFilesOption = Annotated[list[str] | None, value(
+    "Parameter file of one of several fins, which overrides those of all fins. Repeatable.", "N=FILE")]
 JsonOption = Annotated[Path | None, json_option("Write all figures to this file.")]
-JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE",
-                                                 callback=ends_in(".xml"))]
-DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31. Default: SOURCE_DATE_EPOCH, "
-                                                     "otherwise today (UTC).", metavar="DATE")]
+JunitOption = Annotated[Path | None, value("Write JUnit XML to this file.", "FILE", ending=".xml")]
+DateOption = Annotated[str, value("Date to print, as 2026-03-31. Default: SOURCE_DATE_EPOCH, otherwise today (UTC).",
+                                  "DATE", show_default=False, callback=_date)]
 ReportOption = Annotated[Path | None, page_option()]
-RequirementsOption = Annotated[Path | None, typer.Option(
-    help="Requirements (TOML). Default: those of Table 2 and of a flight control's review; "
-         "docs/use/requirements.md.", metavar="FILE.toml", callback=ends_in(".toml"))]
-
-
-def calendar_date(text: str) -> str:
-    """Return a date in ISO format. Raises EmcasError."""
-    try:
-        return calendar.fromisoformat(text).isoformat()
-    except ValueError as error:
-        raise EmcasError(f"--date {text}: expected a date such as 2026-03-31") from error
+RequirementsOption = Annotated[Path | None, value(
+    "Requirements (TOML). Default: those of Table 2 and of a flight control's review; docs/use/requirements.md.",
+    "FILE.toml", ending=".toml")]
 
 
 def warn(warnings: Iterable[str]) -> None:
@@ -205,11 +215,42 @@ def right_aligned(table: Table, *columns: int) -> Table:
     return table
 
 
+def table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "", whole: int = 0) -> Table:
+    """Return a table of texts and of numbers, which have four digits; None is a dash.
+
+    Columns whose name begins with ">" are aligned to the right, the first `whole` columns are never folded.
+    """
+    from ..pages.numbers import number
+
+    made = Table(*(Column(escape(name.removeprefix(">")), justify="right" if name[:1] == ">" else "left",
+                          no_wrap=k < whole) for k, name in enumerate(columns)),
+                 title=title or None, title_justify="left")
+    for row in rows:
+        made.add_row(*(escape(cell) if isinstance(cell, str) else number(cell) for cell in row))
+    return made
+
+
 def write_results(result: Any, *outputs: tuple[Path | None, Callable[[Any, Path], object]]) -> None:
     """Write a result by each function to its path, unless that is None."""
     for path, write in outputs:
         if path:
             write(result, path)
+
+
+def write_json(figures: Mapping[str, Any], path: Path | None) -> None:
+    """Write figures as JSON, unless the path is None."""
+    from ..bench import writers
+
+    write_results(figures, (path, writers.write_json))
+
+
+def conclude(parts: Iterable[Any], *written: Path | None, passed: bool | None = True) -> None:
+    """Print the parts of a result and the files that are written; exit with 1 if it did not pass."""
+    for part in parts:
+        out.print(part)
+    print_written(*written)
+    if passed is False:
+        raise typer.Exit(1)
 
 
 def print_written(*paths: Path | None) -> None:
@@ -228,11 +269,12 @@ def option(name: str, value: object, default: object = None) -> list[str]:
     return [] if value in (None, default) else [name, str(value)]
 
 
-def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Iterable[Path | None] = ()) -> None:
+def check_outputs(*files: Path | None, folders: Iterable[Path] = (),
+                  inputs: Iterable[Path | Iterable[Path] | None] = ()) -> None:
     """Check before long work that outputs can be written, and that they differ from the inputs and from each other.
 
-    The folders of `files` must exist or be among the `folders`, which are made later. If an input is a folder, no
-    output may be in it. Raises EmcasError.
+    The folders of `files` must exist or be among the `folders`, which are made later. An input is a path or several;
+    if it is a folder, no output may be in it. Raises EmcasError.
     """
     made = [folder.resolve() for folder in folders]
     for folder in made:
@@ -240,7 +282,7 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
         if not existing.is_dir():
             raise EmcasError(f"{existing}: is a file; give a folder to write to")
         try_folder(existing, folder)
-    read = [path.resolve() for path in inputs if path is not None]
+    read = [path.resolve() for each in inputs for path in ([each] if isinstance(each, Path) else each or ())]
     written: set[Path] = set()
     for path in filter(None, files):
         with writing(path):
@@ -274,3 +316,10 @@ def stepper(bars: Bars, label: str) -> Progress:
     """Return a callback that updates a progress bar."""
     task = bars.add_task(label, total=None)
     return lambda name, done, total: bars.update(task, description=f"{label} {name}", completed=done, total=total)
+
+
+@contextmanager
+def work(label: str) -> Iterator[Progress]:
+    """Yield the callback of a progress bar for the work of a command; `failures` reports what goes wrong."""
+    with failures(), progress_bar() as bars:
+        yield stepper(bars, label)

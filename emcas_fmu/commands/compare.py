@@ -10,10 +10,10 @@ import typer
 from ..actuators import NONLINEAR
 from . import common
 
-EPILOG = ("Examples:\n\n  emcas compare"
-          "\n\n  emcas compare default my_actuator.toml --report compare.html"
-          "\n\n  emcas compare drive-si drive-pi -p my_actuator.toml --json compare.json"
-          "\n\n  emcas compare nonlinear worm-gear electrohydraulic --report kinds.html")
+EPILOG = common.examples(
+    "compare", "", "default my_actuator.toml --report compare.html",
+    "drive-si drive-pi -p my_actuator.toml --json compare.json",
+    "nonlinear worm-gear electrohydraulic --report kinds.html")
 
 
 def compare(
@@ -33,19 +33,14 @@ def compare(
     Exit code 0 even if requirements are missed (emcas validate judges); 2: an error. Every set overrides the files of
     --parameters.
     """
-    from ..bench.writers import write_json
     from ..studies.compare.sets import DRIVES, as_dict, load_sets, summary, write_report
     from ..studies.compare.sets import compare as run
 
-    with common.failures():
-        files = [Path(name) for name in sets or ()]
-        common.check_outputs(as_json, report, inputs=(*files, *(parameters or ()), requirements))
+    with common.work("compare") as step:
+        common.check_outputs(as_json, report, inputs=(map(Path, sets or ()), parameters, requirements))
         chosen = load_sets(sets or DRIVES, model, parameters or ())
         common.warn(warning for each in chosen.values() for warning in each.warnings)
-        with common.progress_bar() as progress:
-            result = run(chosen, common.stepper(progress, "compare"), requirements)
-        common.write_results(as_dict(result), (as_json, write_json))
+        result = run(chosen, step, requirements)
+        common.write_json(as_dict(result), as_json)
         common.write_results(result, (report, write_report))
-    for part in summary(result):
-        common.out.print(part)
-    common.print_written(as_json, report)
+    common.conclude(summary(result), as_json, report)

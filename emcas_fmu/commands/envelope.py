@@ -7,7 +7,6 @@ from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from rich.markup import escape
 from rich.table import Table
 
@@ -17,9 +16,8 @@ from . import common
 if TYPE_CHECKING:
     from ..studies.analysis.envelope import Envelope
 
-EPILOG = ("Examples:\n\n  emcas envelope"
-          "\n\n  emcas envelope --duration \"30 s\" --plot envelope.svg --output envelope.csv"
-          "\n\n  emcas envelope -p my_motor.toml --duration 500ms --preload 0.8 --json envelope.json")
+EPILOG = common.examples("envelope", "", '--duration "30 s" --plot envelope.svg --output envelope.csv',
+                         "-p my_motor.toml --duration 500ms --preload 0.8 --json envelope.json")
 
 
 _ROWS = {"current / A": "current_a", "limited by": "bound_by", "  heat / A": "heat_current_a",
@@ -31,22 +29,20 @@ _ROWS = {"current / A": "current_a", "limited by": "bound_by", "  heat / A": "he
 def envelope(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = "nonlinear+heat",
-    duration: Annotated[str, typer.Option(help="How long the short-term torque is wanted, with its unit.",
-                                          metavar="TIME")] = "10 s",
-    preload: Annotated[float, typer.Option(help="Share of the continuous current, the least there is, that flowed "
-                                                "before, for long. 0: from ambient.", metavar="SHARE")] = 0.0,
+    duration: Annotated[str, common.value("How long the short-term torque is wanted, with its unit.", "TIME")] = "10 s",
+    preload: Annotated[float, common.value("Share of the continuous current, the least there is, that flowed before, "
+                                           "for long. 0: from ambient.", "SHARE")] = 0.0,
     output: Annotated[Path | None, common.csv_option("Write the curves to this CSV file, SI.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the envelopes: .html, .svg, .png or .pdf.",
-                                              metavar="FILE")] = None,
+    plot: Annotated[Path | None, common.value("Draw the envelopes: .html, .svg, .png or .pdf.", "FILE")] = None,
     as_json: Annotated[Path | None, common.json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
     from ..bench.conditions import resting_on
-    from ..bench.writers import write_csv, write_json
+    from ..bench.writers import write_csv
     from ..units import UnitError, quantity
 
     with common.failures():
-        common.check_outputs(output, plot, as_json, inputs=parameters or ())
+        common.check_outputs(output, plot, as_json, inputs=(parameters,))
         try:
             seconds = quantity(duration, "", "s")
         except UnitError as error:
@@ -60,7 +56,7 @@ def envelope(
         figures = _figures(computed)
         common.write_results(_columns(computed), (output, write_csv))
         common.write_results(computed, (plot, lambda e, path: study.write_picture(e, path, chosen)))
-        common.write_results(figures, (as_json, write_json))
+        common.write_json(figures, as_json)
     common.out.print(_table(figures))
     for each in resting_on({"what is marked": tuple(dict.fromkeys(chain(*computed.estimates.values())))}):
         common.say(escape(each))
@@ -84,14 +80,12 @@ def _columns(e: Envelope) -> dict[str, Any]:
 
 def _table(f: dict[str, Any]) -> Table:
     from ..bench.conditions import ESTIMATE
-    from ..pages.numbers import number
 
     preload = f", from {f['preload']:g} of the continuous current" if f["preload"] else ""
-    table = Table("", "continuous", f"{f['duration_s']:g} s{preload}", title="torque-speed envelope",
-                  title_justify="left")
-    for label, key in _ROWS.items():
+
+    def cells(label: str, key: str) -> list[Any]:
         values = [{**f, **f[curve]}[key] for curve in ("continuous", "short_term")]
-        table.add_row(label + ESTIMATE * (key in f["estimates"]),
-                      *(value if isinstance(value, str) else number(value * (30.0 / pi if "rpm" in label else 1.0))
-                        for value in values))
-    return common.right_aligned(table)
+        return [label + ESTIMATE * (key in f["estimates"]), *(30.0 / pi * x if "rpm" in label else x for x in values)]
+
+    return common.table(["", ">continuous", f">{f['duration_s']:g} s{preload}"],
+                        [cells(*row) for row in _ROWS.items()], "torque-speed envelope")

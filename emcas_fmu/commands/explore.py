@@ -6,8 +6,6 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
@@ -16,21 +14,21 @@ from ..support.files import as_given
 from . import common
 from .settings import changed, read_settings
 
-EPILOG = ("Examples:\n\n  emcas explore"
-          "\n\n  emcas explore --model elastic+heat --output elastic.html"
-          "\n\n  emcas explore -p my_actuator.toml --set friction.temperature='-20 degC' --output cold.html"
-          "\n\n  emcas explore --model my_actuator.py --requirements my_requirements.toml")
+EPILOG = common.examples(
+    "explore", "", "--model elastic+heat --output elastic.html",
+    "-p my_actuator.toml --set friction.temperature='-20 degC' --output cold.html",
+    "--model my_actuator.py --requirements my_requirements.toml")
 
 
 def explore(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
-    settings: Annotated[list[str] | None, typer.Option(
-        "--set", help="Another value of a parameter, or a constant input, from which the page starts; with a unit "
-                      "or in the variable's unit. Repeatable.", metavar="NAME=VALUE")] = None,
+    settings: Annotated[list[str] | None, common.value(
+        "Another value of a parameter, or a constant input, from which the page starts; with a unit or in the "
+        "variable's unit. Repeatable.", "NAME=VALUE", "--set")] = None,
     requirements: common.RequirementsOption = None,
     output: Annotated[Path, common.page_option("--output", "-o", what="The page.")] = Path("explore.html"),
-    date: common.DateOption = None,
+    date: common.DateOption = "",
 ) -> None:
     """Write one page in which command, load, supply, temperature and gains are moved, and the unit answers at once.
 
@@ -45,9 +43,8 @@ def explore(
 
     with common.failures():
         files = parameters or []
-        common.check_outputs(output, inputs=(*files, requirements))
+        common.check_outputs(output, inputs=(files, requirements))
         extras.require("native", "emcas explore needs", "ziglang")
-        printed = common.calendar_date(date) if date else ""
         changes, _, constants = read_settings(settings or [], FmuInterface(1, model))
         if COMMAND in constants:
             raise EmcasError(f"--set {COMMAND}: is moved in the page; leave it out")
@@ -57,8 +54,8 @@ def explore(
             "emcas", "explore", *common.option("--model", model, NONLINEAR), *common.parameter_arguments(files),
             *(part for each in settings or () for part in ("--set", each)),
             *common.option("--requirements", requirements and as_given(requirements)),
-            *common.option("--output", output), *common.option("--date", printed, "")])
-        about = About(command, ParameterSubject(chosen, files).identification, printed or today(), requirements)
+            *common.option("--output", output), *common.option("--date", date, "")])
+        about = About(command, ParameterSubject(chosen, files).identification, date or today(), requirements)
         with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
             size = write(output, chosen, constants, about)
     common.print_written(output)

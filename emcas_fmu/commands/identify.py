@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from . import common
 
 if TYPE_CHECKING:
     from ..studies.identification.result import Identification
 
-EPILOG = ("Examples, in a folder of records such as examples/identification_bench/records:"
-          "\n\n  emcas identify drive drive_*.csv --output identified.toml"
-          "\n\n  emcas identify inertia inertia_*.csv -p identified.toml -o identified.toml"
-          "\n\n  emcas identify friction friction_*.csv -p identified.toml -o identified.toml --report r.html"
-          "\n\n  emcas identify backlash backlash.csv --json backlash.json"
-          "\n\n  emcas parameters -p identified.toml")
+EPILOG = common.examples(
+    "identify", "drive drive_*.csv --output identified.toml",
+    "inertia inertia_*.csv -p identified.toml -o identified.toml",
+    "friction friction_*.csv -p identified.toml -o identified.toml --report r.html",
+    "backlash backlash.csv --json backlash.json",
+    first="Examples, in a folder of records such as examples/identification_bench/records:",
+    last=["  emcas parameters -p identified.toml"])
 # For the experiments without further options: what they identify, and an example.
 _EXPERIMENTS = {
     "drive": ("""Current gain, offset, transport delay and current-loop gains from the drive's reference and current.
@@ -49,38 +49,27 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
 def _identify(kind: str, files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
               as_json: Path | None, **choice: Any) -> None:
     """Identify, write the requested files and print the estimates."""
-    from ..bench.writers import write_json
     from ..studies.identification.result import write_identified
 
     with common.failures():
         # The set may be written over: experiments chain through one file.
-        common.check_outputs(report, as_json, inputs=(*files, *(parameters or ())))
-        common.check_outputs(output, report, as_json, inputs=files)
+        common.check_outputs(report, as_json, inputs=(files, parameters))
+        common.check_outputs(output, report, as_json, inputs=(files,))
         experiment = import_module(f"..studies.identification.{kind}", __package__)
         result: Identification = experiment.identify(files, common.parameter_set(parameters), **choice)
-        if output:
-            write_identified(result, output, parameters or ())
-        if report:
-            result.write_report(report)
-        if as_json:
-            write_json(result.document(), as_json)
-    table = Table("name", "value", "1 sigma", "unit", "base set", title=result.experiment.title, title_justify="left")
-    for column in table.columns:
-        column.no_wrap = True
-    for e in result.estimates:
-        table.add_row(escape(e.name), f"{e.value:.6g}", f"{e.sigma:.2g}", escape(e.unit),
-                      "" if e.base is None else f"{e.base:.6g}")
-    common.out.print(common.right_aligned(table, 1, 2, 4))
+        common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
+                             (report, type(result).write_report))
+        common.write_json(result.document(), as_json)
+    common.out.print(common.table(["name", ">value", ">1 sigma", "unit", ">base set"], (
+        [e.name, f"{e.value:.6g}", f"{e.sigma:.2g}", e.unit, "" if e.base is None else f"{e.base:.6g}"]
+        for e in result.estimates), result.experiment.title, whole=5))
     for line in result.notes:
         common.say(escape(line))
     common.print_written(output, report, as_json)
 
 
-def _epilog(kind: str, arguments: str) -> str:
-    return f"Examples:\n\n  emcas identify {kind} {arguments}"
-
-
-@app.command(epilog=_epilog("friction", "sweep_*.csv -p base.toml -o identified.toml --report friction.html"))
+@app.command(epilog=common.examples(
+    "identify", "friction sweep_*.csv -p base.toml -o identified.toml --report friction.html"))
 def friction(
     files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
     report: common.ReportOption = None, as_json: common.JsonOption = None,
@@ -97,7 +86,7 @@ def friction(
 
 def _add(kind: str, text: str, arguments: str) -> None:
     """Add the command of an experiment without further options."""
-    @app.command(kind, help=text, epilog=_epilog(kind, arguments))
+    @app.command(kind, help=text, epilog=common.examples("identify", f"{kind} {arguments}"))
     def command(files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
                 report: common.ReportOption = None, as_json: common.JsonOption = None) -> None:
         _identify(kind, files, parameters, output, report, as_json)

@@ -15,8 +15,8 @@ from ..parameters import load_parameters
 from ..support.writing import write_folder
 from . import common
 
-EPILOG = ("Examples:\n\n  emcas init my_actuator\n\n  emcas init my_actuator --model electrohydrostatic"
-          "\n\n  emcas init my_actuator --model elastic+heat --force")
+EPILOG = common.examples("init", "my_actuator", "my_actuator --model electrohydrostatic",
+                         "my_actuator --model elastic+heat --force")
 
 
 def init(

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
@@ -21,21 +20,19 @@ from . import common
 if TYPE_CHECKING:
     from ..studies.overview import Estimate
 
-EPILOG = ("Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json"
-          "\n\n  emcas parameters -p my_actuator.toml --sensitivity 50"
-          "\n\n  emcas parameters --sets\n\n  emcas parameters -p drive-pi"
-          "\n\n  emcas parameters --model elastic+faults")
+EPILOG = common.examples("parameters", "", "-p my_actuator.toml --json", "-p my_actuator.toml --sensitivity 50",
+                         "--sets", "-p drive-pi", "--model elastic+faults")
 
 
 def parameters(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
-    sets: Annotated[bool, typer.Option("--sets", help="List the shipped sets, whose names --parameters "
-                                                      "accepts.")] = False,
-    sensitivity: Annotated[float | None, typer.Option(
-        help="Order the shipped estimates by how far 10 % of each move the fin within 0.5 s of a step to half of "
-             "command.limit against this hinge moment in N.m (0: none).", metavar="TORQUE")] = None,
+    sets: Annotated[bool, typer.Option(
+        "--sets", help="List the shipped sets, whose names --parameters accepts.")] = False,
+    sensitivity: Annotated[float | None, common.value(
+        "Order the shipped estimates by how far 10 % of each move the fin within 0.5 s of a step to half of "
+        "command.limit against this hinge moment in N.m (0: none).", "TORQUE")] = None,
 ) -> None:
     """Print the checked parameter set with units and sources; of a file, also the remaining shipped estimates."""
     from ..studies.overview import amounts_to, by_effect, shipped_estimates
@@ -63,14 +60,11 @@ def parameters(
         return
     notes = common.out.width >= 130
     columns = ["name", "value", "unit", "source", *["as_written"] * (common.out.width >= 100), *["note"] * notes]
-    table = Table(*(name.replace("_", " ") for name in columns), title="EM-CAS parameters", title_justify="left")
-    for column in table.columns[:4]:
-        column.no_wrap = True
-    for record in records:
-        value = record["value"]
-        record["value"] = f"{value:.6g}" if isinstance(value, float) else str(value).lower()
-        table.add_row(*(escape(str(record[name])) for name in columns))
-    common.out.print(common.right_aligned(table, 1))
+    rows = [{**record, "value": f"{record['value']:.6g}" if isinstance(record["value"], float)
+             else str(record["value"]).lower()} for record in records]
+    common.out.print(common.table(
+        [">" * (name == "value") + name.replace("_", " ") for name in columns],
+        ([str(row[name]) for name in columns] for row in rows), "EM-CAS parameters", whole=4))
     if not notes:
         common.out.print("A wider terminal, or --json, shows what each value rests on.")
     if parameters:
@@ -99,29 +93,21 @@ def _show_estimates(chosen: ParameterSet, estimates: Iterable[Estimate]) -> None
 
 def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
     """Print the shipped estimates with what 10 % of each do."""
-    table = Table("still a shipped estimate", "10 % of it, deg", title_justify="left", title=(
+    common.out.print(common.table(
+        ["still a shipped estimate", "10 % of it, deg"],
+        ([each.label, f"{degrees(each.effect):.3g}"] for each in estimates if each.effect is not None),
         f"Largest change of the fin's angle by 10 % of each: a step to half of command.limit against {torque:g} N.m"))
-    for estimate in estimates:
-        if estimate.effect is not None:
-            table.add_row(escape(estimate.label), f"{degrees(estimate.effect):.3g}")
-    common.out.print(table)
     if rest := [estimate.label for estimate in estimates if estimate.effect is None]:
         common.say(f"Not varied, being 0, a switch, a count or a temperature: {escape(', '.join(rest))}")
-
-
-def _first_paragraph(text: str) -> str:
-    lines = takewhile(lambda line: line.startswith("# "), text.splitlines())
-    return " ".join(line.removeprefix("# ") for line in lines)
 
 
 def _show_sets(as_json: bool) -> None:
     """Print each set's name with the first paragraph of its file, a comment that describes it."""
     with common.failures():
-        described = {name: _first_paragraph(path.read_text(encoding="utf-8")) for name, path in named_sets().items()}
+        lines = {name: path.read_text(encoding="utf-8").splitlines() for name, path in named_sets().items()}
+    described = {name: " ".join(line[2:] for line in takewhile(lambda line: line.startswith("# "), each))
+                 for name, each in lines.items()}
     if as_json:
         print(json.dumps([{"name": name, "description": text} for name, text in described.items()], indent=1))
         return
-    table = Table("set", "description", title="Sets for --parameters", title_justify="left")
-    for name, text in described.items():
-        table.add_row(name, escape(text))
-    common.out.print(table)
+    common.out.print(common.table(["set", "description"], described.items(), "Sets for --parameters"))

@@ -7,7 +7,6 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from rich.markup import escape
 from rich.table import Column, Table
 
@@ -23,14 +22,13 @@ from .settings import changed, entered, read_settings
 if TYPE_CHECKING:
     from ..bench.excitation import Excitation
 
-EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
-                   "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
-                   "\n\n  emcas simulate --step 15 --set angular_rate.x='60 rad/s' --set mounting.station=-1.5"
-                   "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json"
-                   "\n\n  emcas simulate --step 10 --model elastic+faults --set fault.jam.begin='80 ms' "
-                   "--set fault.jam.end='1 s' --plot jam.png"
-                   "\n\n  emcas simulate --fins 4 --fin 2=my_actuator.toml --step 10 --set bus.source_resistance=0.02 "
-                   "--plot fins.html")
+EPILOG = common.examples(
+    "simulate", "--step 10 --torque -50 --plot response.html",
+    "--case chirp_3p5deg --plot chirp.png --output chirp.csv",
+    "--step 15 --set angular_rate.x='60 rad/s' --set mounting.station=-1.5",
+    "--input flight.csv -p my_actuator.toml --json figures.json",
+    "--step 10 --model elastic+faults --set fault.jam.begin='80 ms' --set fault.jam.end='1 s' --plot jam.png",
+    "--fins 4 --fin 2=my_actuator.toml --step 10 --set bus.source_resistance=0.02 --plot fins.html")
 
 
 # Bounds of command and load: a turn in either direction, and a thousand times the rated hinge moment of Table 2.
@@ -51,44 +49,39 @@ def _stepped(step: str, load: str, interval: float, stop: float) -> Excitation:
 
 
 def simulate(
-    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.",
-                                             metavar="NAME")] = None,
-    input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time in s and inputs in SI, as fmpy "
-                                                    "reads it.", metavar="FILE")] = None,
-    step: Annotated[str | None, typer.Option(help="Step of the fin command at 50 ms, in degrees or with a unit.",
-                                             metavar="ANGLE")] = None,
-    torque: Annotated[str | None, typer.Option(help="Constant hinge moment with --step, in N.m or with a unit.",
-                                               metavar="MOMENT")] = None,
+    case: Annotated[str | None, common.value("Reference case to run, such as step_plus10.", "NAME")] = None,
+    input_file: Annotated[Path | None, common.value("CSV of time in s and inputs in SI, as fmpy reads it.", "FILE",
+                                                    "--input", "-i")] = None,
+    step: Annotated[str | None, common.value("Step of the fin command at 50 ms, in degrees or with a unit.",
+                                             "ANGLE")] = None,
+    torque: Annotated[str | None, common.value("Constant hinge moment with --step, in N.m or with a unit.",
+                                               "MOMENT")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
-    settings: Annotated[list[str] | None, typer.Option(
-        "--set", help="Another value of a parameter, or a constant input, with a unit or in the variable's unit. "
-                      "Repeatable. Of several fins it applies to all, fin[2].NAME to one; "
-                      "bus.source_resistance, or line.accumulator_volume of a hydraulic supply, makes the supply sag; "
-                      "roll_command, pitch_command and yaw_command are mixed into all commands.",
-        metavar="NAME=VALUE")] = None,
-    fins: Annotated[int, typer.Option(help="Actuators on one supply, all with the same case, step or columns; columns "
-                                           "such as fin[2].fin_command are for one. Computed in Python, which is "
-                                           "slower.", metavar="N")] = 1,
+    settings: Annotated[list[str] | None, common.value(
+        "Another value of a parameter, or a constant input, with a unit or in the variable's unit. Repeatable. Of "
+        "several fins it applies to all, fin[2].NAME to one; bus.source_resistance, or line.accumulator_volume of a "
+        "hydraulic supply, makes the supply sag; roll_command, pitch_command and yaw_command are mixed into all "
+        "commands.", "NAME=VALUE", "--set")] = None,
+    fins: Annotated[int, common.value("Actuators on one supply, all with the same case, step or columns; columns such "
+                                      "as fin[2].fin_command are for one. Computed in Python, which is slower.",
+                                      "N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
-    stop: Annotated[float | None, typer.Option(help="End; 0.5 with --step, else that of the input.",
-                                               metavar="SECONDS")] = None,
-    interval: Annotated[float | None, typer.Option(help="Communication step; 0.001, or that of the case.",
-                                                   metavar="SECONDS")] = None,
-    kernel: Annotated[str, typer.Option(help="compiled, python, or auto: compiled where that pays. The "
-                                             "numbers are the same.", metavar="KERNEL")] = "auto",
+    stop: Annotated[float | None, common.value("End; 0.5 with --step, else that of the input.", "SECONDS")] = None,
+    interval: Annotated[float | None, common.value("Communication step; 0.001, or that of the case.",
+                                                   "SECONDS")] = None,
+    kernel: Annotated[str, common.value("compiled, python, or auto: compiled where that pays. The numbers are the "
+                                        "same.", "KERNEL")] = "auto",
     output: Annotated[Path | None, common.csv_option("Write every signal to this CSV file.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the response, the actuator's outputs by their units: .html, "
-                                                   ".svg, .png or .pdf.",
-                                              metavar="FILE")] = None,
+    plot: Annotated[Path | None, common.value("Draw the response, the actuator's outputs by their units: .html, .svg, "
+                                              ".png or .pdf.", "FILE")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
     from ..api import simulate as run
     from ..bench.conditions import resting_on
     from ..bench.excitation import csv_file, reference_case
-    from ..bench.writers import write_json
     from ..figures.plots import check_ending
     from ..motions import STEP
     from ..pages.numbers import number
@@ -99,7 +92,7 @@ def simulate(
             raise EmcasError("give one of --case, --input and --step")
         check_ending(plot)
         files, unit = fin_files(fin or []), FmuInterface(fins, model)
-        common.check_outputs(output, plot, as_json, inputs=(*(parameters or ()), *files.values(), input_file))
+        common.check_outputs(output, plot, as_json, inputs=(parameters, files.values(), input_file))
         if fins == 1 and files:
             raise EmcasError(f"--fin {fin[0] if fin else ''}: needs --fins, the number of fins")
         if fins > 1 and kernel == "compiled":
@@ -127,12 +120,8 @@ def simulate(
         if case:
             chosen = reference_case(case, supply=supply_start(model, sets[0].values))
         response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
-        if output:
-            response.write_csv(output)
-        if plot:
-            response.plot(plot)
-        if as_json:
-            write_json(response.as_dict(), as_json)
+        common.write_results(response, (output, type(response).write_csv), (plot, type(response).plot))
+        common.write_json(response.as_dict(), as_json)
     table = Table(Column("figure", overflow="fold"), title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
     for name in [f"fin {k}" for k in range(1, fins + 1)] if fins > 1 else ["value"]:
         table.add_column(name, justify="right")

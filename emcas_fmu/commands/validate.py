@@ -10,24 +10,23 @@ import typer
 from ..errors import EmcasError
 from . import common
 
-EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu --report report.html "
-                   "--junit junit.xml\n\n  emcas validate EMCAS.fmu --case step_plus20 --case load_opposing"
-          "\n\n  emcas validate my_actuator.toml --requirements my_requirements.toml"
-          "\n\n  emcas validate EMCAS_elastic.fmu --inside\n\n  emcas validate --model elastic+heat")
+EPILOG = common.examples(
+    "validate", "EMCAS.fmu", "EMCAS.fmu --report report.html --junit junit.xml",
+    "EMCAS.fmu --case step_plus20 --case load_opposing", "my_actuator.toml --requirements my_requirements.toml",
+    "EMCAS_elastic.fmu --inside", "--model elastic+heat")
 
 
 def validate(
     article: common.SubjectArgument = None,
-    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).",
-                                                   metavar="NAME")] = None,
+    case: Annotated[list[str] | None, common.value("Only this case (may be given several times).", "NAME")] = None,
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     as_json: common.JsonOption = None,
     junit: common.JunitOption = None,
     report: common.ReportOption = None,
-    directory: Annotated[Path | None, typer.Option(
-        help="Folder of the reference files, compared whatever their parameters are. Without it: models/reference, "
-             "compared where they are of the subject's parameters.", metavar="DIR")] = None,
+    directory: Annotated[Path | None, common.value(
+        "Folder of the reference files, compared whatever their parameters are. Without it: models/reference, "
+        "compared where they are of the subject's parameters.", "DIR")] = None,
     requirements: common.RequirementsOption = None,
     inside: Annotated[bool, typer.Option("--inside", help="Compare trajectories with the references inside the FMU; of "
                                          "another actuator, or other parameters than the defaults, that is so "
@@ -42,20 +41,16 @@ def validate(
     In a gate leave --case out: with it no requirement is judged.
     """
     from ..api import validate as run
-    from ..bench.writers import write_json
     from ..studies.validate.validation_output import as_dict, summary, write_junit, write_report
 
-    with common.failures():
+    with common.work("validate") as step:
         if case and requirements:
             raise EmcasError("--case and --requirements: with --case no requirement is judged; leave one of them out")
         if inside and directory:
             raise EmcasError("--inside and --directory: references are of one place; give one of them")
         common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
-        with common.progress_bar() as progress, common.open_subject(article, model, fin) as subject:
-            result = run(subject, case, directory, common.stepper(progress, "validate"), inside, requirements)
-        common.write_results(as_dict(result), (as_json, write_json))
+        with common.open_subject(article, model, fin) as subject:
+            result = run(subject, case, directory, step, inside, requirements)
+        common.write_json(as_dict(result), as_json)
         common.write_results(result, (junit, write_junit), (report, write_report))
-    for part in summary(result):
-        common.out.print(part)
-    if result.outcome is False:
-        raise typer.Exit(1)
+    common.conclude(summary(result), passed=result.outcome)
