@@ -38,6 +38,11 @@ class Rule(NamedTuple):
     warning: bool = False
 
 
+def rule(message: str, *, scanned: bool = False, warning: bool = False) -> Callable[[Callable[..., Any]], Rule]:
+    """Return a decorator that makes a check the rule with this message."""
+    return lambda check: Rule(check, message, scanned, warning)
+
+
 Check = tuple[Callable[[float], tuple[Any, ...]], str, bool, bool]
 """A rule bound to parameters: check of a share of the travel, message, whether it is scanned, whether a warning."""
 

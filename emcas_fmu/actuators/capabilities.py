@@ -2,58 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-MOTOR_CURRENT = "a motor current"
-CURRENT_LOOP = "a current loop"
-CURRENT_LIMIT = "a limit of the motor current"
-VOLTAGE_LIMIT = "a supply that limits the motor voltage"
-RETURNS_POWER = "a motor that returns power to its supply"
-COULOMB_FRICTION = "Coulomb friction at the motor"
-RIGID_DRIVE_LINE = "a rigid drive line"
-BACKLASH = "backlash"
-SCREW_LOAD = "a screw without losses"
-REFERENCE_LIMIT = "a drive whose reference has a limit"
-ENCODER = "an encoder on motor or fin"
-SCREW_DRIVE = "motor, gear and hinge with their inertia and friction"
-SCREW_AND_LEVER = "a screw and a lever"
-COMMAND_REFERENCE = "a drive whose reference is the fin command"
-POSITION_LOOP = "a sampled position loop"
-CASCADE = "loops of position and velocity in cascade"
-SUPPLY_VOLTAGE = "a supply voltage"
-SUPPLY_PRESSURE = "a supply pressure"
-AMBIENT_TEMPERATURE = "an ambient temperature"
-DRIVE_STEP = "a motor current that the shared equations of the drive step"
-SCREW_EQUATIONS = "loops and equation parameters of motor, screw and lever"
-
-NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
-    MOTOR_CURRENT: ("motor_current", "motor.resistance", "motor.torque_constant", "motor.back_emf_constant"),
-    CURRENT_LOOP: ("drive.kp", "drive.ki", "drive.current_gain"),
-    CURRENT_LIMIT: ("drive.current_limit",),
-    VOLTAGE_LIMIT: ("supply_voltage", "motor_voltage", "motor.inductance"),
-    RETURNS_POWER: ("motor_current", "motor_voltage"),
-    COULOMB_FRICTION: ("friction.coulomb.positive[0]", "friction.coulomb.negative[0]"),
-    RIGID_DRIVE_LINE: (),
-    BACKLASH: ("drive_line.backlash",),
-    SCREW_LOAD: ("screw.lead",),
-    REFERENCE_LIMIT: ("drive.reference_limit",),
-    ENCODER: ("encoder.pulses", "encoder.multiplier", "encoder.enabled"),
-    SCREW_DRIVE: ("inertia.motor", "inertia.fin"),
-    SCREW_AND_LEVER: ("screw.lead", "kinematics.moment_arm"),
-    COMMAND_REFERENCE: (),
-    POSITION_LOOP: (),
-    CASCADE: ("controller.position.kp", "controller.velocity.kp"),
-    SUPPLY_VOLTAGE: ("supply_voltage",),
-    SUPPLY_PRESSURE: ("supply_pressure",),
-    AMBIENT_TEMPERATURE: ("friction.temperature",),
-    DRIVE_STEP: ("motor.resistance", "motor.torque_constant", "motor.back_emf_constant"),
-    SCREW_EQUATIONS: ("drive.transport_delay", "inertia.motor"),
-}
+NEEDED_VARIABLES: dict[str, tuple[str, ...]] = {}
 """Every capability, with the inputs, outputs and parameters that an actuator with it has."""
-NEEDED_STATES: Mapping[str, tuple[str, ...]] = {
-    RIGID_DRIVE_LINE: ("motor_angle",),
-    ENCODER: ("counts",),
-    DRIVE_STEP: ("motor_speed", "motor_current", "drive_integral"),
-    SCREW_EQUATIONS: ("integral", "velocity_integral"),
-}
-"""States that an actuator with the capability has."""
+NEEDED_STATES: dict[str, tuple[str, ...]] = {}
+"""Every capability, with the states that an actuator with it has."""
+
+
+def _capability(words: str, *variables: str, states: tuple[str, ...] = ()) -> str:
+    """Register a capability, and return its words."""
+    NEEDED_VARIABLES[words], NEEDED_STATES[words] = variables, states
+    return words
+
+
+MOTOR_CURRENT = _capability("a motor current", "motor_current", "motor.resistance", "motor.torque_constant",
+                            "motor.back_emf_constant")
+CURRENT_LOOP = _capability("a current loop", "drive.kp", "drive.ki", "drive.current_gain")
+CURRENT_LIMIT = _capability("a limit of the motor current", "drive.current_limit")
+VOLTAGE_LIMIT = _capability("a supply that limits the motor voltage", "supply_voltage", "motor_voltage",
+                            "motor.inductance")
+RETURNS_POWER = _capability("a motor that returns power to its supply", "motor_current", "motor_voltage")
+COULOMB_FRICTION = _capability("Coulomb friction at the motor", "friction.coulomb.positive[0]",
+                               "friction.coulomb.negative[0]")
+RIGID_DRIVE_LINE = _capability("a rigid drive line", states=("motor_angle",))
+BACKLASH = _capability("backlash", "drive_line.backlash")
+SCREW_LOAD = _capability("a screw without losses", "screw.lead")
+REFERENCE_LIMIT = _capability("a drive whose reference has a limit", "drive.reference_limit")
+ENCODER = _capability("an encoder on motor or fin", "encoder.pulses", "encoder.multiplier", "encoder.enabled",
+                      states=("counts",))
+SCREW_DRIVE = _capability("motor, gear and hinge with their inertia and friction", "inertia.motor", "inertia.fin")
+SCREW_AND_LEVER = _capability("a screw and a lever", "screw.lead", "kinematics.moment_arm")
+COMMAND_REFERENCE = _capability("a drive whose reference is the fin command")
+POSITION_LOOP = _capability("a sampled position loop")
+CASCADE = _capability("loops of position and velocity in cascade", "controller.position.kp", "controller.velocity.kp")
+SUPPLY_VOLTAGE = _capability("a supply voltage", "supply_voltage")
+SUPPLY_PRESSURE = _capability("a supply pressure", "supply_pressure")
+AMBIENT_TEMPERATURE = _capability("an ambient temperature", "friction.temperature")
+DRIVE_STEP = _capability("a motor current that the shared equations of the drive step", "motor.resistance",
+                         "motor.torque_constant", "motor.back_emf_constant",
+                         states=("motor_speed", "motor_current", "drive_integral"))
+SCREW_EQUATIONS = _capability("loops and equation parameters of motor, screw and lever", "drive.transport_delay",
+                              "inertia.motor", states=("integral", "velocity_integral"))

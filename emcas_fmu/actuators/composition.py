@@ -11,17 +11,19 @@ from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..rules import Rule
 from ..variables import Terminal, Variable
+from . import as_built, fin_port
 from .declaration import Actuator, PlantInputs, Values
 
 Change = Callable[[Ops, Any], Any]
 """A function that returns changed parameters."""
+Equation = Callable[[Ops, Any, Record], Value]
 
 
 class Output(NamedTuple):
     """An output and its equation, a function of ops, the parameters as built and :attr:`Composition.moment`."""
 
     variable: Variable
-    value: Callable[[Ops, Any, Record], Value]
+    value: Equation
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,20 +31,46 @@ class Group:
     """Parameters, rules, outputs and capabilities that an actuator has or lacks together.
 
     An actuator without the group may use the same equations, with the values `absent` of the group's parameters, and
-    deviations of 0. `wired` says whether the outputs belong to the motor's terminal.
+    `deviations` of 0. `terminal` is the name of the terminal of the outputs; empty: none.
     """
 
     parameters: tuple[Variable, ...] = ()
     outputs: tuple[Output, ...] = ()
     rules: tuple[Rule, ...] = ()
-    provides: frozenset[str] = frozenset()
+    provides: tuple[str, ...] = ()
     absent: Mapping[str, Any] = field(default_factory=dict)
-    wired: bool = True
+    deviations: tuple[as_built.Deviation, ...] = ()
+    terminal: str = "motor"
 
     @property
     def nominal(self) -> dict[str, float]:
         """The values of the deviations of a plant that its controllers know exactly."""
-        return {v.name: 0.0 for v in self.parameters if v.name.startswith("deviation.")}
+        return {deviation.variable.name: 0.0 for deviation in self.deviations}
+
+
+def port(parameters: tuple[Variable, ...] = fin_port.PARAMETERS, rate: Equation = lambda ops, p, m: m.rate,
+         **descriptions: str) -> Group:
+    """Return the fin port with its outputs, which have other `descriptions` by name.
+
+    The moment has `fin` [rad], `rate` [rad/s], `hinge_torque` [N.m], `limited` and the inputs `u`.
+    """
+    equations: dict[str, Equation] = {
+        "fin_angle": lambda ops, p, m: m.fin,
+        "fin_rate": rate,
+        "hinge_torque": lambda ops, p, m: m.hinge_torque,
+        "tracking_error": lambda ops, p, m: fin_port.clipped_command(ops, p, m.u.command) - m.fin,
+        "measured_fin_angle": lambda ops, p, m: m.u.measured_fin_angle,
+        "saturated": lambda ops, p, m: m.limited,
+        "at_stop": lambda ops, p, m: ops.fabs(m.fin) >= fin_port.stop_edge(p),
+    }
+    outputs = tuple(Output(v, equations[v.name]) for v in fin_port.described(descriptions))
+    return Group(parameters, outputs, terminal="")
+
+
+def at_fin(ops: Ops, p: Any, x: Record, u: PlantInputs, limited: Value, **further: Value) -> Record:
+    """Return the moment of an actuator with the states fin_angle and fin_rate; `limited`: whether a limit is active."""
+    return Record(x=x, u=u, fin=x.fin_angle, rate=x.fin_rate,
+                  hinge_torque=fin_port.hinge_torque(ops, p, x.fin_angle, u), limited=limited, **further)
 
 
 def _sorted_by(name: Callable[[Any], str], items: Iterable[Any], order: tuple[str, ...]) -> tuple[Any, ...]:
@@ -58,8 +86,8 @@ class Composition:
     """The groups of an actuator, and the function from which their outputs follow.
 
     `moment(ops, p, x, u)` returns the parameters as built, and whatever the equations of the outputs use at states `x`
-    under plant inputs `u`. The orders are prefixes of names: variables that match none come last, group by group. Rules
-    are in the order of the groups.
+    under plant inputs `u`. The orders are prefixes of names: variables that match none come last, group by group,
+    deviations after the other parameters. Rules are in the order of the groups.
     """
 
     groups: tuple[Group, ...]
@@ -68,9 +96,14 @@ class Composition:
     output_order: tuple[str, ...] = ()
 
     @cached_property
+    def deviations(self) -> tuple[as_built.Deviation, ...]:
+        """The deviations of the plant from the parameters that the controllers know."""
+        return tuple(deviation for group in self.groups for deviation in group.deviations)
+
+    @cached_property
     def parameters(self) -> tuple[Variable, ...]:
         """The parameters in the order of the interface."""
-        listed = (v for group in self.groups for v in group.parameters)
+        listed = (*(v for group in self.groups for v in group.parameters), *(d.variable for d in self.deviations))
         return _sorted_by(lambda v: v.name, listed, self.parameter_order)
 
     @cached_property
@@ -78,30 +111,10 @@ class Composition:
         listed = (out for group in self.groups for out in group.outputs)
         return _sorted_by(lambda out: out.variable.name, listed, self.output_order)
 
-    @property
-    def outputs(self) -> tuple[Variable, ...]:
-        """The outputs in the order of the interface."""
-        return tuple(out.variable for out in self._outputs)
-
-    @property
-    def rules(self) -> tuple[Rule, ...]:
-        """The rules, group by group."""
-        return tuple(rule for group in self.groups for rule in group.rules)
-
-    @property
-    def provides(self) -> frozenset[str]:
-        """The capabilities of all groups."""
-        return frozenset().union(*(group.provides for group in self.groups))
-
-    @property
-    def nominal(self) -> dict[str, float]:
-        """The values of the deviations of a plant that its controllers know exactly."""
-        return {name: value for group in self.groups for name, value in group.nominal.items()}
-
-    def terminals(self, description: str) -> tuple[Terminal, ...]:
-        """Return the terminal of the motor's side."""
-        wired = {out.variable for group in self.groups if group.wired for out in group.outputs}
-        return (Terminal("motor", description, tuple(v.name for v in self.outputs if v in wired)),)
+    @cached_property
+    def as_built(self) -> Change:
+        """The function that returns the plant's parameters from those that the controllers know."""
+        return as_built.plant(*self.deviations)
 
     def output_values(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         """Return every output."""
@@ -114,10 +127,21 @@ class Composition:
         absent = {name: value for group in optional for name, value in (group.nominal | dict(group.absent)).items()}
         return with_values(p, {name: value for name, value in absent.items() if name not in declared})
 
-    def declared(self, rules: tuple[Rule, ...] = (), terminal: str = "motor and drive") -> dict[str, Any]:
-        """Return the fields of an actuator's declaration that follow from its groups, with further `rules`."""
-        return {"outputs": self.outputs, "parameters": self.parameters, "rules": (*self.rules, *rules),
-                "provides": self.provides, "terminals": self.terminals(terminal), "nominal": self.nominal,
+    def declared(self, rules: tuple[Rule, ...] = (), **terminals: str) -> dict[str, Any]:
+        """Return the fields of an actuator's declaration that follow from its groups, with further `rules`.
+
+        `terminals` are descriptions by name, if there are others than that of the motor.
+        """
+        def members(terminal: str) -> tuple[str, ...]:
+            there = {out.variable for group in self.groups if group.terminal == terminal for out in group.outputs}
+            return tuple(out.variable.name for out in self._outputs if out.variable in there)
+
+        return {"outputs": tuple(out.variable for out in self._outputs), "parameters": self.parameters,
+                "rules": (*(rule for group in self.groups for rule in group.rules), *rules),
+                "provides": frozenset(capability for group in self.groups for capability in group.provides),
+                "terminals": tuple(Terminal(name, description, members(name)) for name, description in (
+                    terminals or {"motor": "motor and drive"}).items() if members(name)),
+                "nominal": {name: 0.0 for group in self.groups for name in group.nominal},
                 "output_values": self.output_values}
 
     def over(self, base: Actuator, change: Change, rules: tuple[Rule, ...] = (), **fields: Any) -> Actuator:

@@ -41,7 +41,7 @@ from . import capabilities, fin_port, positional
 from .line import LINES, Line
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
-from .results import complete
+from .positional import complete
 
 Values = Mapping[str, Value]
 Parameters = Any
@@ -118,20 +118,12 @@ def _at_start_angle(ops: Ops, p: Parameters, start: Record) -> Values:
     return {"fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle}
 
 
-def _none_sampled(ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> Values:
-    return {"reference": 0.0}
-
-
 def _no_step(ops: Ops, p: Parameters, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     raise NotImplementedError  # replaced by a step that integrates the derivatives
 
 
 def _no_outputs(ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
     return {}
-
-
-def _unchanged(ops: Ops, p: Parameters) -> Parameters:
-    return p
 
 
 def _rounded_up(limit: float) -> float:
@@ -181,17 +173,17 @@ class Actuator:
 
     # Equations.
     initial: Callable[[Ops, Parameters, Record], Values] = _at_start_angle
-    sample: Callable[[Ops, Parameters, Record, SampleInputs], Values] = _none_sampled
+    sample: Callable[[Ops, Parameters, Record, SampleInputs], Values] = lambda ops, p, x, inputs: {"reference": 0.0}
     derivatives: Derivatives | None = None
     step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step
     output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = _no_outputs
     # Which of the shared equations hold; and their parameters, with constants for those that this actuator does
     # not have.
     structure: Structure = field(default_factory=Structure)
-    equation_parameters: Callable[[Ops, Parameters], Parameters] = _unchanged
+    equation_parameters: Callable[[Ops, Parameters], Parameters] = lambda ops, p: p
     # The plant's parameters where they differ from those that the controllers know, and the values of the deviations
     # without which they do not.
-    as_built: Callable[[Ops, Parameters], Parameters] = _unchanged
+    as_built: Callable[[Ops, Parameters], Parameters] = lambda ops, p: p
     nominal: Mapping[str, float] = field(default_factory=dict)
     # Largest internal tick [s], and how a user makes it longer; time [s] from a sample to the drive.
     longest_tick: Callable[[Ops, Parameters], Value] = fin_port.max_tick
@@ -213,7 +205,9 @@ class Actuator:
             if self.derivatives is None:
                 raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
                                  "derivatives")
-            object.__setattr__(self, "step", smooth_step(self._every_rate, [s.name for s in self.states]))
+            names, derivatives = [s.name for s in self.states], self.derivatives
+            object.__setattr__(self, "step", smooth_step(
+                lambda ops, p, x, u: complete(derivatives, derivatives(ops, p, x, u), names), names))
         declared = (s for s in self.controller_states if s not in _BUS)  # a replaced actuator has them already
         object.__setattr__(self, "controller_states", (*declared, *_BUS))
         # Inputs of the plant first, as the core expects.
@@ -248,7 +242,7 @@ class Actuator:
                 raise EmcasError(f"actuator {self.name} provides {capability!r}, which nothing needs"
                                  f"{hint(capability, capabilities.NEEDED_VARIABLES)}")
             missing = [name for name in capabilities.NEEDED_VARIABLES[capability] if name not in count]
-            missing += [f"state {name}" for name in capabilities.NEEDED_STATES.get(capability, ())
+            missing += [f"state {name}" for name in capabilities.NEEDED_STATES[capability]
                         if name not in self._state_names]
             if missing:
                 raise EmcasError(f"actuator {self.name} provides {capability!r}, which needs {missing[0]}; declare it, "
@@ -357,10 +351,6 @@ class Actuator:
         assert self.derivatives is not None
         names = tuple(s.name for s in self.states)
         return {**dict.fromkeys(names, 0.0), **complete(self.derivatives, self.derivatives(ops, p, x, u), (), names)}
-
-    def _every_rate(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Mapping[str, Value]:
-        assert self.derivatives is not None
-        return complete(self.derivatives, self.derivatives(ops, p, x, u), (s.name for s in self.states))
 
     def plant_outputs(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
         """Return every output in SI, for a command and sample results of 0."""

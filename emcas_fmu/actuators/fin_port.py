@@ -16,7 +16,7 @@ from ..control import command as bus
 from ..control.controllers import clipped_command as clipped_command
 from ..ops.base import Ops, Value
 from ..physics import loads
-from ..rules import ANGLE, SLACK, Rule, in_degrees, when
+from ..rules import ANGLE, SLACK, Rule, in_degrees, rule, when
 from ..variables import Terminal, Variable, boolean_input, boolean_output, parameter, real_input, real_output, switch
 
 # -- inputs ------------------------------------------------------------------------
@@ -133,6 +133,11 @@ def max_tick(ops: Ops, p: Any) -> Value:
     return p.solver.max_tick
 
 
+def transport_delay(ops: Ops, p: Any) -> Value:
+    """Return drive.transport_delay [s], from a sample to the drive."""
+    return p.drive.transport_delay
+
+
 def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -> tuple[Variable, ...]:
     """Return the inputs of an actuator: the port's, the supply if it has one, and its further ones."""
     return (COMMAND, AERO_TORQUE, *MOTION, *(() if supply is None else (supply,)), ENABLE, *further)
@@ -176,6 +181,7 @@ def hinge_torque(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
 # -- rules -------------------------------------------------------------------------
 
 
+@rule(f"fin.stop_angle = {ANGLE} must be at least command.limit = {ANGLE}")
 def _travel(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     stop, limit = p.fin.stop_angle, p.command.limit
     return when(ops, limit > stop * (1.0 + SLACK)), stop, in_degrees(stop), limit, in_degrees(limit)
@@ -186,45 +192,42 @@ def _travel(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 LEAST_ROOM = 0.01
 
 
+@rule(f"fin.stop_angle = {ANGLE} leaves less than {LEAST_ROOM:g} of command.limit = {ANGLE} beyond it: the stop hides "
+      "an overshoot of a step to the limit; lower command.limit", warning=True)
 def _room(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     stop, limit = p.fin.stop_angle, p.command.limit
     tight = ops.both(limit <= stop * (1.0 + SLACK), stop < limit * (1.0 + LEAST_ROOM) * (1.0 - SLACK))
     return when(ops, tight), stop, in_degrees(stop), limit, in_degrees(limit)
 
 
+@rule(f"fin.start_angle = {ANGLE} must lie within +-fin.stop_angle = {ANGLE}")
 def _start(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     start, stop = p.fin.start_angle, p.fin.stop_angle
     return when(ops, ops.fabs(start) > stop * (1.0 + SLACK)), start, in_degrees(start), stop, in_degrees(stop)
 
 
+@rule(f"command.latency = %.6g s must be at most {bus.LONGEST} times controller.sample_time = %.6g s")
 def _latency(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     latency, period = p.command.latency, p.controller.sample_time
     return when(ops, latency > bus.LONGEST * period * (1.0 + SLACK)), latency, period
 
 
-RULES = (
-    Rule(_travel, f"fin.stop_angle = {ANGLE} must be at least command.limit = {ANGLE}"),
-    Rule(_room, f"fin.stop_angle = {ANGLE} leaves less than {LEAST_ROOM:g} of command.limit = {ANGLE} beyond it: the "
-                "stop hides an overshoot of a step to the limit; lower command.limit", warning=True),
-    Rule(_start, f"fin.start_angle = {ANGLE} must lie within +-fin.stop_angle = {ANGLE}"),
-    Rule(_latency, f"command.latency = %.6g s must be at most {bus.LONGEST} times controller.sample_time = %.6g s"),
-)
+RULES = (_travel, _room, _start, _latency)
 
 
 def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
     """Return the rules for sampling, from functions of an actuator's longest tick [s] and delay [s], None without."""
+    @rule(f"drive.transport_delay = %.6g s must be at most {LONGEST_DELAY} times controller.sample_time = %.6g s")
     def delayed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         delay, period = transport_delay(ops, p), p.controller.sample_time
         fits = ops.both(delay >= 0.0, delay <= LONGEST_DELAY * period * (1.0 + SLACK))
         return when(ops, ops.negate(fits)), delay, period
 
+    @rule(f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or lower "
+          "controller.sample_time")
     def ticks(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         longest, period = tick(ops, p), p.controller.sample_time
         fits = ops.both(period <= MOST_TICKS * longest, longest <= sys.float_info.max)
         return when(ops, ops.negate(fits)), period, longest  # a NaN does not fit
 
-    most = Rule(ticks, f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or "
-                       "lower controller.sample_time")
-    latest = Rule(delayed, f"drive.transport_delay = %.6g s must be at most {LONGEST_DELAY} times "
-                           "controller.sample_time = %.6g s")
-    return (most,) if transport_delay is None else (latest, most)
+    return (ticks,) if transport_delay is None else (delayed, ticks)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import isnan
+from typing import TYPE_CHECKING, Any
 
+from ..errors import EmcasError, location
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics.loads import LOADS
 from ..variables import Variable
 from . import fin_port
-from .results import complete
 
 if TYPE_CHECKING:
     from .declaration import Actuator, Parameters
@@ -87,3 +88,25 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         ("step", (*plant, *sampled, "active", *held_inputs, "h"), step),
         ("outputs", (*plant, "active", "reference", "measured", "limited", *sampled, "command", *held_inputs), outputs),
     )
+
+
+def complete(function: Callable[..., Any], values: Any, names: Iterable[str], optional: Iterable[str] = ()
+             ) -> Mapping[str, Value]:
+    """Return the `values` that a function has returned, if they are numbers for all `names` and no undeclared one.
+
+    Raises EmcasError, with the function's location, if they are not.
+    """
+    if not isinstance(values, Mapping):
+        raise EmcasError(f"{location(function)} returns {type(values).__name__}; a mapping of names to values is "
+                         "needed")
+    needed = list(names)
+    known = {*needed, *optional}
+    if missing := [name for name in needed if name not in values]:
+        raise EmcasError(f"{location(function)} returns no {', '.join(missing)}")
+    if unknown := [name for name in values if name not in known]:
+        raise EmcasError(f"{location(function)} returns {', '.join(map(str, unknown))}, which is not declared; there "
+                         f"is {', '.join(sorted(known))}")
+    for name, value in values.items():
+        if value is None or isinstance(value, (str, Sequence, Mapping)) or (isinstance(value, float) and isnan(value)):
+            raise EmcasError(f"{location(function)} returns {name} = {value!r}; a number is needed")
+    return values

@@ -16,10 +16,10 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..variables import parameter
 from . import capabilities, fin_port
+from .composition import Composition, Group, at_fin, port
 from .declaration import Actuator, PlantInputs, SampleInputs, State, Values
 
 PARAMETERS = (
-    *fin_port.PARAMETERS,
     parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from the sampled command to the fin",
               sheet="specification: delay of the actuator", display="ms"),
     parameter("second_order.natural_frequency", "rad/s", 1e-3, 1e5, "natural frequency, w_n",
@@ -87,44 +87,29 @@ def _driven(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, h: Va
     return (ops.clip(new_angle, -stop, stop), ops.where(ops.both(beyond, outward), 0.0, new_rate))
 
 
-def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return every output."""
+def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
+    """Return the parameters, and the values from which the outputs follow."""
     at_rate = ops.fabs(x.fin_rate) >= p.second_order.rate_limit * (1.0 - 1e-12)
-    return {
-        "fin_angle": x.fin_angle,
-        "fin_rate": x.fin_rate,
-        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
-        "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
-        "measured_fin_angle": u.measured_fin_angle,
-        "saturated": ops.either(at_rate, u.limited > 0.0),
-        "at_stop": ops.fabs(x.fin_angle) >= fin_port.stop_edge(p),
-    }
+    return p, at_fin(ops, p, x, u, ops.either(at_rate, u.limited > 0.0))
 
 
-def _transport_delay(ops: Ops, p: Any) -> Value:
-    return p.drive.transport_delay
-
-
+COMPOSITION = Composition((
+    port(measured_fin_angle="fin angle at the last sample", saturated="a limit active: command or rate"),
+    Group(PARAMETERS, provides=(capabilities.COMMAND_REFERENCE,), terminal="")), moment)
 ACTUATOR = Actuator(
+    **COMPOSITION.declared(),
     name="second-order",
     title="second-order actuator with limits of rate and position",
     origin="No load moves it: hinge moment, gravity and the vehicle's motion appear in hinge_torque alone. It has no "
            "motor and no supply.",
     states=(State("fin_angle", "rad"), State("fin_rate", "rad/s")),
-    outputs=fin_port.described({
-        "measured_fin_angle": "fin angle at the last sample",
-        "saturated": "a limit active: command or rate",
-    }),
-    parameters=PARAMETERS,
     descriptions={
         "enable": "false: the fin stays where it is, whatever the load",
         "angular_acceleration.x": "vehicle angular acceleration about body x; nothing here depends on it",
         "aero_torque": "aerodynamic hinge moment on the fin; moves nothing, and counts in hinge_torque",
     },
-    provides=frozenset({capabilities.COMMAND_REFERENCE}),
     sample=sample,
     step=step,
-    output_values=output_values,
-    transport_delay=_transport_delay,
+    transport_delay=fin_port.transport_delay,
     modules=(sys.modules[__name__],),
 )

@@ -16,7 +16,7 @@ from ..actuators.electromechanical.rules import jamming_text, jams
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import screw_loss
-from ..rules import Rule, when
+from ..rules import Rule, rule, when
 from ..variables import real_output
 from .declaration import Extension
 
@@ -33,16 +33,16 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
+    @rule(jamming_text("motor and screw"))
     def jamming(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         return jams(ops, actuator.equation_parameters(ops, p), p.efficiency.backward, actuator.longest_tick(ops, p))
 
+    @rule("efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw that the load "
+          "cannot drive")
     def jamming_line(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         return when(ops, p.efficiency.backward < 0.0), p.efficiency.backward
 
-    rigid = Rule(jamming, jamming_text("motor and screw"))
-    line = Rule(jamming_line, "efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw "
-                              "that the load cannot drive")
-    return (rigid, line) if actuator.structure.drive_line else (rigid,)
+    return (jamming, jamming_line) if actuator.structure.drive_line else (jamming,)
 
 
 EXTENSION = Extension(

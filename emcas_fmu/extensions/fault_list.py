@@ -1,4 +1,4 @@
-"""All faults: names, parameters, needed capabilities, and when they are active. Their order is that in `fault_word`.
+"""All faults: parameters, needs, when they are active, and what they change. Their order is that in `fault_word`.
 
 The general ones come first, then those that an actuator declares for its kind
 (:class:`emcas_fmu.actuators.declaration.PlantFault`); one with the name of a general fault replaces that.
@@ -9,18 +9,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..actuators import capabilities
-from ..actuators.declaration import Actuator, PlantFault
-from ..errors import EmcasError
+from ..actuators.declaration import Actuator, PlantFault, PlantInputs
+from ..errors import EmcasError, location
+from ..namespace import Names, Record, value_of, with_values
 from ..ops.base import Ops, Value
+from ..physics import mechanics
 from ..variables import Variable, in_group, tunable
+from .status import OPERATIONAL
 
 # Longest delay of a command, in sample times: each needs a state.
 LONGEST_COMMAND_DELAY = 50
 MOST = 31  # bits of an Integer
 _SLACK = 1e-6  # of a sample time: rounding does not delay a fault that begins at a sample
+_HEAVY = 1e9  # kg.m2: the inertia of a blocked rotor or fin
+_STUB = 1e-3  # share of the fin's inertia that remains at the fork: some actuators divide by it
 
 
 @dataclass(frozen=True)
@@ -119,3 +124,144 @@ def word(ops: Ops, names: tuple[str, ...], on: Mapping[str, Value]) -> Value:
     """Return the word with a bit, by :func:`bits`, for each active fault that the actuator can have."""
     return reduce(lambda total, name: total + ops.where(on[name], float(2**names.index(name)), 0.0),
                   (name for name in names if name in on), 0.0)
+
+
+class Held(NamedTuple):
+    """Results of a sample for the steps: amounts of the active faults, and outputs; `acting` is 0 without a fault."""
+
+    acting: Value
+    jam: Value
+    free: Value
+    lost: Value
+    current: Value
+    supply: Value
+    friction: Value
+    gap: Value
+    faults: Value
+    built_in_test: Value
+    verdict: Value
+
+
+SOUND = Held(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, OPERATIONAL)
+
+
+def faulted(ops: Ops, p: Any, actuator: Actuator, f: Held, declared: Mapping[str, Value]) -> Any:
+    """Return the parameters of the faulty plant; `declared` is above 0 for active faults of the actuator's kind."""
+    changes: dict[str, Value] = {}
+    if capabilities.SCREW_DRIVE in actuator.provides:
+        changes |= _of_screw_drive(ops, p, f)
+        if p.structure.torsion_bar:
+            changes["load.torsion_bar"] = ops.where(f.free > 0.0, 0.0, p.load.torsion_bar)
+    if capabilities.CURRENT_LIMIT in actuator.provides:
+        changes["drive.current_limit"] = f.current * p.drive.current_limit
+    if capabilities.BACKLASH in actuator.provides:
+        changes["drive_line.backlash"] = p.drive_line.backlash + f.gap
+    q = with_values(p, changes) if changes else p
+    for fault in actuator.faults:
+        q = _under(ops, q, fault, getattr(p.fault, fault.name), declared[fault.name] > 0.0)
+    return q
+
+
+def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
+    broken = f.free > 0.0
+    friction, hinge = p.friction, mechanics.hinge_friction(p)
+    return {
+        "inertia.motor": ops.where(f.jam > 0.0, _HEAVY, p.inertia.motor),
+        "inertia.fin": ops.where(broken, _STUB, 1.0) * p.inertia.fin,
+        "inertia.shaft": ops.where(broken, 0.0, p.inertia.shaft),
+        "mass.fin": ops.where(broken, 0.0, p.mass.fin),
+        "mass.shaft": ops.where(broken, 0.0, p.mass.shaft),
+        "friction.coulomb.positive": tuple(f.friction * c for c in friction.coulomb.positive),
+        "friction.coulomb.negative": tuple(f.friction * c for c in friction.coulomb.negative),
+        "friction.viscous.positive": f.friction * friction.viscous.positive,
+        "friction.viscous.negative": f.friction * friction.viscous.negative,
+        "friction.fin_viscous": ops.where(broken, 0.0, f.friction * hinge.viscous),
+        "friction.fin_coulomb": ops.where(broken, 0.0, f.friction * hinge.dry),
+    }
+
+
+def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
+    """Return the plant's parameters with a fault that the actuator declares, if it is `on`, else `p`."""
+    before: dict[str, Value] = {}
+
+    def acting() -> tuple[Value, ...]:
+        changes = fault.changes(ops, p, amounts)
+        before.update((name, _value(p, name, fault)) for name in changes)
+        for name, value in changes.items():
+            if not _alike(value, before[name]):
+                raise EmcasError(f"{location(fault.changes)} returns {name} = {value!r}; the form of the parameter is "
+                                 "needed: a number, or a tuple of the same length")
+        return _flat(changes.values())
+
+    # With floats only one function is called: if the fault is off, `before` is empty, and nothing changes.
+    values = iter(ops.branch(on, acting, lambda: _flat(before.values())))
+    return with_values(p, {name: tuple(next(values) for _ in old) if isinstance(old, tuple) else next(values)
+                           for name, old in before.items()})
+
+
+def _alike(one: Any, other: Any) -> bool:
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other)
+    return not isinstance(one, (tuple, list, str, type(None))) and not isinstance(other, tuple)
+
+
+def _flat(values: Iterable[Value]) -> tuple[Value, ...]:
+    return tuple(each for value in values for each in (value if isinstance(value, tuple) else (value,)))
+
+
+def _value(p: Any, name: str, fault: PlantFault) -> Value:
+    """Return a parameter by its dotted name. Raises EmcasError for one that the plant does not have."""
+    try:
+        value = value_of(p, name)
+    except AttributeError as error:
+        raise EmcasError(f"{location(fault.changes)} changes {name} for fault {fault.name}: {error}") from error
+    if isinstance(value, Names):
+        raise EmcasError(f"{location(fault.changes)} changes {name} for fault {fault.name}, a group of parameters; "
+                         f"there is {', '.join(f'{name}.{each}' for each in vars(value))}")
+    return value
+
+
+def blocked(ops: Ops, p: Any, actuator: Actuator, u: PlantInputs, jam: Value) -> tuple[Any, PlantInputs]:
+    """Return parameters and inputs of the plant with which a jam of the fin itself blocks it during a step.
+
+    This is for an actuator without screw drive that reads its fin and on which forces act: the fin's inertia is huge,
+    and does not turn with the vehicle. :func:`standing` removes the small motion that remains.
+    """
+    other = {capabilities.SCREW_DRIVE, capabilities.COMMAND_REFERENCE} & actuator.provides
+    if other or actuator.encoder[0] != "fin_angle":
+        return p, u
+    still = {name: ops.where(jam, 0.0, getattr(u, name)) for name in ("wx2_wz2", "wx_wz", "alpha_y")}
+    return with_values(p, {"inertia.fin": ops.where(jam, _HEAVY, p.inertia.fin)}), u.replace(**still)
+
+
+def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: PlantInputs) -> PlantInputs:
+    """Return the inputs of the faulty plant: supply, bridge, load, and the current limit without a fault."""
+    changes = {}
+    if actuator.supply is not None:
+        changes["supply"] = f.supply * u.supply
+    changes["enabled"] = ops.both(u.enabled, ops.negate(f.lost > 0.0))
+    if capabilities.SCREW_DRIVE in actuator.provides:
+        changes["aero_torque"] = ops.where(f.free > 0.0, 0.0, u.aero_torque)
+        changes["alpha_x"] = ops.where(f.jam > 0.0, 0.0, u.alpha_x)  # a blocked rotor turns with the vehicle
+    if capabilities.CURRENT_LIMIT in actuator.provides:
+        changes["rated_current_limit"] = p.drive.current_limit
+    return u.replace(**changes)
+
+
+def at_line(ops: Ops, f: Held, power: Value) -> Value:
+    """Return the power [W] drawn from the supply for a `power` [W] of the actuator behind a brown-out.
+
+    Current or flow is the same on both sides of the drop, which dissipates the difference. Power that the actuator
+    returns reaches the supply unchanged.
+    """
+    consumes = ops.both(power > 0.0, f.supply > 0.0)
+    return ops.branch(consumes, lambda: (power / f.supply,), lambda: (power,))[0]
+
+
+def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:
+    """Return the states with a blocked rotor at rest, at its present angle or at that of `then`, if it is jammed."""
+    angle, speed = actuator.encoder  # the motor's, if there is one
+    changes = {speed: ops.where(jam, 0.0, getattr(x, speed))}
+    if then is not None:
+        changes[angle] = ops.where(jam, getattr(then, angle), getattr(x, angle))
+    return x.replace(**changes)

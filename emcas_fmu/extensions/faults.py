@@ -26,11 +26,11 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import free_fin, kinematics, mechanics
 from ..physics.loads import NONE
-from ..rules import SLACK, Rule, when
+from ..rules import SLACK, rule, when
 from ..variables import Variable, integer_output
 from . import fault_list, monitors
 from .declaration import Extension
-from .fault_effects import SOUND, Held, acting, at_line, blocked, faulted, standing
+from .fault_list import SOUND, Held, acting, at_line, blocked, faulted, standing
 from .status import DISABLED, OPERATIONAL, STATUS
 
 
@@ -155,13 +155,12 @@ class _Faulty:
         seen_by = monitors.Watched(
             command, sampled["measured_fin_angle"], k.measured, k.modelled, reference,
             actuator.motor_current(ops, p, x, here) if has_current else 0.0, supply, watching)
-        response = monitors.response(p, actuator)
-        counted, tripped = monitors.judged(ops, q, self.watched, response, _of(x, self.counters), _of(x, self.flags),
+        modelled = monitors.modelled(ops, p, monitors.response(p, actuator), seen_by)
+        counted, tripped = monitors.judged(ops, q, self.watched, modelled, _of(x, self.counters), _of(x, self.flags),
                                            seen_by)
         now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, self.bits, shown),
                            built_in_test=monitors.word(self.watched, tripped), verdict=monitors.verdict(ops, tripped))
-        kept = _Kept(k.samples + 1.0, angle, offset, command, sampled["measured_fin_angle"],
-                     monitors.modelled(ops, p, response, seen_by))
+        kept = _Kept(k.samples + 1.0, angle, offset, command, sampled["measured_fin_angle"], modelled)
         return {**sampled, "reference": reference, **_named(_KEPT, kept), **_named(self.counters, counted),
                 **_named(self.flags, tripped), **_named(_WAITING, (inputs.command, *line[:-1])), **_named(_HELD, now),
                 **{self.of_kind[name]: ops.where(kind, 1.0, 0.0) for name, kind in kinds.items()}}
@@ -301,6 +300,8 @@ def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
     return (*(v for fault in faults for v in fault_list.parameters(fault)), *monitors.parameters(actuator))
 
 
+@rule(f"fault.command_delay.time = %.6g s must be at most {fault_list.LONGEST_COMMAND_DELAY} times "
+      "controller.sample_time = %.6g s")
 def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     """Check a delay that is switched on or scheduled; others may become valid with a longer sample time."""
     late, period = p.fault.command_delay, p.controller.sample_time
@@ -309,7 +310,5 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, ops.both(used, late.time > longest)), late.time, period
 
 
-RULES = (Rule(_command_delay, "fault.command_delay.time = %.6g s must be at most "
-                              f"{fault_list.LONGEST_COMMAND_DELAY} times controller.sample_time = %.6g s"),)
 EXTENSION = Extension("faults", "faults and built-in test", extend, parameters=_parameters,
-                      rules=lambda actuator: RULES, module=sys.modules[__name__])
+                      rules=lambda actuator: (_command_delay,), module=sys.modules[__name__])

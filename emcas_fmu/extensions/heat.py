@@ -22,7 +22,7 @@ from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, 
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import course, heat
-from ..steppers.electrical import Plant, electrical_mode
+from ..steppers.electrical import electrical_mode
 from ..variables import Variable, in_group, parameter, real_output, tunable
 from .declaration import Extension
 
@@ -119,8 +119,7 @@ def extend(actuator: Actuator) -> Actuator:
             return (current * current + current * end + end * end) / 3.0
         if q.structure.current == "ideal":
             return moved["motor_current"] * moved["motor_current"]
-        plant = Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)  # at any angle
-        tau = electrical_mode(ops, actuator.plant_parameters(ops, q), plant, u, h).tau
+        tau = electrical_mode(ops, actuator.plant_parameters(ops, q), x, u, h).tau
         return course.mean_square(ops, current, moved["motor_current"], used / tau)
 
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:

@@ -25,7 +25,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive
 from ..physics.friction import coulomb_polynomial
-from ..rules import SLACK, Rule, when
+from ..rules import SLACK, Rule, rule, when
 from ..variables import boolean_input, boolean_output, in_group, parameter, switch
 from . import homing_run as run
 from .declaration import Extension
@@ -54,8 +54,6 @@ PROGRESS = tuple(f"homing_{name}" for name in run.Progress._fields)
 
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with an offset of its encoder, and the state machine that determines it."""
-    has_status = STATUS in actuator.outputs  # of an earlier extension
-
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         x = Record(**actuator.start(ops, p, start.fin_angle))
         offset = ops.where(p.homing.required, -run.reading(ops, p, actuator.position(ops, p, x), x.counts), 0.0)
@@ -80,8 +78,7 @@ def extend(actuator: Actuator) -> Actuator:
         values = actuator.output_values(ops, p, x, powered(ops, u))
         phase = u.homing_phase
         ready = ops.equal(phase, run.READY)
-        well = values[STATUS.name] if has_status else OPERATIONAL
-        status = ops.where(ready, well, ops.where(
+        status = ops.where(ready, values.get(STATUS.name, OPERATIONAL), ops.where(
             run.moving(ops, phase), HOMING, ops.where(ops.equal(phase, run.FAILED), FAILED, UNREFERENCED)))
         return {**values, STATUS.name: ops.where(u.enabled, status, DISABLED), HOMED.name: ready}
 
@@ -93,10 +90,13 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
+    @rule("homing.reference_limit = %.6g V must be at most drive.reference_limit = %.6g V")
     def push(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         limit, most = p.homing.reference_limit, p.drive.reference_limit
         return when(ops, limit > most * (1.0 + SLACK)), limit, most
 
+    @rule("homing.timeout = %.6g s must be above %.6g s: two ways between the stops and one to zero at homing.speed, "
+          f"each with homing.travel_tolerance, 3 homing.stall_time, and {SETTLES:g} s to settle")
     def time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         # From one stop to the other, back to the first and to zero, each followed by the time of a stall. At a constant
         # motor speed zero is not the middle in time. Each way may be longer than the travel by the tolerance.
@@ -107,6 +107,9 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         least = way / p.homing.speed + 3.0 * p.homing.stall_time + SETTLES
         return when(ops, p.homing.timeout <= least), p.homing.timeout, least
 
+    @rule("homing.stall_time = %.6g s is over before the push of %.6g N.m at the motor, less friction of %.6g N.m at a "
+          "stop, brings it from rest to homing.speed = %.6g rad/s at the fin, drive.transport_delay included; raise "
+          "homing.stall_time or homing.reference_limit, or lower homing.speed")
     def stall(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         """Check that the push minus friction at a stop accelerates the motor to homing.speed within homing.stall_time.
 
@@ -120,16 +123,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         lasts = p.homing.stall_time - p.drive.transport_delay
         return when(ops, needed >= lasts * (push - friction)), p.homing.stall_time, push, friction, p.homing.speed
 
-    return (
-        Rule(push, "homing.reference_limit = %.6g V must be at most drive.reference_limit = %.6g V"),
-        Rule(time, "homing.timeout = %.6g s must be above %.6g s: two ways between the stops and one to zero at "
-                   "homing.speed, each with homing.travel_tolerance, 3 homing.stall_time, and "
-                   f"{SETTLES:g} s to settle"),
-        Rule(stall, "homing.stall_time = %.6g s is over before the push of %.6g N.m at the motor, less friction of "
-                    "%.6g N.m at a stop, brings it from rest to homing.speed = %.6g rad/s at the fin, "
-                    "drive.transport_delay included; raise homing.stall_time or homing.reference_limit, or lower "
-                    "homing.speed"),
-    )
+    return push, time, stall
 
 
 EXTENSION = Extension(

@@ -26,8 +26,8 @@ from ..actuators.declaration import Actuator, PlantInputs, State, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import mechanics
-from ..rules import SLACK, Rule, when
-from ..steppers.electrical import Plant
+from ..rules import SLACK, Rule, rule, when
+from ..steppers.electrical import Plant, states
 from ..steppers.lugre import advance
 from ..variables import in_group, parameter, real_output
 from .declaration import Extension
@@ -50,10 +50,9 @@ OUTPUTS = (
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with bristles, one further state."""
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-        plant = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
-        moved, deflection, used = advance(ops, actuator.plant_parameters(ops, p), plant, x.bristle_deflection, u, h)
-        return {"motor_angle": moved.angle, "motor_speed": moved.speed, "motor_current": moved.current,
-                "drive_integral": moved.integral, "bristle_deflection": deflection}, used
+        moved, deflection, used = advance(ops, actuator.plant_parameters(ops, p), states(Plant, x),
+                                          x.bristle_deflection, u, h)
+        return {**moved._asdict(), "bristle_deflection": deflection}, used
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         built = actuator.plant_parameters(ops, p)
@@ -68,15 +67,16 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
+    # The rotor's oscillation on its bristles then advances 1 rad in a tick: the period is 8 % too long.
+    @rule("lugre.stiffness = %.6g N.m/rad must be at most %.6g N.m/rad, the motor's inertia over the square of the "
+          "tick of %.6g s; lower it or solver.max_tick")
     def resolved(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         inertia = mechanics.screw_inertia(actuator.equation_parameters(ops, p))
         tick, stiffness = actuator.longest_tick(ops, p), p.lugre.stiffness
         largest = inertia / (tick * tick)
         return when(ops, stiffness > largest * (1.0 + SLACK)), stiffness, largest, tick
 
-    # The rotor's oscillation on its bristles then advances 1 rad in a tick: the period is 8 % too long.
-    return (Rule(resolved, "lugre.stiffness = %.6g N.m/rad must be at most %.6g N.m/rad, the motor's inertia over the "
-                           "square of the tick of %.6g s; lower it or solver.max_tick"),)
+    return (resolved,)
 
 
 EXTENSION = Extension(

@@ -12,7 +12,7 @@ of a large step trips the monitor.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from math import radians
@@ -26,55 +26,6 @@ from ..variables import Variable, in_group, tunable
 from .status import DEGRADED, FAILED, OPERATIONAL
 
 _SLACK = 1e-6  # of a sample: whole numbers of samples are counted whole
-
-
-@dataclass(frozen=True)
-class Monitor:
-    """A monitored condition: its description, its parameters, and the capabilities that it needs."""
-
-    name: str
-    description: str
-    parameters: tuple[Variable, ...] = ()
-    needs: tuple[str, ...] = ()
-
-
-_PERSISTENCE = tunable("persistence", "s", 0.0, 100.0,
-                        "time a condition must hold for its monitor to trip or to clear")
-_RESPONSE = tunable("response", "1/s", 1e-3, 1e5, "rate at which the model of the response reduces an error")
-# Bits of the built-in test's word, the first the least.
-MONITORS = (
-    Monitor("tracking", "the measured angle does not follow the command", (
-        tunable("tracking_limit", "rad", 0.0, radians(180.0),
-                 "modelled less measured angle, beyond which tracking trips"),
-        tunable("rate", "rad/s", 1e-3, 1e3, "largest fin rate of the model of the response"))),
-    Monitor("stall", "a large reference moves nothing", (
-        tunable("stall_share", "1", 0.0, 1.0, "of drive.reference_limit that the DAC puts out at a stall"),
-        tunable("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin counts as at rest")),
-        (capabilities.REFERENCE_LIMIT,)),
-    Monitor("drive", "the current does not follow its reference", (
-        tunable("current_limit", "A", 0.0, 1e4,
-                 "current reference less current, beyond which the drive does not respond"),),
-        (capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP)),
-    Monitor("supply", "the bus voltage is too low", (
-        tunable("minimum_supply", "V", 0.0, 1e3, "bus voltage below which the supply is too low"),),
-        (capabilities.SUPPLY_VOLTAGE,)),
-    Monitor("command", "the command is beyond command.limit"),
-    Monitor("pressure", "the pressure of the line is too low", (
-        tunable("minimum_pressure", "Pa", 0.0, 1e9, "pressure of the line below which it is too low"),),
-        (capabilities.SUPPLY_PRESSURE,)),
-)
-
-
-def possible(actuator: Actuator) -> tuple[Monitor, ...]:
-    """Return the monitors an actuator can have."""
-    return tuple(monitor for monitor in MONITORS if actuator.provides.issuperset(monitor.needs))
-
-
-def parameters(actuator: Actuator) -> tuple[Variable, ...]:
-    """Return the parameters of an actuator's monitors."""
-    response = () if capabilities.CASCADE in actuator.provides else (_RESPONSE,)
-    return in_group("monitor", _PERSISTENCE, *response,
-                    *(v for monitor in possible(actuator) for v in monitor.parameters))
 
 
 class Watched(NamedTuple):
@@ -92,6 +43,70 @@ class Watched(NamedTuple):
     enabled: Value
 
 
+@dataclass(frozen=True)
+class Monitor:
+    """A monitored condition: its description, when it holds, its parameters, and the capabilities that it needs.
+
+    `holds(ops, p, w, angle)` uses the inputs `w` and the modelled `angle` [rad] of this sample.
+    """
+
+    name: str
+    description: str
+    holds: Callable[[Ops, Any, Watched, Value], Value]
+    parameters: tuple[Variable, ...] = ()
+    needs: tuple[str, ...] = ()
+
+
+def _stalled(ops: Ops, p: Any, w: Watched, angle: Value) -> Value:
+    rate = ops.fabs(w.measured - w.before) / p.controller.sample_time
+    pushing = ops.fabs(w.reference) >= p.monitor.stall_share * p.drive.reference_limit
+    return ops.both(pushing, rate < p.monitor.stall_rate)
+
+
+_PERSISTENCE = tunable("persistence", "s", 0.0, 100.0,
+                        "time a condition must hold for its monitor to trip or to clear")
+_RESPONSE = tunable("response", "1/s", 1e-3, 1e5, "rate at which the model of the response reduces an error")
+# Bits of the built-in test's word, the first the least.
+MONITORS = (
+    Monitor("tracking", "the measured angle does not follow the command",
+            lambda ops, p, w, angle: ops.fabs(angle - w.measured) > p.monitor.tracking_limit, (
+                tunable("tracking_limit", "rad", 0.0, radians(180.0),
+                        "modelled less measured angle, beyond which tracking trips"),
+                tunable("rate", "rad/s", 1e-3, 1e3, "largest fin rate of the model of the response"))),
+    Monitor("stall", "a large reference moves nothing", _stalled, (
+        tunable("stall_share", "1", 0.0, 1.0, "of drive.reference_limit that the DAC puts out at a stall"),
+        tunable("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin counts as at rest")),
+        (capabilities.REFERENCE_LIMIT,)),
+    # The reference in the drive is older by the transport delay, which persistence covers.
+    Monitor("drive", "the current does not follow its reference", lambda ops, p, w, angle: ops.fabs(
+        drive.current_reference(ops, p, w.reference) - w.current) > p.monitor.current_limit, (
+            tunable("current_limit", "A", 0.0, 1e4,
+                    "current reference less current, beyond which the drive does not respond"),),
+        (capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP)),
+    Monitor("supply", "the bus voltage is too low", lambda ops, p, w, angle: w.supply < p.monitor.minimum_supply, (
+        tunable("minimum_supply", "V", 0.0, 1e3, "bus voltage below which the supply is too low"),),
+        (capabilities.SUPPLY_VOLTAGE,)),
+    Monitor("command", "the command is beyond command.limit",
+            lambda ops, p, w, angle: ops.fabs(w.command) > p.command.limit),
+    Monitor("pressure", "the pressure of the line is too low",
+            lambda ops, p, w, angle: w.supply < p.monitor.minimum_pressure, (
+                tunable("minimum_pressure", "Pa", 0.0, 1e9, "pressure of the line below which it is too low"),),
+            (capabilities.SUPPLY_PRESSURE,)),
+)
+
+
+def possible(actuator: Actuator) -> tuple[Monitor, ...]:
+    """Return the monitors an actuator can have."""
+    return tuple(monitor for monitor in MONITORS if actuator.provides.issuperset(monitor.needs))
+
+
+def parameters(actuator: Actuator) -> tuple[Variable, ...]:
+    """Return the parameters of an actuator's monitors."""
+    response = () if capabilities.CASCADE in actuator.provides else (_RESPONSE,)
+    return in_group("monitor", _PERSISTENCE, *response,
+                    *(v for monitor in possible(actuator) for v in monitor.parameters))
+
+
 def modelled(ops: Ops, p: Any, response: Value, w: Watched) -> Value:
     """Return the angle [rad] of the model with a `response` [1/s]; of an actuator that is not monitored, the measured
     angle."""
@@ -107,38 +122,17 @@ def response(p: Any, actuator: Actuator) -> Value:
     return p.controller.position.kp if capabilities.CASCADE in actuator.provides else p.monitor.response
 
 
-def _conditions(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, w: Watched) -> list[Value]:
-    names = {monitor.name for monitor in watched}
-    error = ops.fabs(modelled(ops, p, gain, w) - w.measured)
-    rate = ops.fabs(w.measured - w.before) / p.controller.sample_time
-    conditions: dict[str, Value] = {}
-    if "stall" in names:
-        pushing = ops.fabs(w.reference) >= p.monitor.stall_share * p.drive.reference_limit
-        conditions["stall"] = ops.both(pushing, rate < p.monitor.stall_rate)
-    if "drive" in names:
-        # The reference in the drive is older by the transport delay, which persistence covers.
-        reference = drive.current_reference(ops, p, w.reference)
-        conditions["drive"] = ops.fabs(reference - w.current) > p.monitor.current_limit
-    conditions["tracking"] = error > p.monitor.tracking_limit
-    if "supply" in names:
-        conditions["supply"] = w.supply < p.monitor.minimum_supply
-    if "pressure" in names:
-        conditions["pressure"] = w.supply < p.monitor.minimum_pressure
-    conditions["command"] = ops.fabs(w.command) > p.command.limit
-    return [conditions[monitor.name] for monitor in watched]
-
-
-def judged(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, counters: Sequence[Value],
+def judged(ops: Ops, p: Any, watched: tuple[Monitor, ...], angle: Value, counters: Sequence[Value],
            tripped: Sequence[Value], w: Watched) -> tuple[tuple[Value, ...], tuple[Value, ...]]:
-    """Return counters and flags (1 tripped, 0 clear) of the monitors after a sample.
+    """Return counters and flags (1 tripped, 0 clear) of the monitors after a sample, with the modelled `angle` [rad].
 
     A counter is the number of successive samples in which the condition has differed from the flag.
     """
     most = p.monitor.persistence / p.controller.sample_time - _SLACK
     most = ops.maximum(-ops.floor(-most), 1.0)
     counted, flags = [], []
-    for condition, counter, flag in zip(_conditions(ops, p, watched, gain, w), counters, tripped, strict=True):
-        holds = ops.where(condition, 1.0, 0.0)
+    for monitor, counter, flag in zip(watched, counters, tripped, strict=True):
+        holds = ops.where(monitor.holds(ops, p, w, angle), 1.0, 0.0)
         now = ops.where(ops.equal(holds, flag), 0.0, counter + 1.0)
         counted.append(ops.where(ops.both(w.enabled, now < most), now, 0.0))
         flags.append(ops.where(w.enabled, ops.where(now >= most, holds, flag), 0.0))

@@ -19,8 +19,8 @@ from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, 
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import course, drive, supply
-from ..rules import Rule, when
-from ..steppers.electrical import Plant, electrical_mode
+from ..rules import rule, when
+from ..steppers.electrical import electrical_mode
 from ..variables import boolean_output, in_group, parameter, real_output, switch
 from .declaration import Extension
 from .status import DISABLED, OPERATIONAL, STATUS
@@ -74,8 +74,6 @@ def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
 
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with this supply."""
-    has_status = STATUS in actuator.outputs
-
     def electrical(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Value, Value]:
         """Return motor voltage [V] and current [A]."""
         shown = actuator.plant_outputs(ops, p, x, u)
@@ -101,8 +99,7 @@ def extend(actuator: Actuator) -> Actuator:
     def mode_of(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Any, Any]:
         """Return the parameters of the plant, and the electrical mode that a step of `h` [s] starts in."""
         built = actuator.plant_parameters(ops, p)
-        plant = Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)  # at any angle
-        return built, electrical_mode(ops, built, plant, u, h)
+        return built, electrical_mode(ops, built, x, u, h)
 
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
@@ -122,12 +119,11 @@ def extend(actuator: Actuator) -> Actuator:
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
         shown = actuator.output_values(ops, p, x, u.replace(supply=link, enabled=enabled))
-        well = shown[STATUS.name] if has_status else OPERATIONAL
         return {**shown, "supply_power": u.supply * supply.source_current(ops, p, link, u.supply),
                 "link_voltage": link, "brake_power": supply.brake_power(ops, p, link),
                 "inverter_loss": supply.inverter_loss(ops, p, shown["motor_current"]),
                 "supply_tripped": supply.tripped(ops, p, link, x.supply_tripped),
-                STATUS.name: ops.where(enabled, well, DISABLED)}
+                STATUS.name: ops.where(enabled, shown.get(STATUS.name, OPERATIONAL), DISABLED)}
 
     def longest_tick(ops: Ops, p: Any) -> Value:
         resolved = _PHASE * ops.sqrt(p.motor.inductance * p.supply.capacitance)
@@ -156,15 +152,15 @@ def _mean_power(ops: Ops, p: Any, start: tuple[Value, Value], end: tuple[Value, 
             + p.supply.device_resistance * course.mean_square(ops, first, last, ratio))
 
 
+@rule("supply.recovery_voltage = %.6g V must not be below supply.trip_voltage = %.6g V")
 def _hysteresis(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     trip, recovery = p.supply.trip_voltage, p.supply.recovery_voltage
     return when(ops, recovery < trip), recovery, trip
 
 
-RULES = (Rule(_hysteresis, "supply.recovery_voltage = %.6g V must not be below supply.trip_voltage = %.6g V"),)
 EXTENSION = Extension(
     "supply", "source, DC link and brake chopper, inverter losses and under-voltage trip", extend,
     needs=(capabilities.MOTOR_CURRENT, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
            capabilities.SCREW_DRIVE, capabilities.DRIVE_STEP),
-    parameters=lambda actuator: PARAMETERS, outputs=(STATUS, *OUTPUTS), rules=lambda actuator: RULES,
+    parameters=lambda actuator: PARAMETERS, outputs=(STATUS, *OUTPUTS), rules=lambda actuator: (_hysteresis,),
     module=sys.modules[__name__])

@@ -18,8 +18,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
-from . import current_loop
-from .electrical import Drive, Plant, electrical_mode, resolved, switched
+from .electrical import Drive, electrical_mode, reserve, resolved, switched
 from .events import PROGRESS, Values, first_event
 from .rigid import stops
 
@@ -33,12 +32,12 @@ class Pair(NamedTuple):
     """Rotor angle [rad] and speed [rad/s], motor current [A], drive integral [V]; the fin's angle and speed at the
     motor."""
 
-    angle: Value
-    speed: Value
-    current: Value
-    integral: Value
-    fin_angle: Value
-    fin_speed: Value
+    motor_angle: Value
+    motor_speed: Value
+    motor_current: Value
+    drive_integral: Value
+    fin_side_angle: Value
+    fin_side_speed: Value
 
 
 class _Mode(NamedTuple):
@@ -72,7 +71,7 @@ def _electric(ops: Ops, p: Any, s: Pair, d: Any, h: Value) -> _Electric:
         kept = d.tau / h * (1.0 - decay)  # share of the starting current in the mean
         half = 0.5 * h * d.integral_gain
         share = (1.0 - kept) / (d.loop + half * (1.0 - kept))
-        at_rest = kept * s.current + share * (d.source + half * (d.i_ref - kept * s.current))
+        at_rest = kept * s.motor_current + share * (d.source + half * (d.i_ref - kept * s.motor_current))
         return at_rest, drive.back_emf(p, share), kept, decay
 
     return _Electric(*ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0, 0.0)))
@@ -82,10 +81,10 @@ def _electric_end(ops: Ops, p: Any, s: Pair, d: Any, e: _Electric, speed: Value,
     mean = e.at_rest - e.slope * speed
     if _ideal(p):
         return e.at_rest, 0.0
-    final = (mean - e.kept * s.current) / (1.0 - e.kept)
-    current = ops.where(d.enabled, final + (s.current - final) * e.decay, 0.0)
-    followed = d.side * d.limit_at(ops, p, 2.0 * speed - s.speed, current) - p.drive.kp * (d.i_ref - current)
-    moved = s.integral + h * d.integral_gain * (d.i_ref - mean)
+    final = (mean - e.kept * s.motor_current) / (1.0 - e.kept)
+    current = ops.where(d.enabled, final + (s.motor_current - final) * e.decay, 0.0)
+    followed = d.side * d.limit_at(ops, p, 2.0 * speed - s.motor_speed, current) - p.drive.kp * (d.i_ref - current)
+    moved = s.drive_integral + h * d.integral_gain * (d.i_ref - mean)
     return current, ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
 
 
@@ -115,7 +114,7 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
     # row with either efficiency e while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same with both. A
     # screw that locks, e < 0, needs steps that are short enough (:func:`longest_step`).
     # A speed against the direction counts as rest.
-    along = ops.where(at * s.speed < 0.0, 0.0, at) if screw.falls(p) else at
+    along = ops.where(at * s.motor_speed < 0.0, 0.0, at) if screw.falls(p) else at
     (driving, load, way), (driven, _, _) = (
         _solved(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
     forward = load * way > 0.0
@@ -125,13 +124,13 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 def _friction_speed(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value) -> Value:
     """Return the rotor speed [rad/s] at which friction acts: the mid-step speed, where friction depends on it."""
     def predicted() -> tuple[Value, ...]:
-        return (0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed),)
+        return (0.5 * (s.motor_speed + _advanced(ops, p, c, s, acting, mode, h, s.motor_speed).motor_speed),)
 
     if friction.falls(p):
         return predicted()[0]
     if screw.falls(p):
-        return ops.branch(screw.constant(ops, p), lambda: (s.speed,), predicted)[0]
-    return s.speed
+        return ops.branch(screw.constant(ops, p), lambda: (s.motor_speed,), predicted)[0]
+    return s.motor_speed
 
 
 def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
@@ -159,28 +158,28 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     def body_force() -> Value:
         return p.screw.lead * loads.nut_force(ops, p, acting)
 
-    m = drive_line.fin_side(ops, p, s.fin_angle + 0.5 * h * s.fin_speed, acting)
+    m = drive_line.fin_side(ops, p, s.fin_side_angle + 0.5 * h * s.fin_side_speed, acting)
     e = _electric(ops, p, s, mode.drive, h)
     driving = drive.torque(p, e.at_rest) + mechanics.rotor_torque(p, acting)
     k = ops.where(mode.pressed, 0.5 * h * c.stiffness + c.damping, 0.0)
-    spring = ops.where(mode.pressed, c.stiffness * (s.angle - s.fin_angle - mode.flank), 0.0)
+    spring = ops.where(mode.pressed, c.stiffness * (s.motor_angle - s.fin_side_angle - mode.flank), 0.0)
     inertia = mechanics.screw_inertia(p)
     if felt is not None:
         inertia = inertia + (felt - 1.0) * screw.nut_inertia(p)
     rotor, fin = 2.0 * inertia / h, 2.0 * m.inertia / h
     # Linearised about the speed at the start, u^2 -> 2 u U - u^2 for the mean.
-    swing = m.centrifugal * s.fin_speed
+    swing = m.centrifugal * s.fin_side_speed
     alone_2 = fin + mechanics.hinge_damping(p, m) - 2.0 * swing
-    r_1 = (rotor * s.speed + driving + seen(body_force())) - seen(spring)
-    r_2 = (fin - swing) * s.fin_speed + m.load + spring
+    r_1 = (rotor * s.motor_speed + driving + seen(body_force())) - seen(spring)
+    r_2 = (fin - swing) * s.fin_side_speed + m.load + spring
 
     low_stop, high_stop = stops(ops, p)
     held = mechanics.hinge_dry(p, m)
-    high = ops.where(s.fin_angle >= high_stop, WALL, held)
-    low = -ops.where(s.fin_angle <= low_stop, WALL, held)
+    high = ops.where(s.fin_side_angle >= high_stop, WALL, held)
+    low = -ops.where(s.fin_side_angle <= low_stop, WALL, held)
     up, down = friction.coulomb(ops, p, 1.0, m.fin), -friction.coulomb(ops, p, -1.0, m.fin)
-    fin_rests, rotor_rests = ops.equal(s.fin_speed, 0.0), ops.equal(s.speed, 0.0)
-    sliding = ops.where(s.fin_speed > 0.0, held, -held)
+    fin_rests, rotor_rests = ops.equal(s.fin_side_speed, 0.0), ops.equal(s.motor_speed, 0.0)
+    sliding = ops.where(s.fin_side_speed > 0.0, held, -held)
 
     # The fin's mean speed while the rotor rests, and the direction in which its torque then starts the rotor.
     free, _ = _beyond(ops, r_2, high, low)
@@ -191,7 +190,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
         resting = spring - k * fin_alone - body_force()  # the load on the screw of a rotor at rest
         _, started = _beyond(ops, ((driving + body_force()) - spring) + k * fin_alone,
                              up + screw.hold(ops, p, resting, 1.0), down - screw.hold(ops, p, resting, -1.0))
-    way = ops.where(rotor_rests, started, ops.where(s.speed > 0.0, 1.0, -1.0))
+    way = ops.where(rotor_rests, started, ops.where(s.motor_speed > 0.0, 1.0, -1.0))
     rotor_held = ops.equal(way, 0.0)
 
     alone_1 = rotor + friction.viscous(ops, p, way) + drive.torque(p, e.slope)
@@ -211,27 +210,29 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     w, u = ops.where(rotor_held, 0.0, w), ops.where(rotor_held, fin_alone, u)
 
     current, integral = _electric_end(ops, p, s, mode.drive, e, w, h)
-    end = Pair(s.angle + h * w, 2.0 * w - s.speed, current, integral, s.fin_angle + h * u, 2.0 * u - s.fin_speed)
+    end = Pair(s.motor_angle + h * w, 2.0 * w - s.motor_speed, current, integral,
+               s.fin_side_angle + h * u, 2.0 * u - s.fin_side_speed)
     if felt is None:
         return end, 0.0, way
-    return end, spring + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.speed) / h - body_force(), way
+    return end, spring + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.motor_speed) / h - body_force(), way
 
 
 def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> Values:
     """Return the event margins by name, above 0 until the mode that held at `start` ends."""
-    deflection = s.angle - s.fin_angle
+    deflection = s.motor_angle - s.fin_side_angle
     side = ops.where(mode.flank > 0.0, 1.0, -1.0)
-    pressure = side * drive_line.torque(c, deflection, s.speed - s.fin_speed, mode.flank) - drive_line.least(c)
+    torque = drive_line.torque(c, deflection, s.motor_speed - s.fin_side_speed, mode.flank)
+    pressure = side * torque - drive_line.least(c)
     low_stop, high_stop = stops(ops, p)
-    voltage = 1.0 if _ideal(p) else current_loop.reserve(ops, p, mode.drive, s.speed, s.current, s.integral)
+    voltage = 1.0 if _ideal(p) else reserve(ops, p, mode.drive, s)
     dry = mechanics.hinge_friction(p).dry > 0.0
     return {
         "contact": ops.where(c.loose, ops.where(mode.pressed, pressure, c.half_gap - deflection), 1.0),
         "other flank": ops.where(ops.either(mode.pressed, ops.negate(c.loose)), 1.0, c.half_gap + deflection),
-        "rotor": ops.where(start.speed > 0.0, s.speed, -s.speed),
-        "fin": ops.where(dry, ops.where(start.fin_speed > 0.0, s.fin_speed, -s.fin_speed), 1.0),
-        "upper stop": high_stop - s.fin_angle,
-        "lower stop": s.fin_angle - low_stop,
+        "rotor": ops.where(start.motor_speed > 0.0, s.motor_speed, -s.motor_speed),
+        "fin": ops.where(dry, ops.where(start.fin_side_speed > 0.0, s.fin_side_speed, -s.fin_side_speed), 1.0),
+        "upper stop": high_stop - s.fin_side_angle,
+        "lower stop": s.fin_side_angle - low_stop,
         "voltage": voltage,
     }
 
@@ -241,37 +242,38 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
 
     A flank that has just been met presses if the motion without it would close the gap.
     """
-    deflection = s.angle - s.fin_angle
-    pressed, flank = drive_line.pressed(ops, c, deflection, s.speed - s.fin_speed)
-    electric = electrical_mode(ops, p, Plant(*s[:4]), acting, h)
+    deflection = s.motor_angle - s.fin_side_angle
+    pressed, flank = drive_line.pressed(ops, c, deflection, s.motor_speed - s.fin_side_speed)
+    electric = electrical_mode(ops, p, s, acting, h)
 
     def ahead() -> tuple[Value, ...]:
         free = _advanced(ops, p, c, s, acting, _Mode(False, 0.0, electric), h)
-        return ((free.angle - free.fin_angle - flank) * flank > 0.0,)
+        return ((free.motor_angle - free.fin_side_angle - flank) * flank > 0.0,)
 
     met = ops.both(c.loose, ops.both(pressed, ops.fabs(deflection - flank) <= drive_line.MET))
     (pressed,) = ops.branch(met, ahead, lambda: (pressed,))
-    if p.structure.current == "ideal":
+    if _ideal(p):
         return _Mode(pressed, flank, electric)
 
     def accelerated() -> tuple[Value, ...]:
-        speed = _advanced(ops, p, c, s, acting, _Mode(pressed, flank, electric), h).speed
-        return tuple(electrical_mode(ops, p, Plant(*s[:4]), acting, h, lambda: (speed - s.speed) / h))
+        speed = _advanced(ops, p, c, s, acting, _Mode(pressed, flank, electric), h).motor_speed
+        return tuple(electrical_mode(ops, p, s, acting, h, lambda: (speed - s.motor_speed) / h))
 
     return _Mode(pressed, flank, Drive(*ops.branch(p.motor.pole_pairs > 0.0, accelerated, lambda: tuple(electric))))
 
 
 def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, Value]:
     """Return the state after `h` [s] or at the first event before, and the time until then [s]."""
-    s = switched(ops, s, acting.enabled)
+    s = s._replace(**switched(ops, s, acting.enabled))
     h = resolved(ops, p, s, acting, h)
-    c = drive_line.line(ops, p, s.fin_angle + 0.5 * h * s.fin_speed)
+    c = drive_line.line(ops, p, s.fin_side_angle + 0.5 * h * s.fin_side_speed)
     mode = _mode(ops, p, c, s, acting, h)
     whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
     # At a stop the fin may only leave it; any other margin that was lost before is not an event.
-    outward = {"upper stop": whole.fin_angle > s.fin_angle, "lower stop": whole.fin_angle < s.fin_angle}
+    outward = {"upper stop": whole.fin_side_angle > s.fin_side_angle,
+               "lower stop": whole.fin_side_angle < s.fin_side_angle}
     lost = {name: ops.both(after[name] <= 0.0, outward.get(name, y > 0.0)) for name, y in before.items()}
 
     def margins(time: Value) -> Values:
@@ -284,9 +286,10 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
         upper, lower = happens["upper stop"], happens["lower stop"]
         low_stop, high_stop = stops(ops, p)
         fin_stops = ops.either(happens["fin"], ops.either(upper, lower))
-        return (part.angle, ops.where(happens["rotor"], 0.0, part.speed), part.current, part.integral,
-                ops.where(upper, high_stop, ops.where(lower, low_stop, part.fin_angle)),
-                ops.where(fin_stops, 0.0, part.fin_speed), used)
+        fin_angle = ops.where(upper, high_stop, ops.where(lower, low_stop, part.fin_side_angle))
+        return *part._replace(motor_speed=ops.where(happens["rotor"], 0.0, part.motor_speed),
+                              fin_side_angle=fin_angle, fin_side_speed=ops.where(fin_stops, 0.0, part.fin_side_speed)
+                              ), used
 
     *state, used = ops.branch(reduce(ops.either, lost.values()), to_event, lambda: (*whole, h), rare=True)
     return Pair(*state), used

@@ -39,16 +39,27 @@ class Switched:
     margins(ops, p, x, u, mode)         event margins by name, above 0 while the mode holds
     landed(ops, p, begin, x, u, mode, events)  states that differ from `x` at the end of a step from `begin`: `events`
                                         says by name which margin was lost there
+    begun(ops, p, x, u, h)              states that an input switches as the step begins, and the longest step up to `h`
     """
 
     mode: Callable[[Ops, Any, Record, Record, Value], Record]
     derivatives: Callable[[Ops, Any, Record, Record, Record], Values]
     margins: Callable[[Ops, Any, Record, Record, Record], Values]
     landed: Callable[[Ops, Any, Record, Record, Record, Record, Values], Values]
+    begun: Callable[[Ops, Any, Record, Record, Value], tuple[Record, Value]] = lambda ops, p, x, u, h: (x, h)
+
+    def step(self, as_built: Callable[[Ops, Any], Any]) -> Callable[..., tuple[Values, Value]]:
+        """Return the function `step(ops, p, x, u, h)` of an actuator whose plant has the parameters `as_built`."""
+        def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Values, Value]:
+            moved, used = advance(ops, as_built(ops, p), self, x, u, h)
+            return vars(moved), used
+
+        return step
 
 
 def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) -> tuple[Record, Value]:
     """Return the states after `h` [s] or at the first event before, and the time that took [s]."""
+    x, h = system.begun(ops, p, x, u, h)
     mode = system.mode(ops, p, x, u, h)
     names = tuple(system.derivatives(ops, p, x, u, mode))
 

@@ -61,7 +61,7 @@ def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: V
 
 
 def _mechanics(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> mechanics.Mechanics:
-    return mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u)
+    return mechanics.coefficients(ops, p, s.motor_angle + 0.5 * h * s.motor_speed, u)
 
 
 def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at: Value | None = None
@@ -71,11 +71,11 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     Friction is that at a speed `at` [rad/s], by default the mid-step speed of a first step.
     """
     if at is None:
-        at = _step(ops, p, s, deflection, u, h, s.speed)[0].current.speed
+        at = _step(ops, p, s, deflection, u, h, s.motor_speed)[0].current.speed
     m = _mechanics(ops, p, s, u, h)
     at_rest, slope, kept, gain = _bristles(ops, p, m, deflection, at, h)
     damping = mechanics.damping(ops, p, m, at) + slope
-    w = s.speed
+    w = s.motor_speed
     # As in rigid.py: mid-step speed in the viscous terms, linearised in the centrifugal term.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - at_rest - damping * w + m.centrifugal * w * w
@@ -83,8 +83,8 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     d = electrical.electrical_mode(ops, p, s, u, h, lambda: rigid.acceleration(ops, p, s, motion))
     c = rigid.current_course(ops, p, s, motion, d, h)
     speed = w + h * (drive.torque(p, c.mean) + torque) / inertia
-    end = Plant(s.angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c, speed, h))
-    motion = motion._replace(direction=ops.where(end.angle > s.angle, 1.0, -1.0))
+    end = Plant(s.motor_angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c, speed, h))
+    motion = motion._replace(direction=ops.where(end.motor_angle > s.motor_angle, 1.0, -1.0))
     return Step(end, motion, d, c), kept * deflection + gain * c.speed
 
 
@@ -94,7 +94,7 @@ def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, st
     side = step.motion.direction
     low, high = rigid.stops(ops, p)
     stop = ops.where(side > 0.0, high, low)
-    stopping = (step.end.angle - stop) * side >= 0.0
+    stopping = (step.end.motor_angle - stop) * side >= 0.0
     crossing = rigid.voltage_events(ops, p, step.drive, step.end)
 
     def to_event() -> tuple[Value, ...]:
@@ -105,8 +105,9 @@ def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, st
         used = ops.maximum(first, PROGRESS * h)
         part, part_deflection = _step(ops, p, s, deflection, u, used)
         end, hits = part.end, ops.both(stopping, arrival <= first)
-        return (ops.where(hits, stop, end.angle), ops.where(hits, 0.0, end.speed), end.current, end.integral,
-                part_deflection, used)
+        end = end._replace(motor_angle=ops.where(hits, stop, end.motor_angle),
+                           motor_speed=ops.where(hits, 0.0, end.motor_speed))
+        return *end, part_deflection, used
 
     return ops.branch(ops.either(ops.either(*crossing), stopping), to_event, lambda: (*step.end, end_deflection, h),
                       rare=True)
@@ -120,21 +121,21 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
     def pressing(current: Value) -> Value:
         return side * (drive.torque(p, current) + m.load - spring)
 
-    pressed = pressing(s.current) >= 0.0
+    pressed = pressing(s.motor_current) >= 0.0
     free, free_deflection = _step(ops, p, s, deflection, u, h)
     # A motor that would start into the stop stays at rest, as in rigid.py.
-    nowhere = side * (free.end.angle - s.angle) >= 0.0
+    nowhere = side * (free.end.motor_angle - s.motor_angle) >= 0.0
 
     def held(h: Value) -> Step:
         motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load, True)
         d = electrical.electrical_mode(ops, p, s, u, h)
         c = rigid.current_course(ops, p, s, motion, d, h)
-        return Step(Plant(s.angle, 0.0, c.end, rigid.integral_end(ops, p, s, d, c, 0.0, h)), motion, d, c)
+        return Step(Plant(s.motor_angle, 0.0, c.end, rigid.integral_end(ops, p, s, d, c, 0.0, h)), motion, d, c)
 
     def stays() -> tuple[Value, ...]:
         step = held(h)
         crossing = rigid.voltage_events(ops, p, step.drive, step.end)
-        released = ops.both(pressed, pressing(step.end.current) < 0.0)
+        released = ops.both(pressed, pressing(step.end.motor_current) < 0.0)
 
         def to_event() -> tuple[Value, ...]:
             balance = rigid.time_to(ops, step.current, (spring - m.load) / p.motor.torque_constant)
@@ -153,11 +154,11 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 
 def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) -> tuple[Plant, Value, Value]:
     """Return state and deflection [rad] after `h` [s] or at the first event before, and the time until then [s]."""
-    s = electrical.switched(ops, s, u.enabled)
+    s = s._replace(**electrical.switched(ops, s, u.enabled))
     h = electrical.resolved(ops, p, s, u, h)
     low, high = rigid.stops(ops, p)
-    side = ops.where(s.angle >= high, 1.0, ops.where(s.angle <= low, -1.0, 0.0))
-    resting = ops.both(ops.equal(s.speed, 0.0), ops.negate(ops.equal(side, 0.0)))
+    side = ops.where(s.motor_angle >= high, 1.0, ops.where(s.motor_angle <= low, -1.0, 0.0))
+    resting = ops.both(ops.equal(s.motor_speed, 0.0), ops.negate(ops.equal(side, 0.0)))
     *plant, deflection, used = ops.branch(
         resting, lambda: _at_stop(ops, p, s, deflection, u, h, side),
         lambda: _free(ops, p, s, deflection, u, h, *_step(ops, p, s, deflection, u, h)))

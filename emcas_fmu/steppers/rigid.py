@@ -79,24 +79,24 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
     Friction is that at a speed `at` [rad/s]. `felt` is the share of the load that the motor feels through a screw with
     losses.
     """
-    m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u)
+    m = mechanics.coefficients(ops, p, s.motor_angle + 0.5 * h * s.motor_speed, u)
     direction, high, low = heading, 0.0, 0.0
     if heading is not None:
         dry = heading * mechanics.breakaway(ops, p, m, heading, at)
     else:
         low_stop, high_stop = stops(ops, p)
-        high = ops.where(s.angle >= high_stop, WALL, mechanics.breakaway(ops, p, m, 1.0))
-        low = -ops.where(s.angle <= low_stop, WALL, mechanics.breakaway(ops, p, m, -1.0))
+        high = ops.where(s.motor_angle >= high_stop, WALL, mechanics.breakaway(ops, p, m, 1.0))
+        low = -ops.where(s.motor_angle <= low_stop, WALL, mechanics.breakaway(ops, p, m, -1.0))
         if screw.lossy(p):
             high, low = screw.held(ops, p, m, high, low)
-        applied = drive.torque(p, s.current) + m.load
+        applied = drive.torque(p, s.motor_current) + m.load
         up, down = overcome(ops, applied, high, low)
         direction = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
         dry = ops.where(up, high, ops.where(down, low, 0.0))
         if friction.falls(p):
             dry = ops.where(up, mechanics.breakaway(ops, p, m, 1.0, at),
                             ops.where(down, -mechanics.breakaway(ops, p, m, -1.0, at), 0.0))
-    w, load = s.speed, m.load
+    w, load = s.motor_speed, m.load
     if screw.lossy(p):
         p, m = screw.felt(p, m, felt)
         dry = direction * mechanics.breakaway(ops, p, m, direction, at)
@@ -133,7 +133,7 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
     """
     half_step = 0.5 * h
     # Torque and source are known last, so their factors, inverses among them, are computed before.
-    drift = s.speed + half_step * motion.mobility * motion.torque  # mean speed if there were no current
+    drift = s.motor_speed + half_step * motion.mobility * motion.torque  # mean speed if there were no current
 
     def flowing() -> tuple[Value, ...]:
         decay = ops.exp(-h / d.tau)
@@ -142,16 +142,16 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
         lag = d.tau * gone  # its share in the mean speed, times its torque over the inertia
         half = half_step * d.integral_gain
         gain = ops.where(motion.stuck, 0.0, p.motor.torque_constant * motion.mobility)
-        speed_at_zero = drift + gain * lag * s.current
+        speed_at_zero = drift + gain * lag * s.motor_current
         speed_slope = gain * (half_step - lag)
-        at_rest = d.source + half * (d.i_ref - kept * s.current) - drive.back_emf(
+        at_rest = d.source + half * (d.i_ref - kept * s.motor_current) - drive.back_emf(
             p, ops.where(motion.stuck, 0.0, speed_at_zero))
         final = at_rest * (1.0 / (d.loop + half * gone + drive.back_emf(p, speed_slope)))
-        mean = final * gone + s.current * kept
-        return final, mean, final + (s.current - final) * decay, speed_at_zero + speed_slope * final
+        mean = final * gone + s.motor_current * kept
+        return final, mean, final + (s.motor_current - final) * decay, speed_at_zero + speed_slope * final
 
     final, mean, end, speed = ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0, drift))
-    return Current(s.current, final, d.tau, mean, end, speed)
+    return Current(s.motor_current, final, d.tau, mean, end, speed)
 
 
 def time_to(ops: Ops, c: Current, value: Value) -> Value:
@@ -183,42 +183,42 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
     c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
-        speed = s.speed + h * motion.mobility * (drive.torque(p, c.mean) + motion.torque)
-        angle = s.angle + h * c.speed
+        speed = s.motor_speed + h * motion.mobility * (drive.torque(p, c.mean) + motion.torque)
+        angle = s.motor_angle + h * c.speed
         if heading is not None:
             return angle, speed
         # A motor that would start against its direction stays at rest.
         starts = speed * motion.direction > 0.0
-        return ops.where(starts, angle, s.angle), ops.where(starts, speed, 0.0)
+        return ops.where(starts, angle, s.motor_angle), ops.where(starts, speed, 0.0)
 
-    angle, speed = ops.branch(motion.stuck, lambda: (s.angle, 0.0), sliding)
+    angle, speed = ops.branch(motion.stuck, lambda: (s.motor_angle, 0.0), sliding)
     return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, speed, h)), motion, d, c)
 
 
 def _friction_speed(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> Value:
     """Return the speed [rad/s] at which friction acts in a step: the mid-step speed, where friction depends on it."""
     def predicted() -> tuple[Value, ...]:
-        return (_step(ops, p, s, u, h, heading, s.speed).current.speed,)
+        return (_step(ops, p, s, u, h, heading, s.motor_speed).current.speed,)
 
     if friction.falls(p):
         return predicted()[0]
     if screw.falls(p):
-        return ops.branch(screw.constant(ops, p), lambda: (s.speed,), predicted)[0]
-    return s.speed
+        return ops.branch(screw.constant(ops, p), lambda: (s.motor_speed,), predicted)[0]
+    return s.motor_speed
 
 
 def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:
     """Return the acceleration [rad/s2] at the start of a step."""
-    return ops.where(motion.stuck, 0.0, (drive.torque(p, s.current) + motion.torque) * motion.mobility)
+    return ops.where(motion.stuck, 0.0, (drive.torque(p, s.motor_current) + motion.torque) * motion.mobility)
 
 
 def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, speed: Value, h: Value) -> Value:
     """Return the drive's integral [V] at the end of a step that ends at a motor speed [rad/s]."""
     if p.structure.current == "pwm":
-        return s.integral
+        return s.drive_integral
 
     followed = d.side * d.limit_at(ops, p, speed, c.end) - p.drive.kp * (d.i_ref - c.end)
-    moved = s.integral + h * d.integral_gain * (d.i_ref - c.mean)
+    moved = s.drive_integral + h * d.integral_gain * (d.i_ref - c.mean)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
 
 
@@ -244,8 +244,8 @@ def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
     """Return whether the demanded voltage crosses its limit on the way to `end`."""
     if p.structure.current == "pwm":
         return Crossing(False, False)
-    demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
-    limit = d.limit_at(ops, p, end.speed, end.current)
+    demand = drive.voltage_demand(p, d.i_ref, end.motor_current, end.drive_integral)
+    limit = d.limit_at(ops, p, end.motor_speed, end.motor_current)
     free = ops.equal(d.side, 0.0)
     # From the limit itself the mode of the start holds through the step. Without supply the voltage is 0 on both sides
     # of its limit, which a decaying current would meet in ever shorter steps.
@@ -257,11 +257,11 @@ def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
 def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: Value | None) -> Events:
     end, motion, d, _ = step
     crossing = voltage_events(ops, p, d, end)
-    stopping = (end.angle - _stop_ahead(ops, p, motion.direction)) * motion.direction >= 0.0
+    stopping = (end.motor_angle - _stop_ahead(ops, p, motion.direction)) * motion.direction >= 0.0
     if heading is not None:
-        return Events(crossing, False, False, end.speed * heading <= 0.0, stopping)
+        return Events(crossing, False, False, end.motor_speed * heading <= 0.0, stopping)
     stuck = motion.stuck
-    applied = drive.torque(p, end.current) + motion.load
+    applied = drive.torque(p, end.motor_current) + motion.load
     return Events(crossing, ops.both(stuck, applied > motion.high), ops.both(stuck, applied < motion.low), False,
                   ops.both(ops.negate(stuck), stopping))
 
@@ -277,14 +277,14 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     if p.structure.current == "pwm":
         return h
     _, _, d, c = step
-    before = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
-    after = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
+    before = drive.voltage_demand(p, d.i_ref, s.motor_current, s.drive_integral)
+    after = drive.voltage_demand(p, d.i_ref, step.end.motor_current, step.end.drive_integral)
     side = ops.where(crossing.entering, sign(ops, after), d.side)
     # By the current's exponential, with the integral of the step's start; where the integral rather than the current
     # moves the demand, by the line between its ends.
-    limit = d.limit_at(ops, p, step.end.speed, step.end.current)
-    boundary = d.i_ref - (side * limit - s.integral) / p.drive.kp
-    on_course = (boundary - s.current) * (step.end.current - boundary) >= 0.0
+    limit = d.limit_at(ops, p, step.end.motor_speed, step.end.motor_current)
+    boundary = d.i_ref - (side * limit - s.drive_integral) / p.drive.kp
+    on_course = (boundary - s.motor_current) * (step.end.motor_current - boundary) >= 0.0
 
     def on_line(start: Value, end: Value) -> Value:
         change = ops.where(ops.equal(end, start), 1.0, end - start)
@@ -300,8 +300,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     (time,) = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (time,))
 
     def reserve(end: Plant) -> Value:
-        beyond = side * drive.voltage_demand(p, d.i_ref, end.current, end.integral) - d.limit_at(
-            ops, p, end.speed, end.current)
+        beyond = side * drive.voltage_demand(p, d.i_ref, end.motor_current, end.drive_integral) - d.limit_at(
+            ops, p, end.motor_speed, end.motor_current)
         return ops.where(crossing.entering, -beyond, beyond)
 
     def later() -> tuple[Value, ...]:
@@ -322,10 +322,10 @@ def _breakaway_time(ops: Ops, p: Any, step: Step, e: Events, h: Value) -> Value:
 
 def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
     """Return the time [s] at which a `stopping` motor meets the angle `stop`, else `h`; constant acceleration."""
-    travel = stop - s.angle
-    acceleration = (step.end.speed - s.speed) / h
-    root = ops.sqrt(ops.maximum(s.speed * s.speed + 2.0 * acceleration * travel, 0.0))
-    divisor = s.speed + step.motion.direction * root
+    travel = stop - s.motor_angle
+    acceleration = (step.end.motor_speed - s.motor_speed) / h
+    root = ops.sqrt(ops.maximum(s.motor_speed * s.motor_speed + 2.0 * acceleration * travel, 0.0))
+    divisor = s.motor_speed + step.motion.direction * root
     time = 2.0 * travel / ops.where(ops.fabs(divisor) > _TINY, divisor, _TINY)
     return ops.where(stopping, ops.clip(time, 0.0, h), h)
 
@@ -339,8 +339,8 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     stopping = stop_time(ops, s, step, e.stopping, stop, h)
     if heading is not None:
         # First the zero of the line between the speeds, then that of the line to this point.
-        slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
-        guess = ops.where(e.reversing, h * s.speed / slowing, h)
+        slowing = ops.where(e.reversing, s.motor_speed - step.end.motor_speed, 1.0)
+        guess = ops.where(e.reversing, h * s.motor_speed / slowing, h)
         (other,) = ops.branch(e.reversing, lambda: (_refined(ops, p, s, u, step, guess, h, heading),), lambda: (h,))
     else:
         other = _breakaway_time(ops, p, step, e, h)
@@ -350,18 +350,18 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     hits = ops.both(e.stopping, stopping <= first)
     met: Value = other <= first
     if heading is not None:
-        met = ops.both(met, part.speed * heading <= _LEFT * (s.speed - step.end.speed) * heading)
+        met = ops.both(met, part.motor_speed * heading <= _LEFT * (s.motor_speed - step.end.motor_speed) * heading)
     rests = ops.either(hits, ops.both(e.reversing, met))
-    return (ops.where(hits, stop, part.angle), ops.where(rests, 0.0, part.speed), part.current, part.integral, used)
+    return *part._replace(motor_angle=ops.where(hits, stop, part.motor_angle),
+                          motor_speed=ops.where(rests, 0.0, part.motor_speed)), used
 
 
 def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h: Value, heading: Value | None) -> Value:
     """Return a better time of zero speed [s] than `guess`, by the secant to the side of the zero."""
-    speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.speed
+    speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.motor_speed
     late = speed * heading <= 0.0
-    other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.speed, step.end.speed)
-    change = ops.where(ops.equal(speed, other_speed), 1.0, speed - other_speed)
-    return ops.clip(guess - speed * (guess - other_time) / change, 0.0, h)
+    other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.motor_speed, step.end.motor_speed)
+    return ops.clip(zero_between(ops, guess, speed, other_time, other_speed), 0.0, h)
 
 
 def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> tuple[Value, ...]:
@@ -374,7 +374,7 @@ def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
 
 def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
     """Return the state after `h` [s] or at the first event before, and the time until then [s]."""
-    s = switched(ops, s, u.enabled)
+    s = s._replace(**switched(ops, s, u.enabled))
     if p.structure.current != "loop":
         *plant, used = _headed(ops, p, s, u, h)
     else:  # two sets of code, so that the one whose limit is the supply is as short as without the other
@@ -387,6 +387,6 @@ def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Val
 
 def _headed(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Value, ...]:
     """Return the result of :func:`advance` by the direction of the motor."""
-    return ops.branch(ops.fabs(s.speed) > 0.0,
-                      lambda: _follow(ops, p, s, u, h, ops.where(s.speed > 0.0, 1.0, -1.0)),
+    return ops.branch(ops.fabs(s.motor_speed) > 0.0,
+                      lambda: _follow(ops, p, s, u, h, ops.where(s.motor_speed > 0.0, 1.0, -1.0)),
                       lambda: _follow(ops, p, s, u, h, None))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..actuators import capabilities, fin_port
-from ..actuators.electromechanical import plausibility
+from ..control import sensors
 from ..motions import LOAD_RISE
 from ..ops.floats import FLOATS
 from ..parameters import Entry, ParameterError, ParameterSet, load_parameters
@@ -142,5 +142,5 @@ def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
         "least fin rate without load": f"{degrees(float(np.min(can.rate))):.4g} deg/s",
         "least hinge moment that stalls it": f"{float(np.min(can.stall)):.4g} N.m",
         "stroke of the nut from stop to stop": f"{1e3 * (travel[1] - travel[0]):.4g} mm",
-        "a count of the motor's encoder": f"{degrees(float(plausibility.count(p)) / ratio):.3g} deg of the fin",
+        "a count of the motor's encoder": f"{degrees(float(sensors.resolution(p)) / ratio):.3g} deg of the fin",
     }

@@ -30,11 +30,11 @@ _OFF = acting(enabled=False)
 
 
 def _energy(p: Any, s: Pair) -> float:
-    c = drive_line.line(FLOATS, p, s.fin_angle)
-    deflection = s.angle - s.fin_angle
-    pressed, flank = drive_line.pressed(FLOATS, c, deflection, s.speed - s.fin_speed)
-    fin = drive_line.fin_side(FLOATS, p, s.fin_angle).inertia
-    kinetic = mechanics.screw_inertia(p) * s.speed**2 + fin * s.fin_speed**2
+    c = drive_line.line(FLOATS, p, s.fin_side_angle)
+    deflection = s.motor_angle - s.fin_side_angle
+    pressed, flank = drive_line.pressed(FLOATS, c, deflection, s.motor_speed - s.fin_side_speed)
+    fin = drive_line.fin_side(FLOATS, p, s.fin_side_angle).inertia
+    kinetic = mechanics.screw_inertia(p) * s.motor_speed**2 + fin * s.fin_side_speed**2
     return float(0.5 * (kinetic + (c.stiffness * (deflection - flank)**2 if pressed else 0.0)))
 
 
@@ -52,12 +52,12 @@ def test_bounce_is_its_closed_form(ratio: float) -> None:
     q = sqrt(1.0 - ratio**2)
     expected = exp(-ratio / q * atan2(2.0 * ratio * q, 2.0 * ratio**2 - 1.0)) if ratio else 1.0
     s, h = Pair(0.0, 20.0, 0.0, 0.0, 0.0, -5.0), 1e-6
-    momentum = mechanics.screw_inertia(p) * s.speed + fin * s.fin_speed
-    while s.speed - s.fin_speed > 0.0 or s.angle - s.fin_angle > 0.0:
+    momentum = mechanics.screw_inertia(p) * s.motor_speed + fin * s.fin_side_speed
+    while s.motor_speed - s.fin_side_speed > 0.0 or s.motor_angle - s.fin_side_angle > 0.0:
         s, _ = advance(FLOATS, p, s, _OFF, h)
     # Second order in the angle of a tick, w h = 4e-3; its end is placed better.
-    assert (s.fin_speed - s.speed) / 25.0 == pytest.approx(expected, rel=1e-4)
-    assert mechanics.screw_inertia(p) * s.speed + fin * s.fin_speed == pytest.approx(momentum, rel=1e-9)
+    assert (s.fin_side_speed - s.motor_speed) / 25.0 == pytest.approx(expected, rel=1e-4)
+    assert mechanics.screw_inertia(p) * s.motor_speed + fin * s.fin_side_speed == pytest.approx(momentum, rel=1e-9)
 
 
 _any_compliance = st.sampled_from([0.0, 1e-9, 1e-8, 1e-6])

@@ -104,9 +104,9 @@ def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: f
     fin = drive_line.fin_side(FLOATS, p, 0.0).inertia
 
     def energy(s: Pair) -> float:
-        deflection = s.angle - s.fin_angle
-        pressed, flank = drive_line.pressed(FLOATS, c, deflection, s.speed - s.fin_speed)
-        kinetic = mechanics.screw_inertia(p) * s.speed**2 + fin * s.fin_speed**2
+        deflection = s.motor_angle - s.fin_side_angle
+        pressed, flank = drive_line.pressed(FLOATS, c, deflection, s.motor_speed - s.fin_side_speed)
+        kinetic = mechanics.screw_inertia(p) * s.motor_speed**2 + fin * s.fin_side_speed**2
         return float(0.5 * (kinetic + (c.stiffness * (deflection - flank)**2 if pressed else 0.0)))
 
     s = Pair(0.0, speeds[0], 0.0, 0.0, 0.0, speeds[1])

@@ -220,7 +220,7 @@ def test_bristles_make_no_energy(stiffness: float, damping: float, ratio: float,
     before = 0.5 * inertia * speed**2 + 0.5 * stiffness * z**2
     for _ in range(100):
         s, z, _ = advance(FLOATS, p, s, z, _OFF, h)
-        after = 0.5 * inertia * s.speed**2 + 0.5 * stiffness * z**2
+        after = 0.5 * inertia * s.motor_speed**2 + 0.5 * stiffness * z**2
         # Passive by construction: rounding alone.
         assert after <= before * (1.0 + 1e-12) + 1e-300
         before = after
@@ -232,7 +232,7 @@ def test_steady_sliding_does_not_ring() -> None:
     s, z, speeds = Plant(-20.0, 100.0, 0.0, 0.0), 0.0, [100.0]
     for _ in range(200):
         s, z, _ = advance(FLOATS, p, s, z, _OFF, 1e-4)
-        speeds.append(s.speed)
+        speeds.append(s.motor_speed)
     inertia = mechanics.coefficients(FLOATS, p, 0.0).inertia
     # The mean speed's share of the rate predicted: 1e-4 off where a tick takes 0.07 of 100 rad/s.
     assert -np.diff(speeds) == pytest.approx(LEVEL / inertia * 1e-4, rel=5e-3)
@@ -276,8 +276,8 @@ def _at_the_stop(press: float, reference: float, h: float) -> tuple[float, float
     s = Plant(stops(FLOATS, p)[1], 0.0, torque / p.motor.torque_constant, 0.0)
     b = acting(reference, supply=900.0)
     end, kept, used = advance(FLOATS, p, s, deflection, b, h)
-    assert (end.angle, end.speed, kept) == (s.angle, 0.0, deflection)
-    pressed = p.motor.torque_constant * end.current + load - p.lugre.stiffness * kept
+    assert (end.motor_angle, end.motor_speed, kept) == (s.motor_angle, 0.0, deflection)
+    pressed = p.motor.torque_constant * end.motor_current + load - p.lugre.stiffness * kept
     return used, pressed
 
 

@@ -61,9 +61,9 @@ def _public(module: ModuleType) -> list[Function]:
 
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {kinematics.deviates, loads.motion_loads, loads.level, mechanics.breakaway, mechanics.damping,
-              rigid.advance, controllers.sample, electrical.electrical_mode, electrical.resolved,
+              rigid.advance, controllers.sample, *_public(electrical),
               rigid.acceleration, rigid.current_course, rigid.integral_end,
-              rigid.stop_time, electrical.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
+              rigid.stop_time, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
               mechanics.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,
               mechanics.hinge_friction, mechanics.with_hinge_friction,
               controllers.at_rest, friction.coulomb_reference, friction.coulomb_polynomial}

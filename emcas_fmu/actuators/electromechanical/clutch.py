@@ -206,15 +206,6 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Recor
     return clutches.stopped(ops, events["stop"], m.signs[coupled.SCREW], m.stops, x, screw, motor)
 
 
-_SYSTEM = events.Switched(mode, _rates, _margins, _landed)
-
-
-def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
-    moved, used = events.advance(ops, as_built(ops, p), _SYSTEM, x, u, h)
-    return vars(moved), used
-
-
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     """Return the parameters as built, and what the outputs follow from."""
     p = as_built(ops, p)
@@ -235,14 +226,14 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
         slip_powers=_slip_powers(ops, b, m.signs, x))
 
 
-_POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.power),), wired=False,
-               provides=frozenset({capabilities.SUPPLY_VOLTAGE}))
+_POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.power),), terminal="",
+               provides=(capabilities.SUPPLY_VOLTAGE,))
 COMPOSITION = interface.composed(
     moment, *clutches.SCREW_SIDE,
     groups.hinge(saturated="any limit active: command, speed, DAC or an amplifier's voltage"), _POWER,
     groups.delay("delay from DAC to the requested coil current"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES)
 ACTUATOR = Actuator(
-    **COMPOSITION.declared(terminal="motor, clutches and screw"),
+    **COMPOSITION.declared(motor="motor, clutches and screw"),
     name="clutch",
     title="clutch actuator: motor that turns one way, two contra-rotating clutches, ball screw, lever and fin",
     origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016) names a clutch, in words: this form of it, two clutches "
@@ -259,8 +250,8 @@ ACTUATOR = Actuator(
     initial=initial,
     sample=sample,
     derivatives=derivatives,
-    step=step,
-    transport_delay=interface.transport_delay,
+    step=events.Switched(mode, _rates, _margins, _landed).step(as_built),
+    transport_delay=fin_port.transport_delay,
     reference="emcas_fmu.reference.clutch",
     modules=(sys.modules[__name__], *MODULES),
 )

@@ -15,11 +15,11 @@ from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, drive_line, friction, loads, mechanics
 from ...physics.structure import Structure
-from ...rules import Rule, when
+from ...rules import rule, when
 from ...steppers import elastic as elastic_stepper
 from ...steppers import rigid
 from ...steppers.elastic import Pair
-from ...steppers.electrical import Plant
+from ...steppers.electrical import Plant, states
 from ...variables import Variable, in_group, parameter
 from .. import capabilities
 from ..composition import Group
@@ -35,22 +35,19 @@ _LIMPEST = 1e100  # rad/(N.m): far beyond any real part; results computed from i
 SHAFT = groups.shaft("angle of the rotor (indirect fin angle, by lever and screw)", rigid=False)
 
 
-def _limp(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule("drive_line.fork_stiffness = %.6g, drive_line.shaft_stiffness = %.6g and drive_line.structure_stiffness = %.6g "
+      "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), over 1e+100; raise the least, or give 0, which is "
+      "rigid")
+def hinge_yields(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     line = p.drive_line
     compliance = drive_line.hinge_compliance(ops, p)
     limp = ops.negate(compliance <= _LIMPEST)
     return when(ops, limp), line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness, compliance
 
 
-LINE_RULE = Rule(_limp, (
-    "drive_line.fork_stiffness = %.6g, drive_line.shaft_stiffness = %.6g and drive_line.structure_stiffness = %.6g "
-    "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), over 1e+100; raise the least, or give 0, which is "
-    "rigid"))
-
-
 def _group(*parameters: Variable, provides: Iterable[str] = (), **absent: float) -> Group:
     """Return a group of parameters ``drive_line``; those without a value `absent` are 0 in its absence."""
-    return Group(in_group("drive_line", *parameters), provides=frozenset(provides),
+    return Group(in_group("drive_line", *parameters), provides=tuple(provides),
                  absent={f"drive_line.{v.name}": absent.get(v.name, 0.0) for v in parameters})
 
 
@@ -96,15 +93,6 @@ LINE = (AXIAL, TORSIONAL, GAP, HINGE)
 SCREW = groups.screw("nut displacement from the assembly position, before the gap")
 
 
-def sides(x: Record) -> Pair:
-    """Return the states of rotor and fin."""
-    return Pair(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral, x.fin_side_angle, x.fin_side_speed)
-
-
-def _states(values: Pair) -> Values:
-    return dict(zip((s.name for s in STATES), values, strict=True))
-
-
 def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return the states of plant and controllers at rest at a fin angle, with the nut in the middle of its gap."""
     begun = nonlinear.initial(ops, p, start)
@@ -120,40 +108,37 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         return *rates.values(), rates["motor_angle"], rates["motor_speed"]
 
     def as_two() -> tuple[Value, ...]:
-        s = sides(x)
-        line = drive_line.line(ops, p, s.fin_angle)
-        torque = drive_line.torque(line, s.angle - s.fin_angle, s.speed - s.fin_speed, 0.0)
-        driving = drive.torque(p, drive.flowing(p, u.reference, s.current)) + mechanics.rotor_torque(p, u)
-        rotor = (driving + p.screw.lead * loads.nut_force(ops, p, u) - torque
-                 - friction.mean_viscous(ops, p) * s.speed)
-        m = drive_line.fin_side(ops, p, s.fin_angle, u)
-        fin = (torque + m.load - mechanics.hinge_damping(p, m) * s.fin_speed
-               + m.centrifugal * s.fin_speed * s.fin_speed)
-        rates = drive.rates(p, u.reference, s.speed, s.current, s.integral)
-        return s.speed, rotor / mechanics.screw_inertia(p), *rates, s.fin_speed, fin / m.inertia
+        speed, fin_speed = x.motor_speed, x.fin_side_speed
+        line = drive_line.line(ops, p, x.fin_side_angle)
+        torque = drive_line.torque(line, x.motor_angle - x.fin_side_angle, speed - fin_speed, 0.0)
+        driving = drive.torque(p, drive.flowing(p, u.reference, x.motor_current)) + mechanics.rotor_torque(p, u)
+        rotor = driving + p.screw.lead * loads.nut_force(ops, p, u) - torque - friction.mean_viscous(ops, p) * speed
+        m = drive_line.fin_side(ops, p, x.fin_side_angle, u)
+        fin = torque + m.load - mechanics.hinge_damping(p, m) * fin_speed + m.centrifugal * fin_speed * fin_speed
+        rates = drive.rates(p, u.reference, speed, x.motor_current, x.drive_integral)
+        return speed, rotor / mechanics.screw_inertia(p), *rates, fin_speed, fin / m.inertia
 
-    return _states(Pair(*ops.branch(drive_line.rigid(ops, p), as_one, as_two)))
+    return Pair(*ops.branch(drive_line.rigid(ops, p), as_one, as_two))._asdict()
 
 
 def yielding(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the result of :func:`step`, over `h` [s], for a drive line that is not rigid."""
-    moved, used = elastic_stepper.advance(ops, as_built(ops, p), sides(x), u, h)
-    return _states(moved), used
+    moved, used = elastic_stepper.advance(ops, as_built(ops, p), states(Pair, x), u, h)
+    return moved._asdict(), used
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
     def as_one() -> tuple[Value, ...]:
-        now = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
-        plant, used = rigid.advance(ops, as_built(ops, p), now, u, h)
-        return *plant, plant.angle, plant.speed, used
+        plant, used = rigid.advance(ops, as_built(ops, p), states(Plant, x), u, h)
+        return *plant, plant.motor_angle, plant.motor_speed, used
 
     def as_two() -> tuple[Value, ...]:
         moved, used = yielding(ops, p, x, u, h)
         return *moved.values(), used
 
     *moved, used = ops.branch(drive_line.rigid(ops, p), as_one, as_two)
-    return _states(Pair(*moved)), used
+    return Pair(*moved)._asdict(), used
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
@@ -171,7 +156,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
 COMPOSITION = interface.composed(moment, *groups.with_screw(SCREW), groups.LOSSLESS, SHAFT, *groups.SERVO, *LINE)
 ACTUATOR = replace(
     nonlinear.ACTUATOR,
-    **COMPOSITION.declared((*plausibility.RULES, LINE_RULE)),
+    **COMPOSITION.declared((*plausibility.RULES, hinge_yields)),
     name="elastic",
     title="nonlinear electromechanical actuator with elastic drive line and backlash",
     states=STATES,

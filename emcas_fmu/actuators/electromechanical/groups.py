@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from math import inf, radians
 from typing import Any
 
@@ -11,54 +11,40 @@ from ...ops.base import Ops, Value
 from ...physics import drive, kinematics
 from ...variables import Variable, integer_parameter, parameter, real_output, switch, tunable
 from .. import as_built, capabilities, fin_port
-from ..composition import Group, Output
+from ..composition import Group, Output, port
+from . import rules
 from .interface import SUPPLY_POWER
-from .rules import (
-    ANTIWINDUP_RULES,
-    ENCODER_RULE,
-    FRICTION_RULES,
-    INERTIA_RULE,
-    LEVER_RULE,
-    OBSERVER_RULE,
-    TABLE_POINTS,
-    TEMPERATURE_RULES,
-    WEIGHT_RULE,
-)
 
 # -- hinge, lever and screw --------------------------------------------------------
 
 
 def hinge(fork: str = "fork", **descriptions: str) -> Group:
     """Return the fin on its shaft with the `fork` that turns it; `descriptions` are those of outputs, by name."""
-    equations: dict[str, Callable[[Ops, Any, Record], Value]] = {
-        "fin_angle": lambda ops, p, m: m.fin,
-        "fin_rate": lambda ops, p, m: m.speed / kinematics.reduction_ratio(ops, p, m.tangent),
-        "hinge_torque": lambda ops, p, m: m.hinge_torque,
-        "tracking_error": lambda ops, p, m: fin_port.clipped_command(ops, p, m.u.command) - m.fin,
-        "measured_fin_angle": lambda ops, p, m: m.u.measured_fin_angle,
-        "saturated": lambda ops, p, m: m.limited,
-        "at_stop": lambda ops, p, m: ops.fabs(m.fin) >= fin_port.stop_edge(p),
-    }
-    outputs = fin_port.described({
-        "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
-        "saturated": "any limit active: command, speed, DAC, current or voltage", **descriptions})
-    return Group((*fin_port.parameters(fork), as_built.FIN.variable,
-                  parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
-                 tuple(Output(v, equations[v.name]) for v in outputs), wired=False)
+    return replace(
+        port((*fin_port.parameters(fork),
+              parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
+             lambda ops, p, m: m.speed / kinematics.reduction_ratio(ops, p, m.tangent), **{
+                 "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
+                 "saturated": "any limit active: command, speed, DAC, current or voltage", **descriptions}),
+        provides=(capabilities.SCREW_DRIVE,), deviations=(as_built.FIN,))
 
 
 HINGE = hinge()
 HINGE_FRICTION = Group((
     parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
               sheet="bench: friction torque of the hinge's bearings and seals"),), absent={"friction.fin_coulomb": 0.0})
-LEVER = Group((
-    parameter("kinematics.moment_arm", "m", 1e-3, 1.0, "distance of the hinge from the screw axis, d",
-              sheet="drawing: lever arm, from the hinge to the axis of screw or cylinder"),
-    parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
-              "assembly angle of the lever at fin_angle 0",
-              sheet="drawing: angle of the lever at fin angle 0, from square to that axis"),
-    as_built.MOMENT_ARM.variable, as_built.INITIAL_ANGLE.variable),
-    rules=(LEVER_RULE,), absent={"kinematics.initial_angle": 0.0})
+
+
+def lever(axis: str = "the screw axis") -> Group:
+    """Return the lever that turns the fin, at a distance from an `axis`."""
+    return Group((
+        parameter("kinematics.moment_arm", "m", 1e-3, 1.0, f"distance of the hinge from {axis}, d",
+                  sheet="drawing: lever arm, from the hinge to the axis of screw or cylinder"),
+        parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
+                  "assembly angle of the lever at fin_angle 0",
+                  sheet="drawing: angle of the lever at fin angle 0, from square to that axis")),
+        rules=(rules.lever_angle,), absent={"kinematics.initial_angle": 0.0},
+        deviations=(as_built.MOMENT_ARM, as_built.INITIAL_ANGLE))
 
 
 def screw(nut_position: str = "nut displacement from the assembly position") -> Group:
@@ -68,15 +54,15 @@ def screw(nut_position: str = "nut displacement from the assembly position") -> 
         parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis",
                   sheet="screw: inertia about its axis, with the coupling"),
         parameter("mass.nut", "kg", 0.0, 1e3, "nut mass",
-                  sheet="screw: mass of the nut, with what moves along the screw"), as_built.LEAD.variable),
+                  sheet="screw: mass of the nut, with what moves along the screw")),
         (Output(real_output("nut_position", "m", nut_position, 0.01),
                 lambda ops, p, m: kinematics.nut_position(ops, p, m.nut)),),
-        (INERTIA_RULE,), frozenset({capabilities.SCREW_AND_LEVER}), {"mass.nut": 0.0})
+        (rules.some_inertia,), (capabilities.SCREW_AND_LEVER,), {"mass.nut": 0.0}, (as_built.LEAD,))
 
 
-SCREW = screw()
+LEVER, SCREW = lever(), screw()
 # The motor feels the whole load of the nut: extensions may add losses.
-LOSSLESS = Group(provides=frozenset({capabilities.SCREW_LOAD}))
+LOSSLESS = Group(provides=(capabilities.SCREW_LOAD,))
 EFFICIENCY = Group((
     parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw where the motor drives the load",
               sheet="screw: efficiency, turning into thrust"),
@@ -88,7 +74,7 @@ EFFICIENCY = Group((
 
 def _table(quantity: str, unit: str, minimum: float, maximum: float, description: str) -> tuple[Variable, ...]:
     return tuple(parameter(f"friction.table.{quantity}[{i}]", unit, minimum, maximum, f"{description}, point {i + 1}")
-                 for i in range(TABLE_POINTS))
+                 for i in range(rules.TABLE_POINTS))
 
 
 def viscous(at: str = "motor") -> Group:
@@ -101,8 +87,8 @@ def viscous(at: str = "motor") -> Group:
         parameter("friction.identified_from", "degC", -100.0, 200.0,
                   "coldest temperature at which friction was tested"),
         parameter("friction.identified_to", "degC", -100.0, 200.0, "warmest temperature at which friction was tested"),
-        tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), as_built.VISCOUS.variable),
-        rules=TEMPERATURE_RULES, provides=frozenset({capabilities.AMBIENT_TEMPERATURE}))
+        tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature")),
+        rules=rules.TEMPERATURE_RULES, provides=(capabilities.AMBIENT_TEMPERATURE,), deviations=(as_built.VISCOUS,))
 
 
 def coulomb(at: str = "motor") -> Group:
@@ -112,11 +98,11 @@ def coulomb(at: str = "motor") -> Group:
                     f"Coulomb friction at the {at} for {way} motion: coefficient of (fin_angle/20 deg)^{power}",
                     "bench: friction torque without load; a constant one is the first number, the others 0")
           for way in ("positive", "negative") for power in range(7)),
-        *_table("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC"), as_built.COULOMB.variable),
-        rules=FRICTION_RULES,
-        provides=frozenset({capabilities.COULOMB_FRICTION}) if at == "motor" else frozenset(), absent={
+        *_table("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC")),
+        rules=rules.FRICTION_RULES,
+        provides=(capabilities.COULOMB_FRICTION,) if at == "motor" else (), absent={
             "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7,
-            "friction.table.coulomb": (1.0,) * TABLE_POINTS})
+            "friction.table.coulomb": (1.0,) * rules.TABLE_POINTS}, deviations=(as_built.COULOMB,))
 
 
 VISCOUS, COULOMB = viscous(), coulomb()
@@ -130,17 +116,17 @@ MOTOR = Group((
     parameter("motor.back_emf_constant", "V.s/rad", 0.0, 100.0, "back-EMF constant",
               sheet="motor: back-EMF or voltage constant K_e; 1 over the speed constant"),
     parameter("motor.resistance", "Ohm", 1e-6, 1e4, "winding resistance",
-              sheet="motor: terminal resistance, line to line"), as_built.FLUX.variable), (
+              sheet="motor: terminal resistance, line to line")), (
     Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"), lambda ops, p, m: m.x.motor_speed),
     Output(real_output("motor_torque", "N.m", "motor torque", 3.0), lambda ops, p, m: drive.torque(p, m.current))),
-    provides=frozenset({capabilities.SCREW_DRIVE}))
+    deviations=(as_built.FLUX,))
 
 
 def shaft(motor_angle: str = "motor angle", rigid: bool = True) -> Group:
     """Return the motor's angle, with its description; of a `rigid` drive line the fin's angle follows from it."""
     return Group(outputs=(Output(real_output("motor_angle", "rad", motor_angle, 10.0),
                                  lambda ops, p, m: m.x.motor_angle),),
-                 provides=frozenset({capabilities.RIGID_DRIVE_LINE}) if rigid else frozenset())
+                 provides=(capabilities.RIGID_DRIVE_LINE,) if rigid else ())
 
 
 def current(motor_current: str = "motor current") -> Group:
@@ -149,13 +135,13 @@ def current(motor_current: str = "motor current") -> Group:
         Output(real_output("motor_current", "A", motor_current, 30.0), lambda ops, p, m: m.current),
         Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0),
                lambda ops, p, m: m.voltage)),
-        provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.DRIVE_STEP}))
+        provides=(capabilities.MOTOR_CURRENT, capabilities.DRIVE_STEP,))
 
 
 SHAFT, CURRENT = shaft(), current()
-POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.voltage * m.current),), wired=False,
-              provides=frozenset({capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER}))
-VOLTAGE_LIMIT = Group(provides=frozenset({capabilities.VOLTAGE_LIMIT}))
+POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.voltage * m.current),), terminal="",
+              provides=(capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER,))
+VOLTAGE_LIMIT = Group(provides=(capabilities.VOLTAGE_LIMIT,))
 INDUCTANCE = Group((parameter("motor.inductance", "H", 1e-7, 10.0, "winding inductance",
                               sheet="motor: terminal inductance, line to line"),))
 POLE_PAIRS = Group((
@@ -181,7 +167,7 @@ CURRENT_LIMIT = Group((
     parameter("drive.current_limit", "A", 1e-3, 1e4, "largest current reference",
               sheet="drive: peak current, or that of its load if that is less"),
     parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference")),
-    provides=frozenset({capabilities.CURRENT_LIMIT}), absent={"drive.current_limit": inf, "drive.current_offset": 0.0})
+    provides=(capabilities.CURRENT_LIMIT,), absent={"drive.current_limit": inf, "drive.current_offset": 0.0})
 KP = parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",
                sheet="drive: proportional gain of the current loop")
 
@@ -198,7 +184,7 @@ CURRENT_LOOP = Group((
     (Output(real_output("current_error", "A",
                         "current reference within its limit minus motor current (0 while disabled)", 10.0),
             _current_error),),
-    provides=frozenset({capabilities.CURRENT_LOOP}))
+    provides=(capabilities.CURRENT_LOOP,))
 
 # -- controllers -------------------------------------------------------------------
 
@@ -211,15 +197,15 @@ POSITION_LOOP = Group((
             "weight of the command in the proportional part of the position loop (1: the thesis's PI)",
             sheet="controller: position loop, setpoint weight"),
     tunable("controller.position.velocity_feedforward", "1", 0.0, 10.0,
-            "share of the command's rate that is added to the speed reference (0: none)")), rules=(WEIGHT_RULE,),
-    provides=frozenset({capabilities.POSITION_LOOP}))
+            "share of the command's rate that is added to the speed reference (0: none)")),
+    rules=(rules.setpoint_weight,), provides=(capabilities.POSITION_LOOP,))
 VELOCITY_LOOP = Group((
     tunable("controller.velocity.kp", "V.s/rad", 0.0, 1e4, "proportional gain of the velocity loop",
             sheet="controller: velocity loop, proportional gain"),
     tunable("controller.velocity.ki", "V/rad", 0.0, 1e6, "integral gain of the velocity loop (0: P control)",
             sheet="controller: velocity loop, integral gain"),
     tunable("controller.load_observer", "1/s", 0.0, 1e4, "bandwidth of the load observer (0: none)")),
-    rules=(OBSERVER_RULE,), provides=frozenset({capabilities.CASCADE, capabilities.SCREW_EQUATIONS}))
+    rules=(rules.OBSERVER_RULE,), provides=(capabilities.CASCADE, capabilities.SCREW_EQUATIONS,))
 LIMITS = Group((
     parameter("drive.reference_limit", "V", 1e-3, 1e3, "largest DAC output",
               sheet="drive: range of the analogue command"),
@@ -230,7 +216,7 @@ LIMITS = Group((
             "back-calculation gain of the anti-windup where DAC or drive current are limited (0: none)"),
     parameter("controller.speed_limit", "rad/s", 1e-3, 1e5, "largest motor speed reference",
               sheet="controller: speed limit; not above the motor's permitted speed", display="rpm")),
-    rules=ANTIWINDUP_RULES, provides=frozenset({capabilities.REFERENCE_LIMIT}), absent={
+    rules=rules.ANTIWINDUP_RULES, provides=(capabilities.REFERENCE_LIMIT,), absent={
         "drive.reference_limit": inf, "controller.speed_limit": inf, "controller.antiwindup": 0.0,
         "controller.drive_antiwindup": 0.0})
 COMPENSATION = Group((
@@ -249,7 +235,7 @@ def encoder(of: str = "motor") -> Group:
                           sheet="encoder: edges counted of a pulse, 4 in quadrature"),
         switch("encoder.on_fin", f"true: the position comes from an encoder on the fin shaft; false: from the {of}'s, "
                "as the speed always does", sheet="encoder: whether there is one on the fin's shaft")),
-        rules=(ENCODER_RULE,), provides=frozenset({capabilities.ENCODER}), absent={
+        rules=(rules.encoder_multiplier,), provides=(capabilities.ENCODER,), absent={
             "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1})
 
 

@@ -47,11 +47,6 @@ def _inverse_inductance(ops: Ops, p: Any) -> Value:
     return 1.0 / p.motor.inductance
 
 
-def transport_delay(ops: Ops, p: Any) -> Value:
-    """Return the time [s] from the DAC to the current reference."""
-    return p.drive.transport_delay
-
-
 # K_t i w = K_e w i: the power that leaves the circuit and the one on the shaft.
 EQUAL = (("motor.torque_constant", "motor.back_emf_constant"),)
 SUPPLY = Supply(SUPPLY_VOLTAGE, SUPPLY_POWER, _inverse_inductance)
@@ -70,7 +65,7 @@ PARAMETER_ORDER = (
     "friction.identified_", "friction.temperature", "friction.fin_viscous", "friction.fin_coulomb",
     "compensation.", "encoder.", "loads.", "mounting.", "deviation.kinematics.", "deviation.screw.",
     "deviation.motor.", "deviation.mass.", "deviation.friction.coulomb", "deviation.friction.viscous",
-    "command.", "solver.")
+    "command.", "solver.", "motor.pole_pairs", "deviation.worm.")
 OUTPUT_ORDER = (
     "fin_angle", "fin_rate", "motor_angle", "screw_angle", "screw_speed", "motor_speed", "motor_current",
     "motor_voltage", "motor_torque", "drive_reference", "nut_position", "hinge_torque", "supply_power",

@@ -42,7 +42,7 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
 
 ACTUATOR = COMPOSITION.over(
     nonlinear.ACTUATOR, _linear,
-    (plausibility.INERTIA_RULE, plausibility.VELOCITY_RULE, plausibility.WINDING_RULE),
+    (plausibility.matched_inertia, plausibility.VELOCITY_RULE, plausibility.WINDING_RULE),
     name="linear",
     title="linear electromechanical actuator: constant ratio, viscous friction, no limits",
     supply_rules=(),

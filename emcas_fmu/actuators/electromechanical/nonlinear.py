@@ -9,17 +9,14 @@ from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
 from ...steppers import rigid
-from ...steppers.electrical import Plant
-from ...steppers.rigid import advance
-from .. import as_built as deviations
+from ...steppers.electrical import Plant, states
+from .. import fin_port
 from ..declaration import Actuator, PlantInputs, SampleInputs, Values
 from . import groups, interface, plausibility
 
 # Largest phase [rad] of the drive's integral action in a tick: its value at mid-tick is used through the tick.
 _INTEGRAL_PHASE = 0.07
 EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
-as_built = deviations.plant(deviations.MOMENT_ARM, deviations.INITIAL_ANGLE, deviations.LEAD, deviations.FLUX,
-                            deviations.FIN, deviations.COULOMB, deviations.VISCOUS)
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
@@ -64,10 +61,8 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
-    now = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
-    plant, used = advance(ops, as_built(ops, p), now, u, h)
-    return {"motor_angle": plant.angle, "motor_speed": plant.speed, "motor_current": plant.current,
-            "drive_integral": plant.integral}, used
+    plant, used = rigid.advance(ops, as_built(ops, p), states(Plant, x), u, h)
+    return plant._asdict(), used
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
@@ -80,6 +75,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
 
 COMPOSITION = interface.composed(moment, *groups.with_screw(groups.SCREW), groups.LOSSLESS, groups.SHAFT,
                                  *groups.SERVO)
+as_built = COMPOSITION.as_built
 
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tuple[Value, ...]:
@@ -132,7 +128,7 @@ ACTUATOR = Actuator(
     step=step,
     longest_tick=longest_tick,
     tick_remedy=interface.TICK_REMEDY,
-    transport_delay=interface.transport_delay,
+    transport_delay=fin_port.transport_delay,
     reference="emcas_fmu.reference.simulate",
     modules=EQUATIONS,
 )

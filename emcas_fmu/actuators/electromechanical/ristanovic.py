@@ -78,7 +78,7 @@ def _uncompensated(_: Ops, p: Any) -> Any:
 
 ACTUATOR = COMPOSITION.over(
     nonlinear.ACTUATOR, _uncompensated,
-    (plausibility.INERTIA_RULE, plausibility.COUNT_RULE, plausibility.WINDING_RULE),
+    (plausibility.matched_inertia, plausibility.fine_counts, plausibility.WINDING_RULE),
     name="ristanovic",
     title="DC motor under PWM without current loop, torsion-bar load, constant ratio (after Ristanovic et al. 2012)",
     supply_rules=plausibility.SUPPLY_RULES[:1],

@@ -9,14 +9,16 @@ from typing import Any
 from ...ops.base import Ops, Value
 from ...physics import mechanics
 from ...physics.friction import coulomb_polynomial
-from ...rules import ANGLE, SLACK, Rule, in_degrees, when
+from ...rules import ANGLE, SLACK, Rule, in_degrees, rule, when
 
 TABLE_POINTS = 5
 # The tangent of the lever's angle grows without bound towards 90 deg.
 LARGEST_LEVER_ANGLE = radians(85.0)
 
 
-def _lever(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule(f"|kinematics.initial_angle| = {ANGLE}, nominal or as built, and fin.stop_angle = {ANGLE} add up to {ANGLE}; the "
+      f"sum must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
+def lever_angle(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     nominal, off = p.kinematics.initial_angle, p.deviation.kinematics.initial_angle
     initial = ops.maximum(ops.fabs(nominal), ops.fabs(nominal + off))
     stop = p.fin.stop_angle
@@ -25,6 +27,8 @@ def _lever(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def _friction(direction: str) -> Rule:
+    @rule(f"friction.coulomb.{direction} = [{', '.join(['%.6g'] * 7)}] N.m gives a friction of %.6g N.m at fin_angle = "
+          f"{ANGLE}; it must not be below 0 within +-fin.stop_angle = {ANGLE}", scanned=True)
     def check(ops: Ops, p: Any, share: Value) -> tuple[Value, ...]:
         coefficients, stop = getattr(p.friction.coulomb, direction), p.fin.stop_angle
         angle = stop * share
@@ -33,17 +37,18 @@ def _friction(direction: str) -> Rule:
         below = -value - SLACK * largest
         return below, *coefficients, value, angle, in_degrees(angle), stop, in_degrees(stop)
 
-    return Rule(check, f"friction.coulomb.{direction} = [{', '.join(['%.6g'] * 7)}] N.m gives a friction of %.6g N.m "
-                       f"at fin_angle = {ANGLE}; it must not be below 0 within +-fin.stop_angle = {ANGLE}", True)
+    return check
 
 
-def _multiplier(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule("encoder.multiplier = %.6g must be 1, 2 or 4")
+def encoder_multiplier(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     value = p.encoder.multiplier
     known = ops.either(ops.equal(value, 1.0), ops.either(ops.equal(value, 2.0), ops.equal(value, 4.0)))
     return when(ops, ops.negate(known)), value
 
 
-def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule("inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 must be above 0")
+def some_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     parts = p.inertia
     total = parts.motor + parts.screw + parts.fin + parts.shaft + parts.fork
     return when(ops, total <= 0.0), total
@@ -51,14 +56,16 @@ def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 def _stable(name: str, share: float) -> Rule:
     """Return the rule that a gain [1/s] removes at most the whole of its quantity in a sample, times `share`."""
+    @rule(f"controller.{name} = %.6g 1/s must be at most {share:g}/controller.sample_time = %.6g 1/s")
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         gain, fastest = getattr(p.controller, name), share / p.controller.sample_time
         return when(ops, gain > fastest * (1.0 + SLACK)), gain, fastest
 
-    return Rule(check, f"controller.{name} = %.6g 1/s must be at most {share:g}/controller.sample_time = %.6g 1/s")
+    return check
 
 
-def _rising(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule(f"friction.table.temperature = [{', '.join(['%.6g'] * TABLE_POINTS)}] degC must rise from point to point")
+def rising_temperatures(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     points = p.friction.table.temperature
     falls: Value = False
     for low, high in pairwise(points):
@@ -66,17 +73,22 @@ def _rising(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, falls), *points
 
 
-def _identified(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule("friction.temperature = %.6g degC is outside friction.identified_from = %.6g to friction.identified_to = %.6g "
+      "degC, where friction was tested: friction.table is an estimate there", warning=True)
+def identified(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     low, now, high = p.friction.identified_from, p.friction.temperature, p.friction.identified_to
     return when(ops, ops.either(now < low, now > high)), now, low, high
 
 
-def _identified_range(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule("friction.identified_from = %.6g degC must be at most friction.identified_to = %.6g degC")
+def identified_range(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     low, high = p.friction.identified_from, p.friction.identified_to
     return when(ops, low > high), low, high
 
 
-def _weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule("controller.position.setpoint_weight = %.6g with controller.position.ki = %.6g 1/s2: without an integral the fin "
+      "stops short of its command; set the weight to 1", warning=True)
+def setpoint_weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     position = p.controller.position
     short = ops.both(ops.equal(position.ki, 0.0), ops.negate(ops.equal(position.setpoint_weight, 1.0)))
     return when(ops, short), position.setpoint_weight, position.ki
@@ -111,24 +123,8 @@ def jamming_text(turning: str) -> str:
             "that of the load at the motor, %.6g over %.6g kg.m2")
 
 
-LEVER_RULE = Rule(
-    _lever, f"|kinematics.initial_angle| = {ANGLE}, nominal or as built, and fin.stop_angle = {ANGLE} add up to "
-            f"{ANGLE}; the sum must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
 FRICTION_RULES = (_friction("positive"), _friction("negative"))
 OBSERVER_RULE = _stable("load_observer", 1.0)
 # The drive's anti-windup unwinds two integrals at once.
 ANTIWINDUP_RULES = (_stable("antiwindup", 1.0), _stable("drive_antiwindup", 0.5))
-WEIGHT_RULE = Rule(
-    _weight, "controller.position.setpoint_weight = %.6g with controller.position.ki = %.6g 1/s2: without an integral "
-             "the fin stops short of its command; set the weight to 1", warning=True)
-ENCODER_RULE = Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4")
-INERTIA_RULE = Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
-                              "must be above 0")
-TEMPERATURE_RULES = (
-    Rule(_rising, f"friction.table.temperature = [{', '.join(['%.6g'] * TABLE_POINTS)}] degC must rise from point to "
-                  "point"),
-    Rule(_identified_range, "friction.identified_from = %.6g degC must be at most friction.identified_to = %.6g degC"),
-    Rule(_identified, "friction.temperature = %.6g degC is outside friction.identified_from = %.6g to "
-                      "friction.identified_to = %.6g degC, where friction was tested: friction.table is an estimate "
-                      "there", warning=True),
-)
+TEMPERATURE_RULES = (rising_temperatures, identified_range, identified)

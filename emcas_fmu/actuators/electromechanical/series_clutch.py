@@ -36,10 +36,10 @@ from ...ops.base import Ops, Value
 from ...physics import clutch, clutched_screw, drive, friction, kinematics, loads, mechanics, screw
 from ...physics.clutched_screw import Train
 from ...physics.stick import WALL
-from ...rules import Rule, when
-from ...steppers import current_loop, electrical, events, rigid
+from ...rules import rule, when
+from ...steppers import electrical, events, rigid
 from ...variables import parameter, real_output, tunable
-from .. import capabilities
+from .. import capabilities, fin_port
 from ..composition import Group, Output
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import clutches, groups, interface, nonlinear, plausibility, rules
@@ -71,7 +71,7 @@ _POWERS = Group(groups.EFFICIENCY.parameters, (
     Output(real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor",
                        100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.power, 0.0)),
     Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0,
-                       minimum=0.0), _screw_loss)), wired=False, provides=frozenset({capabilities.SUPPLY_VOLTAGE}))
+                       minimum=0.0), _screw_loss)), terminal="", provides=(capabilities.SUPPLY_VOLTAGE,))
 FAULTS = (
     *clutches.faults("the clutch slips", ("coil.connected", "the clutch"), ("clutch.share",)),
     PlantFault("clutch_engaged", "the no-back fails: through the engaged clutch the load drives the motor",
@@ -79,7 +79,7 @@ FAULTS = (
                    tunable("share", "1", 0.0, 1.0, "of the load's torque that gets through the screw"),)),
 )
 MODULES = (clutched_screw, screw, clutch, kinematics, mechanics, friction, loads, drive, sensors, controllers,
-           current_loop, events)
+           events)
 
 
 def _screw_side(p: Any) -> Any:
@@ -112,10 +112,6 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 def _coil(ops: Ops, p: Any, x: Record, u: PlantInputs) -> clutch.Coil:
     reference = ops.where(u.enabled, p.coil.connected * p.clutch.rated_current, 0.0)
     return clutch.coil(ops, p, reference, p.coil.kp, x.coil_current, u.supply)
-
-
-def _electrical(x: Record) -> electrical.Plant:
-    return electrical.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
@@ -151,7 +147,7 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
     moving = Record(**vars(m), motion=motion)
     return Record(**vars(moving), drive=electrical.electrical_mode(
-        ops, p, _electrical(x), u, h, lambda: clutched_screw.accelerations(ops, t, motion)[1]))
+        ops, p, x, u, h, lambda: clutched_screw.accelerations(ops, t, motion)[1]))
 
 
 def _slip_power(t: Train, motion: clutched_screw.Motion, x: Record) -> Value:
@@ -168,8 +164,7 @@ def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
 
 
 def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
-    rise, integral = current_loop.rates(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)
-    return {**_mechanical(ops, p, x, m), "motor_current": rise, "drive_integral": integral}
+    return {**_mechanical(ops, p, x, m), **electrical.rates(ops, p, m.drive, x)}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
@@ -186,7 +181,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     return {**clutched_screw.margins(ops, _train(ops, p, x, m), m.motion, x.screw_speed, x.motor_speed),
             "stop": clutches.stop_margin(ops, m.motion.screw, m.stops, x.screw_angle),
             "coil": m.coil.margin(ops, p, x.coil_current),
-            "voltage": current_loop.reserve(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)}
+            "voltage": electrical.reserve(ops, p, m.drive, x)}
 
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
@@ -197,20 +192,7 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Recor
     beyond = ops.either(ops.both(way > 0.0, x.screw_angle >= most), ops.both(way < 0.0, x.screw_angle <= least))
     struck = ops.either(events["stop"], beyond)
     return {**clutches.stopped(ops, struck, way, m.stops, x, turning, rotor),
-            "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
-                                                        x.drive_integral)}
-
-
-_SYSTEM = events.Switched(mode, _rates, _margins, _landed)
-
-
-def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
-    p = as_built(ops, p)
-    now = electrical.switched(ops, _electrical(x), u.enabled)
-    x = x.replace(motor_current=now.current, drive_integral=now.integral)
-    moved, used = events.advance(ops, p, _SYSTEM, x, u, electrical.resolved(ops, p, now, u, h))
-    return vars(moved), used
+            "drive_integral": electrical.integral_end(ops, p, m.drive, x)}
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
@@ -235,21 +217,21 @@ COMPOSITION = interface.composed(
     groups.CURRENT_LOOP, groups.POLE_PAIRS, clutches.FRICTION, _CLUTCH, _POWERS)
 
 
+@rule(rules.jamming_text("clutch and screw"))
 def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return rules.jams(ops, _screw_side(p), p.efficiency.backward, nonlinear.longest_tick(ops, p))
 
 
-def _screw_without_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+@rule("inertia.screw + clutch.driven_inertia = %.6g kg.m2 must be above 0: the screw turns freely while the clutch "
+      "slips")
+def _screw_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     inertia = p.inertia.screw + p.clutch.driven_inertia
     return when(ops, inertia <= 0.0), inertia
 
 
-_SCREW_INERTIA = Rule(_screw_without_inertia, "inertia.screw + clutch.driven_inertia = %.6g kg.m2 must be above 0: the "
-                                              "screw turns freely while the clutch slips")
-
 ACTUATOR = Actuator(
-    **COMPOSITION.declared((_SCREW_INERTIA, Rule(_jams, rules.jamming_text("clutch and screw")),
-                            *plausibility.of_screw(lambda ops, p: _as_one(p))), "motor, clutch and screw"),
+    **COMPOSITION.declared((_screw_inertia, _jams, *plausibility.of_screw(lambda ops, p: _as_one(p))),
+                           motor="motor, clutch and screw"),
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
     origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016): an electromechanical actuator with a clutch, so that "
@@ -268,10 +250,10 @@ ACTUATOR = Actuator(
     initial=initial,
     sample=sample,
     derivatives=derivatives,
-    step=step,
+    step=events.Switched(mode, _rates, _margins, _landed, electrical.begun).step(as_built),
     longest_tick=nonlinear.longest_tick,
     tick_remedy=interface.TICK_REMEDY,
-    transport_delay=interface.transport_delay,
+    transport_delay=fin_port.transport_delay,
     reference="emcas_fmu.reference.series_clutch",
     modules=(sys.modules[__name__], *MODULES),
 )

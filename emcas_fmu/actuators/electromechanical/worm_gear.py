@@ -18,8 +18,9 @@ from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import drive, screw, screw_loss, worm
 from ...physics.structure import Structure
-from ...rules import Rule, when
+from ...rules import rule, when
 from ...variables import in_group, integer_parameter, parameter, real_output, tunable
+from ..as_built import Deviation
 from ..composition import Group, Output
 from ..declaration import PlantFault, Values
 from . import groups, interface, nonlinear, plausibility, rules
@@ -49,10 +50,10 @@ WORM = Group((*in_group(
     parameter("stribeck_speed", "m/s", 1e-3, 100.0, "sliding speed of the flanks at which the excess of friction at "
               "rest has fallen to 1/e of itself, v_s")),
     parameter("inertia.worm", "kg.m2", 0.0, 10.0, "inertia of worm and coupling about the motor's axis",
-              sheet="gear: inertia of worm and coupling"),
-    parameter("deviation.worm.friction", "1", -0.9, 10.0,
-              "friction coefficient of the flanks as built over nominal, less 1")),
-    (Output(real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0), _loss),))
+              sheet="gear: inertia of worm and coupling")),
+    (Output(real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0), _loss),),
+    deviations=(Deviation(parameter("deviation.worm.friction", "1", -0.9, 10.0, "friction coefficient of the flanks as "
+                                    "built over nominal, less 1")),))
 
 
 COMPOSITION = interface.composed(nonlinear.moment, *groups.with_gear(WORM, "worm wheel"))
@@ -101,28 +102,24 @@ def _most(ops: Ops, p: Any) -> Value:
     return 0.99 * ops.cos(p.worm.pressure_angle) / worm.lead_tangent(p)
 
 
+@rule("the flanks' friction coefficient at rest, worm.friction times worm.static_ratio as built, is %.6g; above %.6g = "
+      "0.99 cos(worm.pressure_angle) worm.diameter_quotient/worm.starts no motor turns the worm under load")
 def _drives(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     p = geared(ops, p)
     mu, most = worm.coefficient(ops, p, 0.0), _most(ops, p)
     return when(ops, mu > most), mu, most
 
 
+@rule("with the flanks' friction coefficient at rest of %.6g the backward efficiency is %.6g; it must not be below "
+      f"minus {MOST_JAMMING:g} times the inertia of motor and worm over that of the load at the motor, %.6g over %.6g "
+      "kg.m2; lower worm.friction or worm.static_ratio, or raise worm.starts")
 def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     p = geared(ops, p)
     broken, backward, *rest = rules.jams(ops, p, screw.backward(ops, p), longest_tick(ops, p))
     return broken, worm.coefficient(ops, p, 0.0), backward, *rest
 
 
-RULES = (
-    *plausibility.of_screw(geared),
-    Rule(_drives, "the flanks' friction coefficient at rest, worm.friction times worm.static_ratio as built, is %.6g; "
-                  "above %.6g = 0.99 cos(worm.pressure_angle) worm.diameter_quotient/worm.starts no motor turns the "
-                  "worm under load"),
-    Rule(_jams, "with the flanks' friction coefficient at rest of %.6g the backward efficiency is %.6g; it must not be "
-                f"below minus {MOST_JAMMING:g} times the inertia of motor and worm over that of the load at the motor, "
-                "%.6g over %.6g kg.m2; lower worm.friction or worm.static_ratio, or raise worm.starts"),
-)
-
+RULES = (*plausibility.of_screw(geared), _drives, _jams)
 ACTUATOR = COMPOSITION.over(
     nonlinear.ACTUATOR, geared, RULES,
     name="worm-gear",

@@ -53,7 +53,7 @@ def longest_tick(ops: Ops, p: Any) -> Value:
 
 
 ACTUATOR = COMPOSITION.over(
-    elastic.ACTUATOR, geared, (*worm_gear.RULES, elastic.LINE_RULE),
+    elastic.ACTUATOR, geared, (*worm_gear.RULES, elastic.hinge_yields),
     name="worm-gear-elastic",
     title="electromechanical actuator with a worm gear whose mesh yields and has backlash",
     origin=worm_gear.ACTUATOR.origin,

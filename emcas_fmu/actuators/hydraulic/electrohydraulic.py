@@ -13,7 +13,6 @@ its largest speed, a check valve opens or closes, a void forms. The end of a voi
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from typing import Any
 
 from ...control import fluid_power
@@ -21,23 +20,22 @@ from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import cylinder, servovalve
 from ...steppers import events
-from ...variables import Terminal, parameter, real_input, real_output, tunable
-from .. import as_built, capabilities, fin_port
+from ...variables import parameter, real_input, real_output, tunable
+from .. import as_built as deviations
+from .. import capabilities, fin_port
+from ..composition import Group, Output, at_fin
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
-from ..electromechanical.interface import transport_delay
-from ..electromechanical.rules import LEVER_RULE
+from ..electromechanical import groups
 from . import fin, interface
 
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
                              maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure",
                              sheet="supply: line pressure")
 SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the pressure line", 1000.0)
-DEVIATIONS = (*interface.DEVIATIONS, as_built.RATED_FLOW)
-with_deviations = as_built.plant(*DEVIATIONS)
 VALVE = (State("spool_position", "1", "of its stroke"), State("spool_speed", "1/s"))
-PARAMETERS = (
-    *fin_port.described({"drive.transport_delay": "delay from a sample to the coil of the valve"},
-                        interface.PARAMETERS),
+_DELAY = Group(fin_port.described({"drive.transport_delay": "delay from a sample to the coil of the valve"},
+                                  groups.DELAY.parameters))
+_VALVE = Group((
     parameter("cylinder.start_pressure", "Pa", 0.0, 1e9, "pressure in both chambers at the start"),
     parameter("tank.pressure", "Pa", 0.0, 1e8, "pressure of the return line, p_t", sheet="supply: return pressure"),
     parameter("valve.rated_flow", "m3/s", 1e-9, 1.0, "flow of the open valve at valve.rated_pressure, Q_r",
@@ -54,9 +52,15 @@ PARAMETERS = (
               "leaks at null"),
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
     parameter("valve.null_shift", "1", -2.0, 2.0, "position of the spool without a command, of its stroke; 2: at its "
-              "end whatever the command"),
-    *(deviation.variable for deviation in DEVIATIONS),
-)
+              "end whatever the command")), (
+    Output(real_output("valve_reference", "1", "commanded position of the spool, of its stroke", 1.0, minimum=-1.0,
+                       maximum=1.0), lambda ops, p, m: m.u.sampled_reference),
+    Output(real_output("valve_position", "1", "position of the spool, of its stroke", 1.0, minimum=-1.0, maximum=1.0),
+           lambda ops, p, m: m.x.spool_position),
+    Output(real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4), lambda ops, p, m: m.supply_flow)),
+    deviations=(deviations.RATED_FLOW,), terminal="hydraulics")
+_POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.u.supply * m.supply_flow),), terminal="",
+               provides=(capabilities.SUPPLY_PRESSURE,))
 FAULTS = (
     PlantFault("hard_over", "the spool stays at one end of its stroke, whatever the command",
                lambda ops, p, amounts: {"valve.null_shift": 2.0}),
@@ -127,7 +131,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states, with a fin that moves without dry friction, and a valve within its limits."""
-    p = with_deviations(ops, p)
+    p = as_built(ops, p)
     c = cylinder.linkage(ops, p, x.fin_angle, u)
     return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), fin=fin.FREE,
                                        command=u.reference + p.valve.null_shift, at_speed=False, refill_1=False,
@@ -162,61 +166,35 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Recor
             "spool_speed": ops.where(ops.both(end, outward), 0.0, speed)}
 
 
-_SYSTEM = events.Switched(mode, _rates, _margins, _landed)
-
-
-def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
-    moved, used = events.advance(ops, with_deviations(ops, p), _SYSTEM, x, u, h)
-    return vars(moved), used
-
-
-def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return every output."""
-    p = with_deviations(ops, p)
+def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
+    """Return the parameters as built, and the values from which the outputs follow."""
+    p = as_built(ops, p)
     _, _, supply_flow = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
     at_speed = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT
     limited = ops.either(at_speed, ops.either(ops.fabs(x.spool_position) >= 1.0, u.limited > 0.0))
-    return {
-        **interface.output_values(ops, p, x, u, limited),
-        "valve_reference": u.sampled_reference,
-        "valve_position": x.spool_position,
-        "supply_flow": supply_flow,
-        "supply_power": u.supply * supply_flow,
-    }
+    return p, at_fin(ops, p, x, u, limited, supply_flow=supply_flow)
 
 
+COMPOSITION = interface.composed(moment, _DELAY, interface.friction(), interface.filled_cylinder(least=0.0), _VALVE,
+                                 _POWER)
+as_built = COMPOSITION.as_built
 ACTUATOR = Actuator(
+    **COMPOSITION.declared(hydraulics="cylinder and valve"),
     name="electrohydraulic",
     title="electrohydraulic actuator: pressure line, servovalve, cylinder, lever and fin",
     origin="The structure is that of section 1.1.3 of the thesis of Yerlikaya (2016), which gives no numbers: every "
            "value is an engineering estimate.",
     states=(*interface.FIN, *interface.CHAMBERS, *VALVE),
     controller_states=interface.CONTROLLER,
-    outputs=(*(replace(v, minimum=0.0) if v in interface.PRESSURES else v for v in interface.OUTPUTS),
-             real_output("valve_reference", "1", "commanded position of the spool, of its stroke", 1.0,
-                         minimum=-1.0, maximum=1.0),
-             real_output("valve_position", "1", "position of the spool, of its stroke", 1.0, minimum=-1.0,
-                         maximum=1.0),
-             real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4),
-             SUPPLY_POWER),
-    parameters=PARAMETERS,
     supply=Supply(SUPPLY_PRESSURE, SUPPLY_POWER),
     descriptions={"enable": "false: the valve centres itself, and the fin is held by the oil in the chambers"},
-    terminals=(Terminal("hydraulics", "cylinder and valve",
-                        ("piston_position", "pressure_1", "pressure_2", "valve_reference", "valve_position",
-                         "supply_flow")),),
-    rules=(LEVER_RULE, interface.STROKE_RULE),
-    provides=frozenset({capabilities.POSITION_LOOP, capabilities.SUPPLY_PRESSURE}),
-    as_built=with_deviations,
-    nominal={deviation.variable.name: 0.0 for deviation in DEVIATIONS},
+    as_built=as_built,
     reference="emcas_fmu.reference.electrohydraulic",
     initial=initial,
     sample=sample,
     derivatives=derivatives,
-    step=step,
-    output_values=output_values,
-    transport_delay=transport_delay,
+    step=events.Switched(mode, _rates, _margins, _landed).step(as_built),
+    transport_delay=fin_port.transport_delay,
     faults=FAULTS,
     modules=(sys.modules[__name__], cylinder, servovalve, fluid_power, events),
 )

@@ -27,26 +27,21 @@ from ...control import controllers, fluid_power
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
-from ...steppers import current_loop, electrical, events
-from ...variables import Terminal, only, parameter, switch, tunable
-from .. import as_built, capabilities
-from ..declaration import Actuator, PlantInputs, SampleInputs, State, Values
+from ...steppers import electrical, events
+from ...variables import only, parameter, switch, tunable
+from .. import capabilities, fin_port
+from ..composition import Group, at_fin
+from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Values
+from ..electromechanical import groups, nonlinear, plausibility
 from ..electromechanical import interface as electromechanical
-from ..electromechanical import nonlinear, plausibility
-from ..electromechanical.rules import LEVER_RULE
 from . import fin, interface
-from .electrohydrostatic_faults import FAULTS
 
-_ARM, _ANGLE, _FIN, _COULOMB, _VISCOUS = interface.DEVIATIONS
-DEVIATIONS = (_ARM, _ANGLE, _FIN,
-              _COULOMB.scaling(*_COULOMB.scales, "pump.coulomb_friction", "pump.pressure_friction"),
-              _VISCOUS.scaling(*_VISCOUS.scales, "pump.viscous_friction"), as_built.FLUX)
-with_deviations = as_built.plant(*DEVIATIONS)
 _ROUNDING = 1e-9  # V
-PARAMETERS = (
-    *interface.PARAMETERS,
-    *only(nonlinear.COMPOSITION.parameters, "inertia.motor", "motor.", "drive.current_", "drive.k",
-          "drive.reference_limit", "controller.velocity.kp", "controller.speed_limit", "compensation."),
+_LOOPS = Group(
+    only(nonlinear.COMPOSITION.parameters, "drive.current_", "drive.k", "drive.reference_limit",
+         "controller.velocity.kp", "controller.speed_limit"), groups.CURRENT_LOOP.outputs, provides=(
+        capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.CASCADE))
+_PUMP = Group((
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p",
               sheet="pump: displacement per revolution"),
     parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p",
@@ -67,8 +62,25 @@ PARAMETERS = (
            "yields"),
     parameter("oil.cavitation_pressure", "Pa", 0.0, 1e6, "absolute pressure at which a void opens in the oil"),
     parameter("oil.cavitated_modulus", "Pa", 1.0, 1e9, "bulk modulus of a chamber with a void",
-              quantity="BulkModulus"),
-    *(deviation.variable for deviation in DEVIATIONS),
+              quantity="BulkModulus")))
+_SEIZED = 1e6  # N.m, of dry friction: nothing turns the pump
+
+FAULTS = (
+    PlantFault.scaling("leakage", "seals of pump and piston are worn",
+                       tunable("factor", "1", 1.0, 1e4, "by which leakage rises"),
+                       "pump.leakage", "pump.case_leakage", "cylinder.internal_leakage"),
+    PlantFault.scaling("reservoir_loss", "the reservoir has permanently lost its pressure",
+                       tunable("share", "1", 0.0, 1.0, "of its pressure that is left"), "reservoir.pressure",
+                       lasting=True),
+    PlantFault.scaling("air", "there is air in the oil", interface.AIR, "oil.bulk_modulus"),
+    PlantFault.scaling("relief_open", "the relief valves open too early",
+                       tunable("share", "1", 0.0, 1.0, "of their setting that is left"), "relief_valve.pressure"),
+    PlantFault("bypass_open", "the bypass valve is open", lambda ops, p, amounts: {
+        "bypass_valve.opening": amounts.share,
+    }, (tunable("share", "1", 0.0, 1.0, "by which it is open"),)),
+    PlantFault("pump_seized", "rotor and pump are seized", lambda ops, p, amounts: {
+        "pump.coulomb_friction": _SEIZED,
+    }),
 )
 
 
@@ -108,10 +120,6 @@ def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:
     return p.pump.displacement * drop + pump.dry(ops, p, drop)
 
 
-def _electrical(x: Record) -> electrical.Plant:
-    return electrical.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
-
-
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     """Return the mode of a step of `h` [s]; its linkage is that of mid-step."""
     linkage, motion = fin.mode(ops, p, x, u, h)
@@ -125,7 +133,7 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
 
     return Record(linkage=linkage, fin=motion, shaft=shaft, valves=valves,
                   lines=pump.lines(ops, p, valves, pump.bypass(ops, p, u.enabled)),
-                  drive=electrical.electrical_mode(ops, p, _electrical(x), u, h, accelerating))
+                  drive=electrical.electrical_mode(ops, p, x, u, h, accelerating))
 
 
 def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
@@ -141,13 +149,12 @@ def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
 
 
 def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
-    rise, integral = current_loop.rates(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)
-    return {**_mechanical(ops, p, x, m), "motor_current": rise, "drive_integral": integral}
+    return {**_mechanical(ops, p, x, m), **electrical.rates(ops, p, m.drive, x)}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states, moving without dry friction, with closed valves and the drive within its limits."""
-    p = with_deviations(ops, p)
+    p = as_built(ops, p)
     smooth = with_values(p, {"pump.coulomb_friction": 0.0, "pump.pressure_friction": 0.0})
     m = Record(linkage=cylinder.linkage(ops, p, x.fin_angle, u)._replace(dry=0.0), fin=fin.FREE, shaft=fin.FREE,
                lines=pump.lines(ops, p, pump.SHUT, pump.bypass(ops, p, u.enabled)))
@@ -163,7 +170,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
     return {**fin.margins(ops, p, x, m),
             "shaft": stick.margin(ops, shaft, x.motor_speed, pump.driving(p, x.motor_current, drop)),
             **pump.margins(ops, p, m.valves, x.pressure_1, x.pressure_2),
-            "voltage": current_loop.reserve(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)}
+            "voltage": electrical.reserve(ops, p, m.drive, x)}
 
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
@@ -175,37 +182,22 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Recor
     return {**fin.landed(ops, p, begin, x, m, events),
             "pressure_1": borne(x.pressure_1, m.valves.void_1), "pressure_2": borne(x.pressure_2, m.valves.void_2),
             "motor_speed": stick.speed_after(ops, m.shaft, begin.motor_speed, x.motor_speed, shaft),
-            "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
-                                                        x.drive_integral)}
+            "drive_integral": electrical.integral_end(ops, p, m.drive, x)}
 
 
-_SYSTEM = events.Switched(mode, _rates, _margins, _landed)
-
-
-def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
-    p = with_deviations(ops, p)
-    now = electrical.switched(ops, _electrical(x), u.enabled)
-    x = x.replace(motor_current=now.current, drive_integral=now.integral)
-    moved, used = events.advance(ops, p, _SYSTEM, x, u, electrical.resolved(ops, p, now, u, h))
-    return vars(moved), used
-
-
-def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return every output."""
-    p = with_deviations(ops, p)
+def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
+    """Return the parameters as built, and the values from which the outputs follow."""
+    p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
-    error = drive.current_reference(ops, p, u.reference) - current
-    return {
-        **interface.output_values(ops, p, x, u, ops.either(clipped > 0.0, u.limited > 0.0)),
-        "motor_speed": x.motor_speed,
-        "motor_current": current,
-        "motor_voltage": voltage,
-        "motor_torque": drive.torque(p, current),
-        "drive_reference": u.sampled_reference,
-        "supply_power": voltage * current,
-        "current_error": ops.where(u.enabled, error, 0.0),
-    }
+    return p, at_fin(ops, p, x, u, ops.either(clipped > 0.0, u.limited > 0.0), voltage=voltage, current=current)
+
+
+COMPOSITION = interface.composed(
+    moment, groups.DELAY, interface.friction(("pump.coulomb_friction", "pump.pressure_friction"),
+                                             ("pump.viscous_friction",)),
+    interface.filled_cylinder(), groups.MOTOR, groups.CURRENT, groups.INDUCTANCE, groups.VOLTAGE_LIMIT, groups.POWER,
+    _LOOPS, groups.COMPENSATION, groups.POLE_PAIRS, _PUMP)
+as_built = COMPOSITION.as_built
 
 
 def _rotor(p: Any) -> Value:
@@ -213,41 +205,28 @@ def _rotor(p: Any) -> Value:
 
 
 ACTUATOR = Actuator(
+    **COMPOSITION.declared((plausibility.reachable_current, plausibility.stable_velocity(_rotor),
+                            plausibility.plausible_winding(_rotor)), motor="motor and drive", hydraulics="cylinder"),
     name="electrohydrostatic",
     title="electrohydrostatic actuator: servomotor, pump, cylinder, lever and fin",
     origin="The structure is that of section 1.1.2 of the thesis of Yerlikaya (2016), which gives no numbers: motor, "
            "drive and supply are those of the electromechanical actuator, all other values are engineering estimates.",
     states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
-    outputs=(*interface.OUTPUTS,
-             *only(nonlinear.COMPOSITION.outputs, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
-                   "drive_reference", "supply_power", "current_error")),
-    parameters=PARAMETERS,
     supply=electromechanical.SUPPLY,
     descriptions={"enable": "false opens the drive's bridge: the fin is held by friction and leakage of the pump, "
                             "unless the bypass valve opens"},
-    terminals=(Terminal("motor", "motor and drive", ("motor_speed", "motor_current", "motor_voltage", "motor_torque",
-                                                     "drive_reference", "current_error")),
-               Terminal("hydraulics", "cylinder", ("piston_position", "pressure_1", "pressure_2"))),
-    rules=(LEVER_RULE, interface.STROKE_RULE, plausibility.CURRENT_RULE,
-           plausibility.velocity_rule(_rotor), plausibility.winding_rule(_rotor)),
     supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,
     equal_parameters=electromechanical.EQUAL,
-    provides=frozenset({
-        capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
-        capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER, capabilities.REFERENCE_LIMIT,
-        capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.DRIVE_STEP}),
-    as_built=with_deviations,
-    nominal={deviation.variable.name: 0.0 for deviation in DEVIATIONS},
+    as_built=as_built,
     initial=initial,
     sample=sample,
     derivatives=derivatives,
-    step=step,
-    output_values=output_values,
+    step=events.Switched(mode, _rates, _margins, _landed, electrical.begun).step(as_built),
     longest_tick=nonlinear.longest_tick,
     tick_remedy=electromechanical.TICK_REMEDY,
-    transport_delay=electromechanical.transport_delay,
+    transport_delay=fin_port.transport_delay,
     reference="emcas_fmu.reference.electrohydrostatic",
     modules=(sys.modules[__name__], cylinder, pump, drive, fluid_power, events),
 )
