@@ -57,7 +57,8 @@ _VALVE = Group((
                        maximum=1.0), lambda ops, p, m: m.u.sampled_reference),
     Output(real_output("valve_position", "1", "position of the spool, of its stroke", 1.0, minimum=-1.0, maximum=1.0),
            lambda ops, p, m: m.x.spool_position),
-    Output(real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4), lambda ops, p, m: m.supply_flow)),
+    Output(real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4),
+           lambda ops, p, m: m.supply_flow)),
     deviations=(deviations.RATED_FLOW,), terminal="hydraulics")
 _POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.u.supply * m.supply_flow),), terminal="",
                provides=(capabilities.SUPPLY_PRESSURE,))
