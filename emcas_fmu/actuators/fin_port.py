@@ -56,14 +56,12 @@ AT_STOP = boolean_output("at_stop", "the fin rests against a mechanical stop")
 OUTPUTS = (FIN_ANGLE, FIN_RATE, HINGE_TORQUE, TRACKING_ERROR, MEASURED_FIN_ANGLE, SATURATED, AT_STOP)
 
 
-
 def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = OUTPUTS) -> tuple[Variable, ...]:
     """Return outputs, by default the port's, with other descriptions by name."""
     return tuple(replace(v, description=descriptions.get(v.name, v.description)) for v in outputs)
 
 
 # -- parameters --------------------------------------------------------------------
-
 
 
 def turning(fork: str = "fork") -> tuple[Variable, ...]:

@@ -23,7 +23,7 @@ from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import course, heat
 from ..steppers.electrical import electrical_mode
-from ..variables import Variable, in_group, parameter, real_output, tunable
+from ..variables import in_group, parameter, real_output, tunable
 from .declaration import Extension
 
 STATES = (State("winding_temperature", "degC"), State("case_temperature", "degC"))
@@ -72,13 +72,9 @@ I2T_OUTPUTS = (
 )
 
 
-def _limits_current(actuator: Actuator) -> bool:
-    return capabilities.CURRENT_LIMIT in actuator.provides
-
-
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with heat, and with the I2t limit if it limits its current."""
-    limits = _limits_current(actuator)
+    limits = capabilities.CURRENT_LIMIT in actuator.provides
     ambient = () if capabilities.AMBIENT_TEMPERATURE in actuator.provides else (AMBIENT,)
     stepped = capabilities.DRIVE_STEP in actuator.provides
 
@@ -155,10 +151,8 @@ def extend(actuator: Actuator) -> Actuator:
         step=step, output_values=output_values)
 
 
-def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
-    return PARAMETERS + I2T_PARAMETERS if _limits_current(actuator) else PARAMETERS
-
-
 EXTENSION = Extension(
-    "heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT,), parameters=_parameters,
+    "heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT,),
+    parameters=lambda actuator: (*PARAMETERS, *(
+        I2T_PARAMETERS if capabilities.CURRENT_LIMIT in actuator.provides else ())),
     module=sys.modules[__name__])

@@ -49,7 +49,6 @@ HOME = boolean_input("home", "a rising edge while enabled and not homing starts 
 HOMED = boolean_output("homed", "the controllers know the fin's angle and follow the command when enabled")
 # Time to start, to turn and to settle at zero [s]: an estimate, three times that of a free fin.
 SETTLES = 0.3
-PROGRESS = tuple(f"homing_{name}" for name in run.Progress._fields)
 
 
 def extend(actuator: Actuator) -> Actuator:
@@ -62,11 +61,7 @@ def extend(actuator: Actuator) -> Actuator:
         return {**begun, "homing_offset": offset, "homing_phase": phase}
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-        edge = ops.both(inputs.home, ops.negate(x.home_before))
-        progress = run.Progress(*(getattr(x, name) for name in PROGRESS))
-        now = run.sample(ops, p, actuator, x, inputs, edge, x.homing_phase, progress)
-        return {**now.values, "home_before": ops.where(inputs.home, 1.0, 0.0),
-                **dict(zip(PROGRESS, now.progress, strict=True)), "homing_phase": now.phase}
+        return {**run.sample(ops, p, actuator, x, inputs), "home_before": ops.where(inputs.home, 1.0, 0.0)}
 
     def powered(ops: Ops, u: PlantInputs) -> PlantInputs:
         return u.replace(enabled=ops.both(u.enabled, run.driven(ops, u.homing_phase)))
@@ -84,7 +79,7 @@ def extend(actuator: Actuator) -> Actuator:
 
     return replace(
         actuator, initial=initial, sample=sample, step=step, output_values=output_values,
-        controller_states=(*actuator.controller_states, State("home_before"), *map(State, PROGRESS)),
+        controller_states=(*actuator.controller_states, State("home_before"), *map(State, run.PROGRESS)),
         sampled_states=(*actuator.sampled_states, State("homing_phase")),
         further_inputs=(*actuator.further_inputs, HOME))
 

@@ -41,12 +41,7 @@ class Progress(NamedTuple):
     elapsed: Value
 
 
-class Sampled(NamedTuple):
-    """Values of a sample of the controllers by name, the phase after it, and the states of the run."""
-
-    values: dict[str, Value]
-    phase: Value
-    progress: Progress
+PROGRESS = tuple(f"homing_{name}" for name in Progress._fields)
 
 
 class _Way(NamedTuple):
@@ -93,31 +88,34 @@ def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
                 (getattr(high, angle) - getattr(low, angle)) / span)
 
 
-def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs, edge: Value, phase: Value,
-           progress: Progress) -> Sampled:
-    """Return the result of a sample; `edge` says whether home has risen, `phase` and `progress` are those before.
+def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs) -> dict[str, Value]:
+    """Return the result of a sample by name, with the phase and PROGRESS.
 
     Outside a run it is the actuator's sample with the encoder's offset, disabled unless ready.
     """
-    running = moving(ops, phase)
+    progress = Progress(*(getattr(x, name) for name in PROGRESS))
+    edge = ops.both(inputs.home, ops.negate(x.home_before))
+    running = moving(ops, x.homing_phase)
     starts = ops.both(ops.both(edge, inputs.enable), ops.negate(running))
-    phase = ops.where(starts, SEEKING, ops.where(ops.both(running, ops.negate(inputs.enable)), UNKNOWN, phase))
+    phase = ops.where(starts, SEEKING, ops.where(
+        ops.both(running, ops.negate(inputs.enable)), UNKNOWN, x.homing_phase))
     follows = ops.both(inputs.enable, ops.equal(phase, READY))
     seen = actuator.sampled(ops, p, x, inputs.replace(enable=follows, encoder_offset=progress.offset))
-    names = ("reference", "measured_fin_angle", "limited",
-             *(s.name for s in (*actuator.controller_states, *actuator.sampled_states)))
+    plain = {**seen, **_named(phase, progress)}
 
     def homing() -> tuple[Value, ...]:
         run = _homing(ops, p, actuator, x, inputs, seen, starts, phase, progress)
-        return *(run.values[name] for name in names), run.phase, *run.progress
+        return tuple(run[name] for name in plain)
 
-    values = ops.branch(moving(ops, phase), homing, lambda: (*(seen[name] for name in names), phase, *progress))
-    count = len(names)
-    return Sampled(dict(zip(names, values, strict=False)), values[count], Progress(*values[count + 1:]))
+    return dict(zip(plain, ops.branch(moving(ops, phase), homing, lambda: tuple(plain.values())), strict=True))
+
+
+def _named(phase: Value, progress: Progress) -> dict[str, Value]:
+    return {"homing_phase": phase, **dict(zip(PROGRESS, progress, strict=True))}
 
 
 def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs, seen: dict[str, Value],
-            starts: Value, phase: Value, g: Progress) -> Sampled:
+            starts: Value, phase: Value, g: Progress) -> dict[str, Value]:
     way = _way(ops, with_values(p, actuator.nominal), actuator)
     period, limit = p.controller.sample_time, p.homing.reference_limit
     at = reading(ops, p, inputs.position, seen["counts"], g.offset)
@@ -170,9 +168,8 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     here = at + shift
     target, origin, mark = (ops.where(turns, here, x) for x in (target, origin, mark))
     anew = ops.either(turns, fails)
-    return Sampled(
-        {**moved, "reference": ops.where(fails, 0.0, moved["reference"]),
-         "integral": ops.where(anew, 0.0, moved["integral"] - forward),
-         "velocity_integral": ops.where(anew, 0.0, moved["velocity_integral"]),
-         "measured_fin_angle": seen["measured_fin_angle"]},
-        after, Progress(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed))
+    now = Progress(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed)
+    return {**moved, "reference": ops.where(fails, 0.0, moved["reference"]),
+            "integral": ops.where(anew, 0.0, moved["integral"] - forward),
+            "velocity_integral": ops.where(anew, 0.0, moved["velocity_integral"]),
+            "measured_fin_angle": seen["measured_fin_angle"], **_named(after, now)}

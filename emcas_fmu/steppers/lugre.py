@@ -60,10 +60,6 @@ def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: V
             h * first)
 
 
-def _mechanics(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> mechanics.Mechanics:
-    return mechanics.coefficients(ops, p, s.motor_angle + 0.5 * h * s.motor_speed, u)
-
-
 def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at: Value | None = None
           ) -> tuple[Step, Value]:
     """Return a step of a free motor and the deflection at its end [rad].
@@ -72,7 +68,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     """
     if at is None:
         at = _step(ops, p, s, deflection, u, h, s.motor_speed)[0].current.speed
-    m = _mechanics(ops, p, s, u, h)
+    m = mechanics.coefficients(ops, p, s.motor_angle + 0.5 * h * s.motor_speed, u)
     at_rest, slope, kept, gain = _bristles(ops, p, m, deflection, at, h)
     damping = mechanics.damping(ops, p, m, at) + slope
     w = s.motor_speed
@@ -115,7 +111,7 @@ def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, st
 
 def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, side: Value) -> tuple[Value, ...]:
     """Return the result of :func:`_free` for a motor at rest at the stop on a side (-1 or 1)."""
-    m = _mechanics(ops, p, s, u, h)
+    m = mechanics.coefficients(ops, p, s.motor_angle + 0.5 * h * s.motor_speed, u)
     spring = p.lugre.stiffness * deflection
 
     def pressing(current: Value) -> Value:

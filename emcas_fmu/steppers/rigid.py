@@ -222,11 +222,8 @@ def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, speed: Value,
     return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
 
 
-class Crossing(NamedTuple):
-    """Whether the demanded voltage meets its limit in a step, and whether it leaves it."""
-
-    entering: Value
-    leaving: Value
+Crossing = tuple[Value, Value]
+"""Whether the demanded voltage meets its limit in a step, and whether it leaves it."""
 
 
 class Events(NamedTuple):
@@ -243,7 +240,7 @@ class Events(NamedTuple):
 def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
     """Return whether the demanded voltage crosses its limit on the way to `end`."""
     if p.structure.current == "pwm":
-        return Crossing(False, False)
+        return False, False
     demand = drive.voltage_demand(p, d.i_ref, end.motor_current, end.drive_integral)
     limit = d.limit_at(ops, p, end.motor_speed, end.motor_current)
     free = ops.equal(d.side, 0.0)
@@ -251,7 +248,7 @@ def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
     # of its limit, which a decaying current would meet in ever shorter steps.
     watched = ops.both(ops.both(d.enabled, d.supply > 0.0), ops.equal(d.at_limit, 0.0))
     entering = ops.both(watched, ops.both(free, ops.fabs(demand) > limit))
-    return Crossing(entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit)))
+    return entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit))
 
 
 def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: Value | None) -> Events:
@@ -276,10 +273,10 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     """
     if p.structure.current == "pwm":
         return h
-    _, _, d, c = step
+    (_, _, d, c), (entering, leaving) = step, crossing
     before = drive.voltage_demand(p, d.i_ref, s.motor_current, s.drive_integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.motor_current, step.end.drive_integral)
-    side = ops.where(crossing.entering, sign(ops, after), d.side)
+    side = ops.where(entering, sign(ops, after), d.side)
     # By the current's exponential, with the integral of the step's start; where the integral rather than the current
     # moves the demand, by the line between its ends.
     limit = d.limit_at(ops, p, step.end.motor_speed, step.end.motor_current)
@@ -302,22 +299,15 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     def reserve(end: Plant) -> Value:
         beyond = side * drive.voltage_demand(p, d.i_ref, end.motor_current, end.drive_integral) - d.limit_at(
             ops, p, end.motor_speed, end.motor_current)
-        return ops.where(crossing.entering, -beyond, beyond)
+        return ops.where(entering, -beyond, beyond)
 
     def later() -> tuple[Value, ...]:
         left = reserve(part(time).end)
         return (ops.where(left > 0.0, ops.clip(zero_between(ops, time, left, h, reserve(step.end)), time, h), time),)
 
-    met = ops.either(*crossing)
+    met = ops.either(entering, leaving)
     (time,) = ops.branch(ops.both(met, ops.minimum(d.tau, time) < _SETTLED * h), later, lambda: (time,))
     return ops.where(met, time, h)
-
-
-def _breakaway_time(ops: Ops, p: Any, step: Step, e: Events, h: Value) -> Value:
-    """Return the time [s] at which the torque on a motor at rest exceeds its friction, `h` if it does not."""
-    edge = ops.where(e.up, step.motion.high, step.motion.low)
-    time = time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
-    return ops.where(ops.either(e.up, e.down), time, h)
 
 
 def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
@@ -343,7 +333,10 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
         guess = ops.where(e.reversing, h * s.motor_speed / slowing, h)
         (other,) = ops.branch(e.reversing, lambda: (_refined(ops, p, s, u, step, guess, h, heading),), lambda: (h,))
     else:
-        other = _breakaway_time(ops, p, step, e, h)
+        # The torque on a motor at rest exceeds its friction.
+        edge = ops.where(e.up, step.motion.high, step.motion.low)
+        time = time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
+        other = ops.where(ops.either(e.up, e.down), time, h)
     first = ops.minimum(ops.minimum(voltage, other), stopping)
     used = ops.maximum(first, PROGRESS * h)
     part = _step(ops, p, s, u, used, heading).end

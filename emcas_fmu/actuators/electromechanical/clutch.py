@@ -20,7 +20,6 @@ meets a stop, a coil's amplifier reaches a limit, the motor's diode opens.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from typing import Any
 
 from ...control import controllers, sensors
@@ -32,7 +31,7 @@ from ...physics.stick import WALL
 from ...steppers import events, rigid
 from ...variables import parameter, real_output
 from .. import capabilities, fin_port
-from ..composition import Group, Output
+from ..composition import Equation, Group, Output
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import clutches, groups, interface, nonlinear
 from .nonlinear import as_built
@@ -45,21 +44,19 @@ SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor
 _WAYS = ((0, "with"), (1, "against"))
 
 
-def _element(name: str, k: int) -> Callable[[Ops, Any, Record], Value]:
+def _element(name: str, k: int) -> Equation:
     """Return the equation of an output that is element `k` of a tuple in the moment."""
-    def value(ops: Ops, p: Any, m: Record) -> Value:
-        values: tuple[Value, ...] = getattr(m, name)
-        return values[k]
-
-    return value
+    return lambda ops, p, m: getattr(m, name)[k]
 
 
 _CLUTCHES = Group((
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start", display="rpm"),
     *clutches.CLUTCH.parameters,
-    *(clutches.share(f"clutch.share_{k + 1}", f" that turns the screw {way} the motor") for k, way in _WAYS),
+    *(parameter(f"clutch.share_{k + 1}", "1", 0.0, 10.0, f"torque of the clutch that turns the screw {way} the motor, "
+                "over the rated one") for k, way in _WAYS),
     parameter("clutch.bias_current", "A", 0.0, 1e3, "least current requested of both coils while enabled, I_b"),
-    clutches.connected("coil.connected_1", " of the clutch that turns the screw with the motor")), (
+    parameter("coil.connected_1", "1", 0.0, 1.0, "share of the requested current that the coil of the clutch that "
+              "turns the screw with the motor gets (0: open)")), (
     *(Output(real_output(f"coil_current_{k + 1}", "A",
                          f"coil current of the clutch that turns the screw {way} the motor", 1.0),
              _element("coil_currents", k)) for k, way in _WAYS),

@@ -7,7 +7,7 @@ from typing import Any
 
 from ...namespace import Record, value_of
 from ...ops.base import Ops, Value
-from ...variables import Variable, parameter, real_output, tunable
+from ...variables import parameter, real_output, tunable
 from ..composition import Group, Output
 from ..declaration import PlantFault, State, Values
 from . import groups
@@ -49,16 +49,6 @@ CLUTCH = Group((
     parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor of a coil's energy, V_c",
               sheet="drive: clamping voltage of the coil's suppressor")))
 _BLOCKED = 1e6  # N.m, of dry friction
-
-
-def share(name: str, which: str) -> Variable:
-    """Declare the ratio of a clutch's torque to the rated one."""
-    return parameter(name, "1", 0.0, 10.0, f"torque of the clutch{which}, over the rated one")
-
-
-def connected(name: str, which: str) -> Variable:
-    """Declare the share of the requested current that a coil gets."""
-    return parameter(name, "1", 0.0, 1.0, f"share of the requested current that the coil{which} gets (0: open)")
 
 
 def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tuple[PlantFault, ...]:

@@ -12,7 +12,6 @@ import sys
 from typing import Any
 
 from ...namespace import with_values
-from ...ops.base import Ops
 from ...physics.structure import Structure
 from . import elastic, groups, interface, plausibility
 
@@ -30,12 +29,8 @@ def at_motor(p: Any) -> Any:
         "friction.coulomb.positive": constant, "friction.coulomb.negative": constant})
 
 
-def _habibi(_: Ops, p: Any) -> Any:
-    return COMPOSITION.completed(at_motor(p), elastic.LINE)
-
-
 ACTUATOR = COMPOSITION.over(
-    elastic.ACTUATOR, _habibi, plausibility.RULES,
+    elastic.ACTUATOR, lambda ops, p: COMPOSITION.completed(at_motor(p), elastic.LINE), plausibility.RULES,
     name="habibi",
     title="electromechanical actuator after Habibi: cascaded loops, constant ratio, backlash",
     structure=Structure(constant_ratio=True, drive_line=True),

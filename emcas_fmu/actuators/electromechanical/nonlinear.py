@@ -80,8 +80,10 @@ as_built = COMPOSITION.as_built
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tuple[Value, ...]:
     """Return motor voltage [V] and current [A] at a motor speed [rad/s], and 1 where a limit is active, else 0."""
-    if p.structure.current == "ideal":
-        return _ideal(ops, p, speed, u)
+    if p.structure.current == "ideal":  # with the voltage that it would need
+        current = ops.where(u.enabled, drive.current_reference(ops, p, u.reference), 0.0)
+        over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(p, u.reference)) > p.drive.current_limit)
+        return p.motor.resistance * current + drive.back_emf(p, speed), current, ops.where(over, 1.0, 0.0)
     supply = ops.maximum(u.supply, 0.0)
 
     def powered() -> tuple[Value, ...]:
@@ -89,13 +91,6 @@ def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tup
         return voltage, x.motor_current, ops.where(clipped, 1.0, 0.0)
 
     return ops.branch(u.enabled, powered, lambda: (drive.back_emf(p, speed), 0.0, 0.0))
-
-
-def _ideal(ops: Ops, p: Any, speed: Value, u: PlantInputs) -> tuple[Value, ...]:
-    """Return :func:`electrical` of an ideal current loop, with the voltage that it would need."""
-    current = ops.where(u.enabled, drive.current_reference(ops, p, u.reference), 0.0)
-    over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(p, u.reference)) > p.drive.current_limit)
-    return p.motor.resistance * current + drive.back_emf(p, speed), current, ops.where(over, 1.0, 0.0)
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:

@@ -72,12 +72,8 @@ COMPOSITION = interface.composed(
     groups.delay(drive_reference="analogue reference held by the controller's DAC, which sets the PWM"), PWM, BAR)
 
 
-def _uncompensated(_: Ops, p: Any) -> Any:
-    return COMPOSITION.completed(p, (groups.COMPENSATION,))
-
-
 ACTUATOR = COMPOSITION.over(
-    nonlinear.ACTUATOR, _uncompensated,
+    nonlinear.ACTUATOR, lambda ops, p: COMPOSITION.completed(p, (groups.COMPENSATION,)),
     (plausibility.matched_inertia, plausibility.fine_counts, plausibility.WINDING_RULE),
     name="ristanovic",
     title="DC motor under PWM without current loop, torsion-bar load, constant ratio (after Ristanovic et al. 2012)",

@@ -28,6 +28,7 @@ limit.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 from ...control import controllers, sensors
@@ -39,9 +40,9 @@ from ...physics.stick import WALL
 from ...rules import rule, when
 from ...steppers import electrical, events, rigid
 from ...variables import parameter, real_output, tunable
-from .. import capabilities, fin_port
+from .. import capabilities
 from ..composition import Group, Output
-from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
+from ..declaration import PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import clutches, groups, interface, nonlinear, plausibility, rules
 from .nonlinear import as_built
 
@@ -51,9 +52,9 @@ SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor
                            minimum=0.0)
 _CLUTCH = Group((
     *clutches.CLUTCH.parameters,
-    clutches.share("clutch.share", ""),
+    parameter("clutch.share", "1", 0.0, 10.0, "torque of the clutch, over the rated one"),
     parameter("coil.kp", "V/A", 1e-6, 1e4, "proportional gain of the coil's amplifier"),
-    clutches.connected("coil.connected", "")), (
+    parameter("coil.connected", "1", 0.0, 1.0, "share of the requested current that the coil gets (0: open)")), (
     Output(real_output("coil_current", "A", "coil current of the clutch", 1.0), lambda ops, p, m: m.x.coil_current),
     Output(real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0),
            lambda ops, p, m: clutched_screw.torque(ops, m.train, m.motion)),
@@ -78,8 +79,7 @@ FAULTS = (
                lambda ops, p, amounts: {"efficiency.backward": amounts.share}, (
                    tunable("share", "1", 0.0, 1.0, "of the load's torque that gets through the screw"),)),
 )
-MODULES = (clutched_screw, screw, clutch, kinematics, mechanics, friction, loads, drive, sensors, controllers,
-           events)
+MODULES = (clutched_screw, screw, clutch, kinematics, mechanics, friction, loads, drive, sensors, controllers, events)
 
 
 def _screw_side(p: Any) -> Any:
@@ -145,8 +145,7 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     m = _surroundings(ops, p, x, u, x.screw_angle + 0.5 * h * x.screw_speed)
     t = _train(ops, p, x, m)
     motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
-    moving = Record(**vars(m), motion=motion)
-    return Record(**vars(moving), drive=electrical.electrical_mode(
+    return Record(**vars(m), motion=motion, drive=electrical.electrical_mode(
         ops, p, x, u, h, lambda: clutched_screw.accelerations(ops, t, motion)[1]))
 
 
@@ -229,7 +228,8 @@ def _screw_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, inertia <= 0.0), inertia
 
 
-ACTUATOR = Actuator(
+ACTUATOR = replace(
+    nonlinear.ACTUATOR,
     **COMPOSITION.declared((_screw_inertia, _jams, *plausibility.of_screw(lambda ops, p: _as_one(p))),
                            motor="motor, clutch and screw"),
     name="series-clutch",
@@ -238,22 +238,15 @@ ACTUATOR = Actuator(
            "loads which act with the motor return no energy. It gives no numbers: those of clutch and no-back are "
            "engineering estimates, the others are the nonlinear set's.",
     states=STATES,
-    controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER, interface.SUPPLY.inverse_inductance),
     descriptions={**interface.INPUT_DESCRIPTIONS,
                   "enable": "false opens drive's bridge and clutch: the no-back holds the fin under any load"},
-    supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,
-    equal_parameters=interface.EQUAL,
-    as_built=as_built,
     initial=initial,
     sample=sample,
     derivatives=derivatives,
     step=events.Switched(mode, _rates, _margins, _landed, electrical.begun).step(as_built),
-    longest_tick=nonlinear.longest_tick,
-    tick_remedy=interface.TICK_REMEDY,
-    transport_delay=fin_port.transport_delay,
     reference="emcas_fmu.reference.series_clutch",
     modules=(sys.modules[__name__], *MODULES),
 )
