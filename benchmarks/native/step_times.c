@@ -84,7 +84,7 @@ API int step_times(actuator *a, const double *parameters, const double *calm, co
             for (uint64_t i = 0; i < SEQUENCE; ++i) {
                 pieces = 0;
                 const uint64_t from = ns_now();
-                const core_result result = core_run(a->parameters, a->constants, &a->state, steps[i].end,
+                const core_result result = core_run(a->values, a->values + MODEL_PARAMETERS, &a->state, steps[i].end,
                                                     &steps[i].in, NULL, out);
                 const uint64_t till = ns_now(), again = ns_now();
                 const uint32_t spent = (uint32_t)(till - from);

@@ -1,6 +1,4 @@
 /* The actuator as a library for the Python API: one actuator, many, and many whole runs in one call. */
-#include "core.h"
-#include "parameter_checks.h"
 #include "tables.h"
 
 #if defined __x86_64__
@@ -9,10 +7,7 @@
 
 /* One actuator, in memory that its user provides: actuator_size() bytes, aligned for double. */
 typedef struct {
-    double parameters[MODEL_PARAMETERS];
-    double constants[KERNEL_CONSTANTS];
-    double motion[MODEL_MOTION];
-    double motion_loads[CORE_MOTION_LOADS]; /* caused by this motion */
+    double values[VALUES];
     core_state state;
 } actuator;
 
@@ -32,9 +27,8 @@ API size_t actuator_state(size_t *size)
 API int actuator_bind(actuator *a, const double *parameters)
 {
     if (!rules_hold(parameters)) return 0;
-    memcpy(a->parameters, parameters, sizeof a->parameters);
-    kernel_prepare(a->parameters, a->constants);
-    a->motion[0] = NAN;
+    memcpy(a->values, parameters, MODEL_PARAMETERS * sizeof *parameters);
+    kernel_prepare(a->values, a->values + MODEL_PARAMETERS);
     return 1;
 }
 
@@ -42,19 +36,13 @@ API int actuator_start(actuator *a, const double *parameters)
 {
     if (!actuator_bind(a, parameters)) return 0;
     a->state = (core_state){.period = 0};
-    core_start(a->parameters, a->constants, &a->state);
+    core_start(a->values, a->values + MODEL_PARAMETERS, &a->state);
     return 1;
 }
 
 API void actuator_motion_loads(const actuator *a, const double *motion, double *out)
 {
-    core_motion_loads(a->parameters, a->constants, motion, out);
-}
-
-static void outputs(const actuator *a, const core_inputs *in, double *out)
-{
-    const core_schedule plan = core_scheduled(a->parameters, a->constants);
-    core_outputs(a->parameters, a->constants, &a->state, &plan, in, out);
+    core_motion_loads(a->values, a->values + MODEL_PARAMETERS, motion, out);
 }
 
 /* The core's inputs from an array: command, loads, supply, enable, the actuator's further inputs. */
@@ -68,7 +56,8 @@ static core_inputs listed(const double *in)
 API void actuator_outputs(const actuator *a, const double *in, double *out)
 {
     const core_inputs inputs = listed(in);
-    outputs(a, &inputs, out);
+    const core_schedule plan = core_scheduled(a->values, a->values + MODEL_PARAMETERS);
+    core_outputs(a->values, a->values + MODEL_PARAMETERS, &a->state, &plan, &inputs, out);
 }
 
 /* Core.run: advance to `end` [s] with the core's inputs, held, or with a core_ramp as an array. */
@@ -77,17 +66,7 @@ API int actuator_run(actuator *a, double end, const double *in, const double *ra
     const core_inputs inputs = listed(in);
     core_ramp change;
     if (ramp) memcpy(&change, ramp, offsetof(core_ramp, further) + CORE_ACTING * sizeof *ramp);
-    return core_run(a->parameters, a->constants, &a->state, end, &inputs, ramp ? &change : NULL, out);
-}
-
-/* A row of the interface's inputs as the core's. */
-static void row(actuator *a, const double *in, core_inputs *out)
-{
-    if (memcmp(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion) != 0) {
-        memcpy(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion);
-        actuator_motion_loads(a, a->motion, a->motion_loads);
-    }
-    core_inputs_of(in, a->motion_loads, out);
+    return core_run(a->values, a->values + MODEL_PARAMETERS, &a->state, end, &inputs, ramp ? &change : NULL, out);
 }
 
 /* The number of actuators in a vector of this processor, for which vectors.c is compiled: 8 with AVX-512, 4 with AVX2, 1
@@ -105,89 +84,16 @@ API int actuator_lanes(void)
     return 1;
 }
 
-/* Advance actuators first to last - 1 to `end` [s] with the interface's inputs held. The columns of inputs have a value for
- * each actuator, `stride` [doubles] apart, 0 if one is for all. The columns of outputs are `out_stride` [doubles] apart.
- * Writes a result for each actuator; returns how many did not get there. */
-API size_t actuators_run(actuator *a, size_t first, size_t last, double end, const double *const *columns,
-                         const ptrdiff_t *stride, double *out, size_t out_stride, int *result)
+/* Simulate an actuator with its parameters from the start: all outputs at the rows of the table `in`. Returns how many rows
+ * were reached. */
+API size_t actuator_simulate(const actuator *a, size_t rows, double step, const double *in, double *out, int *result)
 {
-    size_t failed = 0;
-    for (size_t k = first; k < last; ++k) {
-        double in[MODEL_INPUTS], now[MODEL_OUTPUTS];
-        core_inputs inputs;
-        for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = columns[i][(ptrdiff_t)k * stride[i]];
-        row(a + k, in, &inputs);
-        result[k] = core_run(a[k].parameters, a[k].constants, &a[k].state, end, &inputs, NULL, now);
-        failed += result[k] != CORE_DONE;
-        for (size_t i = 0; result[k] == CORE_DONE && i < MODEL_OUTPUTS; ++i) out[i * out_stride + k] = now[i];
-    }
-    return failed;
-}
-
-/* Read the inputs of a run's row; returns 0 if one is not finite. */
-static int row_at(actuator *a, const input_column *columns, size_t run, size_t k, core_inputs *out)
-{
-    double in[MODEL_INPUTS];
-    for (size_t i = 0; i < MODEL_INPUTS; ++i)
-        in[i] = columns[i].first[(ptrdiff_t)run * columns[i].run + (ptrdiff_t)k * columns[i].row];
-    if (!core_all_finite(in, MODEL_INPUTS)) return 0;
-    row(a, in, out);
-    return 1;
-}
-
-/* One run of actuators_simulate, with an actuator at its start. Returns how many points were reached. */
-static size_t simulate(actuator *a, size_t run, size_t points, double step, size_t held, const input_column *in,
-                       const double *spring, size_t angle, const output_column *out, size_t columns, int *result)
-{
-    core_inputs inputs;
-    double now[MODEL_OUTPUTS];
-    *result = CORE_DONE;
-    for (size_t k = 0; k < points; ++k) {
-        /* The outputs at a row are those under the inputs of the row before it; the inputs of the last row never act. */
-        if (k) *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL, now);
-        if (*result != CORE_DONE) return k;
-        if (k % held == 0 && !row_at(a, in, run, k / held, &inputs)) {
-            *result = RUN_INPUT_NOT_FINITE;
-            return k;
-        }
-        if (k == 0) outputs(a, &inputs, now);
-        if (spring && k % held == 0) inputs.loads[0] -= spring[run] * now[angle];
-        for (size_t j = 0; j < columns; ++j)
-            if (kept_at(&out[j], k)) *value_at(&out[j], run, k) = now[out[j].index];
-    }
-    return points;
-}
-
-/* Simulate `count` whole runs from the start. Their parameters are `apart` [doubles] from one run to the next (0: one set
- * for all). The outputs are those at `points` points of time, `step` [s] apart and the first at 0. Each row of the inputs,
- * of which there are MODEL_INPUTS columns, is held for `held` steps. The stiffness of each run's `spring`, unless NULL, times
- * the output `angle` at a row is subtracted from the row's moment. Outputs at points that a run did not reach are NaN;
- * `reached` and `result` have a number for each run. Returns how many runs are incomplete. */
-API size_t actuators_simulate(size_t count, const double *parameters, size_t apart, size_t points, double step,
-                              size_t held, const input_column *in, const double *spring, size_t angle,
-                              const output_column *out, size_t columns, int64_t *reached, int *result)
-{
-    size_t failed = 0;
-    for (size_t i = 0; i < count; ++i) {
-        actuator a;
-        size_t done = 0;
-        if (actuator_start(&a, parameters + i * apart))
-            done = simulate(&a, i, points, step, held, in, spring, angle, out, columns, &result[i]);
-        else
-            result[i] = RUN_REFUSED;
-        reached[i] = (int64_t)done;
-        failed += result[i] != CORE_DONE;
-        not_reached(out, columns, i, done, points);
-    }
-    return failed;
-}
-
-/* Simulate one actuator from its start: all outputs at the rows of the table `in`. Returns how many rows were reached. */
-API size_t actuator_simulate(actuator *a, size_t rows, double step, const double *in, double *out, int *result)
-{
+    const size_t run = 0;
+    int64_t reached;
     input_column inputs[MODEL_INPUTS];
     output_column columns[MODEL_OUTPUTS];
     for (size_t i = 0; i < MODEL_INPUTS; ++i) inputs[i] = (input_column){in + i, 0, MODEL_INPUTS};
     for (size_t i = 0; i < MODEL_OUTPUTS; ++i) columns[i] = (output_column){out + i, 0, MODEL_OUTPUTS, i, 1};
-    return simulate(a, 0, rows, step, 1, inputs, NULL, 0, columns, MODEL_OUTPUTS, result);
+    simulate(a->values, 1u, &run, &(run_tables){rows, 1, 0, MODEL_OUTPUTS, step, inputs, columns, NULL, &reached, result});
+    return (size_t)reached;
 }

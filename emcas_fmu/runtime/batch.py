@@ -23,13 +23,13 @@ _CACHE_LINE = 64  # bytes, also of the longest vectors
 _CHUNK = 4096  # actuators that are prepared at a time
 _PIECES = 50  # of a step, between which progress is reported
 
-# Advances items of a batch (single actuators or groups), from the first to before the last: to an end [s], with inputs
-# (columns, strides, number of the motion) and outputs (address, stride, results). Returns how many did not get there.
+# Advances groups of a batch, from the first to before the last: to an end [s], with inputs (columns, strides, number of
+# the motion) and outputs (address, stride, results). Returns how many actuators did not get there.
 _Move = Callable[..., int]
 
 
 class _Groups(ct.Structure):
-    """batch in vectors.c."""
+    """batch in many.h."""
 
     _fields_ = (("count", ct.c_size_t), ("order", ct.c_void_p), ("common", ct.c_void_p), ("indices_count", ct.c_size_t),
                 ("indices", ct.c_void_p), ("varying", ct.c_void_p), ("groups", ct.c_void_p),
@@ -72,27 +72,9 @@ class Batch:
         self._addresses = (ct.c_void_p * len(self._inputs))(*map(address, self._columns))
         self._strides = (ct.c_ssize_t * len(self._inputs))()
         many = vectors(model, STEPS * count if lanes is None else WORTH_VECTORS, lanes)
-        self._items, self._move = self._alone(progress) if many is None else self._together(many, progress)
+        self._groups, self._move = self._prepared(many or loaded(model), progress)
 
-    def _alone(self, progress: Progress) -> tuple[int, _Move]:
-        """Return the number of actuators and what advances them one at a time."""
-        library = loaded(self._model)
-        size = library.actuator_size()
-        memory = _aligned(size * self.count)
-        stride = self._parameters.strides[0] if len(self._parameters) > 1 else 0
-        for chunk in _chunks(self.count, _CHUNK):
-            for i in range(chunk.start, chunk.stop):
-                if not library.actuator_start(address(memory) + i * size, address(self._parameters) + i * stride):
-                    self._refuse(i)
-            progress("preparing actuators", chunk.stop, self.count)
-
-        def move(first: int, last: int, end: float, columns: object, strides: object, _: int, *out: object) -> int:
-            failed: int = library.actuators_run(address(memory), first, last, end, columns, strides, *out)
-            return failed
-
-        return self.count, move
-
-    def _together(self, library: ct.CDLL, progress: Progress) -> tuple[int, _Move]:
+    def _prepared(self, library: ct.CDLL, progress: Progress) -> tuple[int, _Move]:
         """Return the number of groups and what advances them."""
         lanes, sets = library.batch_lanes(), self._parameters
         groups = -(-self.count // lanes)
@@ -111,7 +93,8 @@ class Batch:
         same = bool((all_schedules == all_schedules[0]).all())
         order = np.arange(self.count, dtype=np.uintp) if same else by_schedule(all_schedules)
         order = np.concatenate([order, np.full(groups * lanes - self.count, order[-1])])
-        indices = np.flatnonzero(varies & reads).astype(np.uintp)
+        # A single actuator reads its values where they are stored, if they are all there.
+        indices = np.flatnonzero(varies & reads if lanes > 1 else varies | varies.any()).astype(np.uintp)
         varying = _aligned(groups * lanes * len(indices) * 8).view(np.float64).reshape(groups, len(indices), lanes)
         for chunk in _chunks(groups, _CHUNK // lanes) if len(indices) else ():
             values = prepare(library, sets[order[chunk.start * lanes:chunk.stop * lanes]]).values[:, indices]
@@ -191,8 +174,8 @@ class Batch:
         """Advance all actuators with the available threads; return how many did not get there."""
         arguments = (self._addresses, self._strides, self._motions, *self._out)
         if progress is silent and self._threads <= 1:
-            return self._move(0, self._items, end, *arguments)
-        pieces = _chunks(self._items, -(-self._items // (self._threads if progress is silent else _PIECES)))
+            return self._move(0, self._groups, end, *arguments)
+        pieces = _chunks(self._groups, -(-self._groups // (self._threads if progress is silent else _PIECES)))
 
         def move(piece: slice) -> int:
             return self._move(piece.start, piece.stop, end, *arguments)
@@ -201,7 +184,7 @@ class Batch:
         try:
             for k, piece in enumerate(pieces):
                 failed += running[k].result() if running else move(piece)
-                progress("moving actuators", piece.stop, self._items)
+                progress("moving actuators", piece.stop, self._groups)
         finally:
             wait(running)  # even if `progress` raises, nothing moves after this call
         return failed

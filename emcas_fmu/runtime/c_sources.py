@@ -51,13 +51,13 @@ def elementary_header() -> str:
 
 def batch_sources(model: str = NONLINEAR) -> dict[str, str]:
     """Return the sources of an actuator's library for Python, the main file first."""
-    return {**{name: handwritten(name) for name in ("batch.c", "tables.h")}, **core_sources(model=model)}
+    return {**{name: handwritten(name) for name in ("batch.c", "many.h", "tables.h")}, **core_sources(model=model)}
 
 
 def vector_sources(model: str = NONLINEAR) -> dict[str, str]:
     """Return the sources of an actuator's library of vectors, the main file first."""
     equations = f"{vector_elementary(elementary.traced())}\n{vector_source(codegen.traced(False, model), 'vector')}"
-    return {**{name: handwritten(name) for name in ("vectors.c", "vector.h", "tables.h")},
+    return {**{name: handwritten(name) for name in ("vectors.c", "vector.h", "many.h", "tables.h")},
             "vector_kernel.h": header("vector_kernel", "The actuator's equations for many at once",
                                       f'#include "vector.h"\n\n{_NO_CONTRACTION}\n{equations}'),
             **core_sources(model=model)}

@@ -39,6 +39,13 @@ class _OutputColumn(ct.Structure):
     _fields_ = (*_InputColumn._fields_, ("index", ct.c_size_t), ("every", ct.c_size_t))
 
 
+class _RunTables(ct.Structure):
+    """run_tables of tables.h."""
+
+    _fields_ = (*((name, ct.c_size_t) for name in ("points", "held", "angle", "columns")), ("step", ct.c_double),
+                *((name, ct.c_void_p) for name in ("in", "out", "spring", "reached", "result")))
+
+
 @dataclass(frozen=True)
 class Tables:
     """Results of many runs: `columns` by output, arrays [runs, rows] with NaN in rows that a run did not reach.
@@ -166,37 +173,28 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     times the fin angle at a row is subtracted from the row's hinge moment. Raises ValueError for shapes that do not
     match, CompilerError if there is no compiled kernel.
     """
-    library, actuator = loaded(model), get(model)
+    actuator = get(model)
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
     columns = [doubles(column) for column in inputs]
     count, rows, points = table_shape(sets, columns, model, held)
     index = {v.name: i for i, v in enumerate(actuator.outputs)}
-    out = {name: np.empty((count, points if name in fine else rows)) for name in outputs}
-    reached, results = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.intc)
+    out = {name: np.full((count, points if name in fine else rows), np.nan) for name in outputs}
+    reached, results = np.zeros(count, dtype=np.int64), np.full(count, _APART, dtype=np.intc)
     springs = np.array(np.broadcast_to(spring, count), dtype=float) if np.any(spring) else None
-
-    def simulate(function: Callable[..., object], runs: int, *sets: int, first: int = 0) -> None:
-        """Compute `runs` runs from the `first` on."""
-        read = [_InputColumn(*_layout(column, first)) for column in columns]
-        written = [_OutputColumn(*_layout(column, first), index[name], 1 if name in fine else held)
-                   for name, column in out.items()]
-        function(runs, *sets, points, step, held, (_InputColumn * len(read))(*read),
-                 None if springs is None else address(springs[first:]), index["fin_angle"],
-                 (_OutputColumn * len(written))(*written), len(written), address(reached[first:]),
-                 address(results[first:]))
-
-    many = vectors(model, milliseconds(count * points, step)) if count > 1 else None
-    if many is None:
-        simulate(library.actuators_simulate, count, address(sets), sets.shape[1] if len(sets) > 1 else 0)
-    else:
-        prepared = prepare(many, sets)
-        order = by_schedule(prepared.schedules) if len(sets) > 1 else np.arange(count, dtype=np.uintp)
-        results[:] = _APART
-        order = order[~np.broadcast_to(prepared.refused, count)[order]]
-        simulate(many.batch_simulate, len(order), address(order), address(prepared.values),
-                 prepared.values.shape[1] if len(sets) > 1 else 0)
-        for run in np.flatnonzero(results == _APART).tolist():
-            simulate(library.actuators_simulate, 1, address(sets[run % len(sets)]), 0, first=run)
+    read = (_InputColumn * len(columns))(*(_InputColumn(*_layout(column)) for column in columns))
+    written = (_OutputColumn * len(out))(*(_OutputColumn(*_layout(column), index[name], 1 if name in fine else held)
+                                           for name, column in out.items()))
+    tables = _RunTables(points, held, index["fin_angle"], len(out), step, ct.addressof(read), ct.addressof(written),
+                        None if springs is None else address(springs), address(reached), address(results))
+    one = loaded(model)
+    prepared = prepare(one, sets)
+    results[np.broadcast_to(prepared.refused, count)] = _REFUSED
+    order = by_schedule(prepared.schedules) if len(sets) > 1 else np.arange(count, dtype=np.uintp)
+    for library in (vectors(model, milliseconds(count * points, step)) if count > 1 else None, one):
+        runs = order[results[order] == _APART]  # of vectors, those that leave the others remain
+        if library is not None and len(runs):
+            library.batch_simulate(len(runs), address(runs), address(prepared.values),
+                                   prepared.values.shape[1] if len(sets) > 1 else 0, ct.byref(tables))
     failures = {run: _failure(sets[run % len(sets)], columns, run, int(reached[run]), step, held, int(results[run]),
                               model) for run in np.flatnonzero(results).tolist()}
     return Tables(out, reached, failures)
@@ -226,7 +224,7 @@ class Prepared(NamedTuple):
 
 
 def prepare(library: ct.CDLL, parameters: Array) -> Prepared:
-    """Return actuators with `parameters` [actuators, parameters] in the form that a library of vectors needs."""
+    """Return actuators with `parameters` [actuators, parameters] in the form that the library needs."""
     size = ct.c_size_t()
     values = np.empty((len(parameters), library.batch_values(ct.byref(size))))
     schedules = np.empty((len(parameters), size.value))
@@ -280,9 +278,9 @@ def address(array: Array) -> int:
     return at
 
 
-def _layout(column: Array, first: int) -> tuple[int, int, int]:
-    """Return the address of the `first` run's values and the strides [doubles] of runs and rows, 0 where constant."""
+def _layout(column: Array) -> tuple[int, int, int]:
+    """Return the address of the first value and the strides [doubles] of runs and rows, 0 where constant."""
     strides = [0 if n == 1 else stride // column.itemsize
                for n, stride in zip(column.shape, column.strides, strict=True)]
     run, row = [0, 0, *strides][-2:]
-    return address(column) + first * run * column.itemsize, run, row
+    return address(column), run, row

@@ -27,7 +27,7 @@ WORTH_COMPILING, WORTH_VECTORS = 10_000, 20_000_000
 # Looking for a compiled library needs the time of this many steps, since its source is printed first.
 _WORTH_LOOKING = {WORTH_COMPILING: 1000, WORTH_VECTORS: 200_000}
 
-# Prototypes of exported functions in a library's main source: result, name and arguments.
+# Prototypes of exported functions in a library's sources: result, name and arguments.
 _PROTOTYPE = re.compile(r"^API (\w+) (\w+)\(([^)]*)\)", re.MULTILINE)
 _C_TYPES: Mapping[str, Any] = {"void": None, "int": ct.c_int, "size_t": ct.c_size_t, "uint64_t": ct.c_uint64,
                                "double": ct.c_double}
@@ -62,7 +62,7 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
         described = _described(compiler, target, model, lanes)
         try:
             path = _cached(described, model) or _compile(compiler, target, described, model, lanes)
-            return _declared(ct.CDLL(str(path)), next(iter(_sources(model, lanes).values())))
+            return _declared(ct.CDLL(str(path)), "\n".join(_sources(model, lanes).values()))
         except (OSError, CompilerError) as error:
             problem = str(error)
         except EmcasError as error:  # the cache cannot be written, whichever compiler is used
@@ -184,9 +184,9 @@ def _compile(compiler: Compiler, target: Platform, described: str, model: str, l
     return path
 
 
-def _declared(library: ct.CDLL, source: str) -> ct.CDLL:
-    """Return a library whose functions have the types of their prototypes in its main source; pointers are void."""
-    for result, name, arguments in _PROTOTYPE.findall(source):
+def _declared(library: ct.CDLL, sources: str) -> ct.CDLL:
+    """Return a library whose functions have the types of their prototypes in its sources; pointers are void."""
+    for result, name, arguments in _PROTOTYPE.findall(sources):
         function = getattr(library, name)
         function.restype = _C_TYPES[result]
         function.argtypes = [ct.c_void_p if "*" in argument else _C_TYPES[argument.split()[0]]

@@ -4,10 +4,11 @@
 
 #include <math.h>
 #include <stdbool.h>
+#include <string.h>
 
 #include "kernel.h"
 
-enum { LANES = 1 };
+enum { LANES = 1, LANES_ALL = 1 };
 typedef double lanes;
 typedef bool lanes_mask;
 
@@ -18,6 +19,8 @@ typedef bool lanes_mask;
 #define lanes_finite(x) core_finite(x)
 
 static inline lanes lanes_set(double x) { return x; }
+static inline lanes lanes_load(const double *x) { return *x; }
+static inline void lanes_store(double *to, lanes x) { *to = x; }
 static inline double lanes_of(lanes x, int lane) { return (void)lane, x; }
 static inline lanes lanes_fabs(lanes x) { return fabs(x); }
 static inline lanes_mask lanes_less(lanes a, lanes b) { return a < b; }
@@ -25,10 +28,13 @@ static inline lanes_mask lanes_less_equal(lanes a, lanes b) { return a <= b; }
 static inline lanes_mask lanes_greater(lanes a, lanes b) { return a > b; }
 static inline lanes_mask lanes_greater_equal(lanes a, lanes b) { return a >= b; }
 static inline lanes_mask lanes_equal(lanes a, lanes b) { return a == b; }
+static inline lanes_mask lanes_same(lanes a, lanes b) { return memcmp(&a, &b, sizeof a) == 0; } /* by their bits */
 static inline lanes lanes_where(lanes_mask m, lanes yes, lanes no) { return m ? yes : no; }
 static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return a && b; }
 static inline lanes_mask lanes_within(lanes_mask which, lanes_mask m) { return (void)which, m; }
 static inline lanes_mask lanes_but(lanes_mask which, lanes_mask m) { return (void)which, !m; }
+static inline unsigned lanes_bits(lanes_mask m) { return m; }
+static inline lanes_mask lanes_of_bits(unsigned bits) { return bits & 1u; }
 static inline bool lanes_any(lanes_mask m) { return m; }
 static inline bool lanes_every(lanes_mask m) { return m; }
 static inline int lanes_lead(lanes_mask which) { return (void)which, 0; }

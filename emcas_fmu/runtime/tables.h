@@ -1,14 +1,8 @@
-/* Columns of inputs and outputs of many whole runs. */
+/* Many whole runs as a library for the Python API, LANES at a time. */
 #ifndef EMCAS_TABLES_H
 #define EMCAS_TABLES_H
 
-#include "core.h"
-
-#if defined _WIN32
-#define API __declspec(dllexport)
-#else
-#define API __attribute__((visibility("default")))
-#endif
+#include "many.h"
 
 /* An input of many runs: its first value, and the strides [doubles] to the next run and to the next row; 0 if the value
  * is the same. */
@@ -33,18 +27,105 @@ static inline bool kept_at(const output_column *column, size_t k)
     return column->every == 1 || k % column->every == 0;
 }
 
-static inline double *value_at(const output_column *column, size_t run, size_t k)
+/* Where the first run's output at a point is written. */
+static inline double *value_at(const output_column *column, size_t k)
 {
-    return column->first + (ptrdiff_t)run * column->run
-           + (ptrdiff_t)(column->every == 1 ? k : k / column->every) * column->row;
+    return column->first + (ptrdiff_t)(column->every == 1 ? k : k / column->every) * column->row;
 }
 
-/* Set the outputs of a run at points that it did not reach to NaN. */
-static inline void not_reached(const output_column *out, size_t columns, size_t run, size_t reached, size_t points)
+/* Many whole runs, whose outputs are those at `points` points of time, `step` [s] apart and the first at 0. Each row of the
+ * inputs, of which there are MODEL_INPUTS columns, is held for `held` steps. The stiffness of each run's `spring`, unless
+ * NULL, times the output `angle` at a row is subtracted from the row's moment. `reached` is the number of points that each
+ * run reached, and `result` why it went no further; outputs at further points are not written. */
+typedef struct {
+    size_t points, held, angle, columns;
+    double step;
+    const input_column *in;
+    const output_column *out;
+    const double *spring;
+    int64_t *reached;
+    int *result;
+} run_tables;
+
+/* Read a row of inputs of a group's runs; returns the lanes whose inputs are finite. */
+static unsigned table_row(const input_column *in, const size_t *run, size_t k, lanes *row)
 {
-    for (size_t k = reached; k < points; ++k)
-        for (size_t j = 0; j < columns; ++j)
-            if (kept_at(&out[j], k)) *value_at(&out[j], run, k) = NAN;
+    lanes sum = lanes_set(0.0);
+    for (int i = 0; i < MODEL_INPUTS; ++i) {
+        const double *at = in[i].first + (ptrdiff_t)k * in[i].row;
+        row[i] = lanes_set(*at);
+        if (in[i].run)
+            for (int l = 0; l < LANES; ++l) set_lane(&row[i], l, at[(ptrdiff_t)run[l] * in[i].run]);
+        sum = sum + (row[i] - row[i]);
+    }
+    return lanes_bits(lanes_finite(sum));
+}
+
+/* End the runs of the lanes `which` but not `going` at point k for a reason; returns the others. */
+static unsigned end_runs(const run_tables *t, const size_t *run, unsigned which, unsigned going, size_t k, int reason)
+{
+    for (int l = 0; l < LANES; ++l) {
+        if (!((which & ~going) >> l & 1u)) continue;
+        t->reached[run[l]] = (int64_t)k;
+        t->result[run[l]] = reason;
+    }
+    return which & going;
+}
+
+/* The runs `run`, in the lanes `which` of a group. Of several lanes, those that do not stay with the others, or whose
+ * equations cannot be followed, are left RUN_APART. */
+static void simulate(const lanes *values, unsigned which, const size_t *run, const run_tables *t)
+{
+    group at;
+    core_inputs inputs;
+    core_result why = CORE_DONE;
+    lanes row[MODEL_INPUTS], now[MODEL_OUTPUTS], stiffness = lanes_set(0.0);
+    for (int l = 0; t->spring && l < LANES; ++l) set_lane(&stiffness, l, t->spring[run[l]]);
+    const group_step g = prepared(values, 0.0);
+    start(&at, values, sizeof at);
+    which = end_runs(t, run, which, lanes_bits(g.together), 0, RUN_APART);
+    for (size_t k = 0; which && k < t->points; ++k) {
+        if (k) {
+            const unsigned going = lanes_bits(core_move(g.p, g.c, lanes_of_bits(which), &at.state, &g.plan,
+                                                        (double)k * t->step, &inputs, NULL, now, &why));
+            which = end_runs(t, run, which, going, k, LANES > 1 ? RUN_APART : (int)why);
+            if (!which) return;
+        }
+        if (k % t->held == 0) {
+            const unsigned finite = table_row(t->in, run, k / t->held, row);
+            which = end_runs(t, run, which, finite, k, LANES > 1 ? RUN_APART : RUN_INPUT_NOT_FINITE);
+            update_motion_loads(&at, &g, row + INPUT_ACCELERATION_X, 0);
+            core_inputs_of(row, at.motion_loads, &inputs);
+        }
+        if (k == 0) core_outputs(g.p, g.c, &at.state, &g.plan, &inputs, now);
+        if (t->spring && k % t->held == 0) inputs.loads[0] = inputs.loads[0] - stiffness * now[t->angle];
+        for (size_t j = 0; j < t->columns; ++j) {
+            const output_column *out = &t->out[j];
+            if (!kept_at(out, k)) continue;
+            double *to = value_at(out, k);
+            for (int l = 0; l < LANES; ++l)
+                if (which >> l & 1u) to[(ptrdiff_t)run[l] * out->run] = lanes_of(now[out->index], l);
+        }
+    }
+    end_runs(t, run, which, 0, t->points, CORE_DONE);
+}
+
+/* Simulate whole runs from the start, those listed in `order`, in which neighbours have like schedules. The `values` of the
+ * runs are `apart` [doubles] from one run to the next (0: one set for all). Runs with the result RUN_APART have to be
+ * simulated by a library with one lane. */
+API void batch_simulate(size_t count, const size_t *order, const double *values, size_t apart, const run_tables *t)
+{
+    lanes of[VALUES];
+    fill(of, values);
+    for (size_t first = 0; first < count; first += LANES) {
+        size_t run[LANES];
+        const size_t full = count - first < LANES ? count - first : LANES;
+        for (size_t l = 0; l < LANES; ++l) {
+            run[l] = order[first + (l < full ? l : full - 1)];
+            for (size_t i = 0; apart && i < VALUES; ++i) set_lane(&of[i], (int)l, values[run[l] * apart + i]);
+        }
+        simulate(of, (1u << full) - 1u, run, t);
+    }
 }
 
 #endif

@@ -185,4 +185,4 @@ def test_vectors_are_compiled_where_they_pay(monkeypatch: pytest.MonkeyPatch) ->
         library.vectors(model, library.WORTH_VECTORS, 16)
     row = parameter_row(load_parameters().values)[np.newaxis]
     lanes = library.loaded(NONLINEAR).actuator_lanes()
-    assert Batch(row, 200)._items == -(-200 // lanes)  # by default
+    assert Batch(row, 200)._groups == -(-200 // lanes)  # by default
