@@ -23,7 +23,7 @@ from ..parameters import ParameterError, ParameterSet
 from ..reference import files
 from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
 from ..reference.plant import Plant
-from ..reference.responses import is_shipped, response, shipped
+from ..reference.responses import response, shipped
 from ..reference.simulate import Array
 from ..simulation import simulate
 from ..support.progress import Progress, silent
@@ -103,7 +103,7 @@ def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
         return [("fins", "Each fin alone: " + "; ".join(case.title for case in fins), fins)]
     plain = _plain(sets[0])
     stored = [case for case in (files.suited(by_name[name], plain.model, plain.values) for name in _SHIPPED)
-              if is_shipped(plain, case)]
+              if shipped(plain, case)]
     return [(case.name, case.title, [files.suited(case, sets[0].model, sets[0].values)])
             for case in stored or [STEP_AND_LOAD]]
 
@@ -126,7 +126,8 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
     if not extended and (known := shipped(plain, case)) is not None:
         return known, True, _apart(stepped, known)
     has = plain.actuator.reference is not None
-    if has and (not extended or _same(stepped, _stepped(plain, case))):
+    if has and (not extended or all(np.array_equal(stepped[name], column)
+                                    for name, column in _stepped(plain, case).items())):
         try:
             independent = _integrated(plain, case)
             off = _apart(stepped, independent)
@@ -155,11 +156,6 @@ def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
     if bad := [name for name, column in columns.items() if not np.isfinite(column).all()]:
         raise ValueError(f"{bad[0]} is not finite")
     return columns
-
-
-def _same(columns: Mapping[str, Array], others: Mapping[str, Array]) -> bool:
-    """Return whether columns are equal, to the bit, to the `others` of the same names."""
-    return all(np.array_equal(columns[name], other) for name, other in others.items())
 
 
 def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:

@@ -26,20 +26,15 @@ _KEPT = 256  # responses of some 35 kB
 _EXACT = 17  # digits that keep every float: with fewer, values would lie on edges of the archive's rounding
 
 
-def is_shipped(parameters: ParameterSet, case: Case) -> bool:
-    """Return whether the response of an actuator is stored."""
-    if parameters.model != NONLINEAR:
-        return False
-    stored_case = files.read_provenance(models_directory() / "reference").get(case.name)
-    wanted = files.response_hash({**parameters.values, **case.overrides})
-    return stored_case is not None and stored_case["sha256_parameters"] == wanted
-
-
 def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
     """Return the stored response in SI, up to the end of the case; None if there is none."""
-    if not is_shipped(parameters, case):
+    if parameters.model != NONLINEAR:
         return None
-    (known,), rows = stored.load(models_directory() / "reference", [case.name]), len(case.inputs()["time"])
+    folder = models_directory() / "reference"
+    entry = files.read_provenance(folder).get(case.name, {})
+    if entry.get("sha256_parameters") != files.response_hash({**parameters.values, **case.overrides}):
+        return None
+    (known,), rows = stored.load(folder, [case.name]), len(case.inputs()["time"])
     return {name: column[:rows] for name, column in known.reference.items()}
 
 
