@@ -32,28 +32,27 @@ def analyse(
     """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
     from ..api import analyse as run
 
+    common.check_outputs(as_json, report, inputs=(parameters, rod))
+    for name, value in (("--at", at), ("--torque", torque)):
+        if not isfinite(value):
+            raise EmcasError(f"{name} {value}: give a finite number")
+    chosen = common.parameter_set(parameters, model)
     with common.work("analyse") as step:
-        common.check_outputs(as_json, report, inputs=(parameters, rod))
-        for name, value in (("--at", at), ("--torque", torque)):
-            if not isfinite(value):
-                raise EmcasError(f"{name} {value}: give a finite number")
-        chosen = common.parameter_set(parameters, model)
         analysis = run(chosen, radians(at), torque, locus, rod, step)
-        from ..pages.numbers import number
-        from ..studies.analysis.report import figures_of, tables, write_report  # needs the extra
+    from ..pages.numbers import number
+    from ..studies.analysis.report import figures_of, tables, write_report  # needs the extra
 
-        figures = figures_of(analysis)
-        common.write_json(figures, as_json)
-        common.write_results(analysis, (report, write_report))
+    figures = figures_of(analysis)
+    common.write_json(figures, as_json)
+    common.write_results(analysis, (report, write_report))
     point = figures["operating_point"]
     common.out.print(f"at {number(point['fin_angle_deg'])} deg, {number(point['aero_torque_nm'])} N.m")
     for caption, columns, rows in tables(figures, analysis.actuator.reference_name).values():
         common.out.print(common.table(columns, rows, caption))
-    lines = [f"{why}." for why in analysis.left_out.values()]
+    for why in analysis.left_out.values():
+        common.say(escape(f"{why}."))
     if analysis.modes:
         thesis = analysis.modes[1]
-        lines.append("The thesis's natural frequencies of {:.1f} and {:.1f} times the bandwidth divide rad/s by Hz; "
-                     "the factors are {:.1f} and {:.1f}.".format(*thesis.slipped, *thesis.ratios))
-    for line in lines:
-        common.say(escape(line))
+        common.say("The thesis's natural frequencies of {:.1f} and {:.1f} times the bandwidth divide rad/s by Hz; the "
+                   "factors are {:.1f} and {:.1f}.".format(*thesis.slipped, *thesis.ratios))
     common.print_written(as_json, report)

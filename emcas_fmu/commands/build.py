@@ -51,10 +51,10 @@ def build(
     from ..parameters import load_parameters
     from ..studies.overview import shipped_estimates
 
+    target, files = output or Path(f"{FmuInterface(fins, model).model}.fmu"), fin_files(fin or [])
+    common.check_outputs(target, inputs=(parameters, files.values()))
+    chosen = load_parameters(parameters, model=model)
     with common.work("build") as step:
-        target, files = output or Path(f"{FmuInterface(fins, model).model}.fmu"), fin_files(fin or [])
-        common.check_outputs(target, inputs=(parameters, files.values()))
-        chosen = load_parameters(parameters, model=model)
         built = build_fmu(chosen, target, backend, platform, cc, step, fins, layout, files, fmi, references, clock,
                           names)
     common.warn(built.warnings)
@@ -63,4 +63,4 @@ def build(
     if parameters:
         count = sum(len(estimate.names) for estimate in shipped_estimates(chosen))
         common.say(f"{count} of {len(chosen.entries)} values are shipped estimates: emcas parameters, with the "
-                         "same options, lists them")
+                   "same options, lists them")

@@ -59,7 +59,10 @@ class _Notes(logging.Handler):
 
 @contextmanager
 def failures() -> Iterator[None]:
-    """Print expected errors as a message and exit with 2, without a traceback; print warnings and announcements."""
+    """Print expected errors as a message and exit with 2, without a traceback; print warnings and announcements.
+
+    All functions of commands are called within it.
+    """
     if not LOG.handlers:
         LOG.addHandler(_Notes())
         LOG.setLevel(logging.INFO)
@@ -74,27 +77,25 @@ def failures() -> Iterator[None]:
         raise typer.Exit(2) from error
 
 
+@failures()
 def _file(argument: Path | None) -> Path | None:
     """Return the file of an argument, which may also be the name of a shipped set."""
-    if argument is None:
-        return None
     from ..parameters import parameter_file
 
-    with failures():
-        return parameter_file(argument)
+    return argument and parameter_file(argument)
 
 
 def _files(arguments: list[Path] | None) -> list[Path] | None:
     return arguments and [file for argument in arguments if (file := _file(argument))]
 
 
+@failures()
 def _date(text: str) -> str:
     """Return a date in ISO format; it may be empty."""
-    with failures():
-        try:
-            return text and calendar.fromisoformat(text).isoformat()
-        except ValueError as error:
-            raise EmcasError(f"--date {text}: expected a date such as 2026-03-31") from error
+    try:
+        return text and calendar.fromisoformat(text).isoformat()
+    except ValueError as error:
+        raise EmcasError(f"--date {text}: expected a date such as 2026-03-31") from error
 
 
 def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
@@ -102,10 +103,10 @@ def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | Non
 
     `check_outputs` refuses folders.
     """
+    @failures()
     def check(path: Path | None) -> Path | None:
-        with failures():
-            if path and path.suffix.lower() != ending and (path.is_file() or not path.exists()):
-                raise EmcasError(f"{path}: such a file ends in {ending}{remedy}")
+        if path and path.suffix.lower() != ending and (path.is_file() or not path.exists()):
+            raise EmcasError(f"{path}: such a file ends in {ending}{remedy}")
         return path
 
     return check
@@ -320,6 +321,6 @@ def stepper(bars: Bars, label: str) -> Progress:
 
 @contextmanager
 def work(label: str) -> Iterator[Progress]:
-    """Yield the callback of a progress bar for the work of a command; `failures` reports what goes wrong."""
-    with failures(), progress_bar() as bars:
+    """Show a progress bar for the work of a command, and yield the callback that updates it."""
+    with progress_bar() as bars:
         yield stepper(bars, label)

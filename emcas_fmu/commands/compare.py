@@ -36,11 +36,11 @@ def compare(
     from ..studies.compare.sets import DRIVES, as_dict, load_sets, summary, write_report
     from ..studies.compare.sets import compare as run
 
+    common.check_outputs(as_json, report, inputs=(map(Path, sets or ()), parameters, requirements))
+    chosen = load_sets(sets or DRIVES, model, parameters or ())
+    common.warn(warning for each in chosen.values() for warning in each.warnings)
     with common.work("compare") as step:
-        common.check_outputs(as_json, report, inputs=(map(Path, sets or ()), parameters, requirements))
-        chosen = load_sets(sets or DRIVES, model, parameters or ())
-        common.warn(warning for each in chosen.values() for warning in each.warnings)
         result = run(chosen, step, requirements)
-        common.write_json(as_dict(result), as_json)
-        common.write_results(result, (report, write_report))
+    common.write_json(as_dict(result), as_json)
+    common.write_results(result, (report, write_report))
     common.conclude(summary(result), as_json, report)

@@ -41,22 +41,21 @@ def envelope(
     from ..bench.writers import write_csv
     from ..units import UnitError, quantity
 
-    with common.failures():
-        common.check_outputs(output, plot, as_json, inputs=(parameters,))
-        try:
-            seconds = quantity(duration, "", "s")
-        except UnitError as error:
-            raise EmcasError(f"--duration {duration}: {error}") from error
-        from ..figures.plots import check_ending
-        from ..studies.analysis import envelope as study
+    common.check_outputs(output, plot, as_json, inputs=(parameters,))
+    try:
+        seconds = quantity(duration, "", "s")
+    except UnitError as error:
+        raise EmcasError(f"--duration {duration}: {error}") from error
+    from ..figures.plots import check_ending
+    from ..studies.analysis import envelope as study
 
-        check_ending(plot)
-        chosen = common.parameter_set(parameters, model)
-        computed = study.envelope(chosen, seconds, preload)
-        figures = _figures(computed)
-        common.write_results(_columns(computed), (output, write_csv))
-        common.write_results(computed, (plot, lambda e, path: study.write_picture(e, path, chosen)))
-        common.write_json(figures, as_json)
+    check_ending(plot)
+    chosen = common.parameter_set(parameters, model)
+    computed = study.envelope(chosen, seconds, preload)
+    figures = _figures(computed)
+    common.write_results(_columns(computed), (output, write_csv))
+    common.write_results(computed, (plot, lambda e, path: study.write_picture(e, path, chosen)))
+    common.write_json(figures, as_json)
     common.out.print(_table(figures))
     for each in resting_on({"what is marked": tuple(dict.fromkeys(chain(*computed.estimates.values())))}):
         common.say(escape(each))

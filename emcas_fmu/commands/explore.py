@@ -41,22 +41,21 @@ def explore(
     from ..studies.explore.page import About, write
     from ..support.dates import today
 
-    with common.failures():
-        files = parameters or []
-        common.check_outputs(output, inputs=(files, requirements))
-        extras.require("native", "emcas explore needs", "ziglang")
-        changes, _, constants = read_settings(settings or [], FmuInterface(1, model))
-        if COMMAND in constants:
-            raise EmcasError(f"--set {COMMAND}: is moved in the page; leave it out")
-        chosen = changed(load_parameters(files, model=model), changes[0])
-        common.warn(chosen.warnings)
-        command = shlex.join([
-            "emcas", "explore", *common.option("--model", model, NONLINEAR), *common.parameter_arguments(files),
-            *(part for each in settings or () for part in ("--set", each)),
-            *common.option("--requirements", requirements and as_given(requirements)),
-            *common.option("--output", output), *common.option("--date", date, "")])
-        about = About(command, ParameterSubject(chosen, files).identification, date or today(), requirements)
-        with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
-            size = write(output, chosen, constants, about)
+    files = parameters or []
+    common.check_outputs(output, inputs=(files, requirements))
+    extras.require("native", "emcas explore needs", "ziglang")
+    changes, _, constants = read_settings(settings or [], FmuInterface(1, model))
+    if COMMAND in constants:
+        raise EmcasError(f"--set {COMMAND}: is moved in the page; leave it out")
+    chosen = changed(load_parameters(files, model=model), changes[0])
+    common.warn(chosen.warnings)
+    command = shlex.join([
+        "emcas", "explore", *common.option("--model", model, NONLINEAR), *common.parameter_arguments(files),
+        *(part for each in settings or () for part in ("--set", each)),
+        *common.option("--requirements", requirements and as_given(requirements)),
+        *common.option("--output", output), *common.option("--date", date, "")])
+    about = About(command, ParameterSubject(chosen, files).identification, date or today(), requirements)
+    with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
+        size = write(output, chosen, constants, about)
     common.print_written(output)
     common.out.print(f"{size / 1000:.0f} kB; open it in a browser")

@@ -26,13 +26,12 @@ def fit(
     """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
     from ..studies import fitting
 
-    with common.failures():
-        common.check_outputs(output, as_json, inputs=(parameters,))
-        fitted = fitting.fit(_nonlinear(parameters, model))
-        common.warn(fitted.warnings)
-        command = shlex.join(["emcas", "fit", *common.parameter_arguments(parameters)])
-        common.write_results(fitted, (output, lambda each, path: fitting.write_fitted(each, path, command)))
-        common.write_json(fitted.figures(), as_json)
+    common.check_outputs(output, as_json, inputs=(parameters,))
+    fitted = fitting.fit(_nonlinear(parameters, model))
+    common.warn(fitted.warnings)
+    command = shlex.join(["emcas", "fit", *common.parameter_arguments(parameters)])
+    common.write_results(fitted, (output, lambda each, path: fitting.write_fitted(each, path, command)))
+    common.write_json(fitted.figures(), as_json)
     entries = {e.variable.name: e for e in fitted.parameters.entries}
     for name in fitting.NAMES:
         common.out.print(f"{name} = {entries[name].value:.4g} {entries[name].variable.unit}")

@@ -56,7 +56,8 @@ def load(name: str, program: str = "") -> Any:
     if (app := getattr(module, "app", None)) is None:
         app = typer.Typer(add_completion=False, rich_markup_mode="rich")
         called = f"emcas {name}"
-        app.command(name, epilog=module.EPILOG.replace(called, program or called))(getattr(module, name))
+        app.command(name, epilog=module.EPILOG.replace(called, program or called))(
+            failures()(getattr(module, name)))
     command = get_command(app)
     command.name = name
     return without_types(command)

@@ -32,14 +32,13 @@ def init(
     """
     from ..studies.starter import commands, starter_files
 
-    with common.failures():
-        base = load_parameters(model=model)
-        files = starter_files(base)
-        paths = [folder / name for name in files]
-        common.check_outputs(folders=(folder,))
-        if (there := [str(path) for path in paths if path.exists()]) and not force:
-            raise EmcasError(f"{', '.join(there)}: there already; give another folder, or --force to write over them")
-        write_folder(folder, files)
+    base = load_parameters(model=model)
+    files = starter_files(base)
+    paths = [folder / name for name in files]
+    common.check_outputs(folders=(folder,))
+    if (there := [str(path) for path in paths if path.exists()]) and not force:
+        raise EmcasError(f"{', '.join(there)}: there already; give another folder, or --force to write over them")
+    write_folder(folder, files)
     common.print_written(*paths)
     first = commands(base, files)[0][0]
     go = "" if folder.resolve() == Path().resolve() else f"cd {shlex.quote(str(folder))} && "

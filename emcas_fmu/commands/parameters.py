@@ -38,16 +38,14 @@ def parameters(
     from ..studies.overview import amounts_to, by_effect, shipped_estimates
 
     if sets:
-        with common.failures():
-            if parameters or model != NONLINEAR:
-                raise EmcasError("--sets lists all sets, of any actuator: leave --parameters and --model out")
+        if parameters or model != NONLINEAR:
+            raise EmcasError("--sets lists all sets, of any actuator: leave --parameters and --model out")
         _show_sets(as_json)
         return
-    with common.failures():
-        chosen = common.parameter_set(parameters, model)
-        if sensitivity is not None and not isfinite(sensitivity):
-            raise EmcasError(f"--sensitivity {sensitivity:g}: give a hinge moment in N.m")
-        estimates = shipped_estimates(chosen) if sensitivity is None else by_effect(chosen, sensitivity)
+    chosen = common.parameter_set(parameters, model)
+    if sensitivity is not None and not isfinite(sensitivity):
+        raise EmcasError(f"--sensitivity {sensitivity:g}: give a hinge moment in N.m")
+    estimates = shipped_estimates(chosen) if sensitivity is None else by_effect(chosen, sensitivity)
     left = {name: estimate for estimate in estimates for name in estimate.names}
     records: list[dict[str, object]] = [
         {"name": e.variable.name, "value": e.value, "unit": e.variable.unit, "as_written": e.text, "source": e.source,
@@ -103,8 +101,7 @@ def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
 
 def _show_sets(as_json: bool) -> None:
     """Print each set's name with the first paragraph of its file, a comment that describes it."""
-    with common.failures():
-        lines = {name: path.read_text(encoding="utf-8").splitlines() for name, path in named_sets().items()}
+    lines = {name: path.read_text(encoding="utf-8").splitlines() for name, path in named_sets().items()}
     described = {name: " ".join(line[2:] for line in takewhile(lambda line: line.startswith("# "), each))
                  for name, each in lines.items()}
     if as_json:

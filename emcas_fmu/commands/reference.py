@@ -29,22 +29,21 @@ def reference(
     from ..reference import files
     from ..support.files import models_directory
 
-    with common.work("reference") as step:
-        if not directory and not check:
-            raise EmcasError("--directory is missing: give a folder to write the reference files to")
-        if not directory and (parameters or model != NONLINEAR):
-            raise EmcasError("--parameters and --model need --directory: the shipped references are of the default "
-                             "actuator with its default parameters")
-        folder = directory or models_directory() / "reference"
-        chosen = common.parameter_set(parameters, model)
-        if check:
-            rows = files.compare(folder, names=case, progress=step, parameters=chosen)
-        else:
-            common.check_outputs(*files.outputs(folder, case, chosen), folders=(folder,))
-            files.regenerate(folder, names=case, progress=step, parameters=chosen)
+    if not directory and not check:
+        raise EmcasError("--directory is missing: give a folder to write the reference files to")
+    if not directory and (parameters or model != NONLINEAR):
+        raise EmcasError("--parameters and --model need --directory: the shipped references are of the default "
+                         "actuator with its default parameters")
+    folder = directory or models_directory() / "reference"
+    chosen = common.parameter_set(parameters, model)
     if not check:
-        common.say(f"written to {escape(str(folder))}")
-        return
+        common.check_outputs(*files.outputs(folder, case, chosen), folders=(folder,))
+    with common.work("reference") as step:
+        if not check:
+            files.regenerate(folder, names=case, progress=step, parameters=chosen)
+            common.say(f"written to {escape(str(folder))}")
+            return
+        rows = files.compare(folder, names=case, progress=step, parameters=chosen)
     common.conclude([common.table(["case", "variable", "largest difference", "allowed", ""], (
         [name, variable, f"{difference:.3g}", f"{tolerance:.3g}", "ok" if difference <= tolerance else "FAIL"]
         for name, variable, difference, tolerance in rows))],

@@ -38,15 +38,14 @@ def report(
     from ..studies.report.acceptance import carry_out
     from ..studies.report.acceptance_output import as_dict, summary, write_junit, write_report
 
-    with common.work("test") as step:
-        common.check_outputs(output, as_json, junit, inputs=(article, parameters, requirements, mission))
-        if load is not None and not 0.0 < load < float("inf"):
-            raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
-        with common.open_subject(article, model, fin, parameters) as subject:
-            profile = csv_file(mission, model=subject.model) if mission else None
-            result = carry_out(subject, load=load or RATED, profile=profile, progress=step,
-                               specification=load_requirements(requirements, subject.parameters))
-        write_report(result, output, date, document, revision)
-        common.write_json(as_dict(result, date), as_json)
-        common.write_results(result, (junit, write_junit))
+    common.check_outputs(output, as_json, junit, inputs=(article, parameters, requirements, mission))
+    if load is not None and not 0.0 < load < float("inf"):
+        raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
+    with common.work("test") as step, common.open_subject(article, model, fin, parameters) as subject:
+        profile = csv_file(mission, model=subject.model) if mission else None
+        result = carry_out(subject, load=load or RATED, profile=profile, progress=step,
+                           specification=load_requirements(requirements, subject.parameters))
+    write_report(result, output, date, document, revision)
+    common.write_json(as_dict(result, date), as_json)
+    common.write_results(result, (junit, write_junit))
     common.conclude(summary(result), output, as_json, junit, passed=result.passed)

@@ -87,41 +87,40 @@ def simulate(
     from ..pages.numbers import number
     from ..reference.files import supply_start
 
-    with common.failures():
-        if [case, input_file, step].count(None) != 2:
-            raise EmcasError("give one of --case, --input and --step")
-        check_ending(plot)
-        files, unit = fin_files(fin or []), FmuInterface(fins, model)
-        common.check_outputs(output, plot, as_json, inputs=(parameters, files.values(), input_file))
-        if fins == 1 and files:
-            raise EmcasError(f"--fin {fin[0] if fin else ''}: needs --fins, the number of fins")
-        if fins > 1 and kernel == "compiled":
-            raise EmcasError("--kernel compiled: several fins are computed in Python here; leave --kernel out, or "
-                             "build a native FMU of them")
-        for name, value in (("--stop", stop), ("--interval", interval)):
-            if value is not None and not 0.0 < value < float("inf"):
-                raise EmcasError(f"{name} {value}: must be above 0")
-        if case and (stop or interval):
-            raise EmcasError("--stop and --interval go with --step and --input: a case has them already")
-        if torque is not None and step is None:
-            raise EmcasError("--torque belongs to --step: a case or a file has loads already")
-        chosen = (reference_case(case) if case else
-                  csv_file(input_file, interval or STEP, stop, model, fins) if input_file
-                  else _stepped(step or "0", torque or "0", interval or STEP, stop or 0.5))
-        changes, line, constants = read_settings(settings or [], unit)
-        if twice := [name for name in constants if name in chosen.columns]:
-            raise EmcasError(f"--set {twice[0]}: is set by {chosen.title} already")
-        base = load_parameters(parameters, model=model)
-        base = base.with_values(base.having(chosen.start_values))
-        sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
-        sets = tuple(changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
-        require_shared(sets, "--set")
-        common.warn(warning for each in sets for warning in each.warnings)
-        if case:
-            chosen = reference_case(case, supply=supply_start(model, sets[0].values))
-        response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
-        common.write_results(response, (output, type(response).write_csv), (plot, type(response).plot))
-        common.write_json(response.as_dict(), as_json)
+    if [case, input_file, step].count(None) != 2:
+        raise EmcasError("give one of --case, --input and --step")
+    check_ending(plot)
+    files, unit = fin_files(fin or []), FmuInterface(fins, model)
+    common.check_outputs(output, plot, as_json, inputs=(parameters, files.values(), input_file))
+    if fins == 1 and files:
+        raise EmcasError(f"--fin {fin[0] if fin else ''}: needs --fins, the number of fins")
+    if fins > 1 and kernel == "compiled":
+        raise EmcasError("--kernel compiled: several fins are computed in Python here; leave --kernel out, or "
+                         "build a native FMU of them")
+    for name, value in (("--stop", stop), ("--interval", interval)):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise EmcasError(f"{name} {value}: must be above 0")
+    if case and (stop or interval):
+        raise EmcasError("--stop and --interval go with --step and --input: a case has them already")
+    if torque is not None and step is None:
+        raise EmcasError("--torque belongs to --step: a case or a file has loads already")
+    chosen = (reference_case(case) if case else
+              csv_file(input_file, interval or STEP, stop, model, fins) if input_file
+              else _stepped(step or "0", torque or "0", interval or STEP, stop or 0.5))
+    changes, line, constants = read_settings(settings or [], unit)
+    if twice := [name for name in constants if name in chosen.columns]:
+        raise EmcasError(f"--set {twice[0]}: is set by {chosen.title} already")
+    base = load_parameters(parameters, model=model)
+    base = base.with_values(base.having(chosen.start_values))
+    sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
+    sets = tuple(changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
+    require_shared(sets, "--set")
+    common.warn(warning for each in sets for warning in each.warnings)
+    if case:
+        chosen = reference_case(case, supply=supply_start(model, sets[0].values))
+    response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
+    common.write_results(response, (output, type(response).write_csv), (plot, type(response).plot))
+    common.write_json(response.as_dict(), as_json)
     table = Table(Column("figure", overflow="fold"), title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
     for name in [f"fin {k}" for k in range(1, fins + 1)] if fins > 1 else ["value"]:
         table.add_column(name, justify="right")

@@ -43,14 +43,13 @@ def validate(
     from ..api import validate as run
     from ..studies.validate.validation_output import as_dict, summary, write_junit, write_report
 
-    with common.work("validate") as step:
-        if case and requirements:
-            raise EmcasError("--case and --requirements: with --case no requirement is judged; leave one of them out")
-        if inside and directory:
-            raise EmcasError("--inside and --directory: references are of one place; give one of them")
-        common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
-        with common.open_subject(article, model, fin) as subject:
-            result = run(subject, case, directory, step, inside, requirements)
-        common.write_json(as_dict(result), as_json)
-        common.write_results(result, (junit, write_junit), (report, write_report))
+    if case and requirements:
+        raise EmcasError("--case and --requirements: with --case no requirement is judged; leave one of them out")
+    if inside and directory:
+        raise EmcasError("--inside and --directory: references are of one place; give one of them")
+    common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
+    with common.work("validate") as step, common.open_subject(article, model, fin) as subject:
+        result = run(subject, case, directory, step, inside, requirements)
+    common.write_json(as_dict(result), as_json)
+    common.write_results(result, (junit, write_junit), (report, write_report))
     common.conclude(summary(result), passed=result.outcome)

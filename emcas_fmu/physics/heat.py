@@ -88,6 +88,13 @@ def loaded(ops: Ops, p: Any, load: Value, square: Value, h: Value, rated: Value 
     return ops.where(limited, ops.maximum(load + h * (square - continuous) / budget, 0.0), 0.0)
 
 
+def sustained_current(ops: Ops, p: Any, duration: Value) -> Value:
+    """Return the constant current [A] that the drive allows for a time [s] from s = 0 without folding back."""
+    peak = p.drive.current_limit
+    continuous, reserve = _squares(ops, p, peak)
+    return ops.minimum(ops.sqrt(continuous + reserve * p.heat.peak_time / duration), peak)
+
+
 def current_limit(ops: Ops, p: Any, load: Value, rated: Value | None = None) -> Value:
     """Return the largest current reference [A] at an I2t load s [1], within a derated drive's limit."""
     peak = p.drive.current_limit if rated is None else rated

@@ -131,7 +131,7 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     peak = float(p.drive.current_limit)
     lasting = continuous_current(p), min(float(p.heat.continuous_current), peak), peak
     cold, start = settled(p, 0.0), settled(p, preload * min(lasting))
-    brief = short_term_current(p, duration, start), i2t_current(p, duration), peak
+    brief = short_term_current(p, duration, start), float(heat.sustained_current(FLOATS, p, duration)), peak
     free = [p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant for t in (cold, start)]
     speed = np.linspace(0.0, max(free), _POINTS)
     rests = {figure: parameters.estimates_in(names) for figure, names in INPUTS.items()}
@@ -157,17 +157,6 @@ def short_term_current(p: Any, duration: float, start: Temperatures) -> float:
         low, high = high, 2.0 * high
     # After a very long time the continuous current reaches the limit, to rounding.
     return low if excess(low) >= 0.0 else float(brentq(excess, low, high, xtol=1e-9))
-
-
-def i2t_current(p: Any, duration: float) -> float:
-    """Return the constant current [A] without fold-back for `duration` [s], from an empty I2t load."""
-    def excess(current: float) -> float:
-        return float(heat.loaded(FLOATS, p, 0.0, current * current, duration)) - heat.FOLDING
-
-    peak = p.drive.current_limit
-    if excess(peak) <= 0.0:
-        return float(peak)
-    return float(brentq(excess, min(p.heat.continuous_current, peak), peak, xtol=1e-12))
 
 
 def _rates(p: Any, current: float) -> tuple[Array, Array]:

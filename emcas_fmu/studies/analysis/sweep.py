@@ -9,7 +9,7 @@ frequencies at which the response crosses the bandwidth and each limit begins to
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from math import radians
@@ -120,22 +120,6 @@ def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
     return cycles / (samples * period), samples
 
 
-def _refined(coarse: Sequence[Sweep], measure: Callable[[Sequence[tuple[int, Array]]], list[Sweep]]) -> list[Sweep]:
-    """Return sweeps with added frequencies [Hz] where they first reach -3 dB, -90 deg or a limit, within _RESOLVED.
-
-    `measure` returns sweeps at further frequencies, from pairs of a sweep's index and frequencies.
-    """
-    sweeps, missing = list(coarse), dict(enumerate(map(_between, coarse)))
-    while wanted := [(k, frequency) for k, frequency in missing.items() if len(frequency)]:
-        missing = {}
-        for (k, _), finer in zip(wanted, measure(wanted), strict=True):
-            joined = _joined(sweeps[k], finer)
-            # With a long sample time no sine between two frequencies may have whole periods.
-            if len(joined.response.frequency) > len(sweeps[k].response.frequency):
-                sweeps[k], missing[k] = joined, _between(joined)
-    return sweeps
-
-
 def shared(sweeps: Sequence[Sweep]) -> list[Array]:
     """Return for each sweep the mask [frequencies] of those that all sweeps have."""
     common = reduce(np.intersect1d, (s.response.frequency for s in sweeps))
@@ -201,16 +185,21 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
     about = [min(max(at, -room), room) for room in rooms]
     period = float(values["controller.sample_time"])
     together = max(1, int(_NUMBERS * period / ((_SETTLE + _WINDOW) * _POINTS)))
-
-    def measure(wanted: Sequence[tuple[int, Array]]) -> list[Sweep]:
+    made: dict[int, Sweep] = {}
+    wanted = dict.fromkeys(range(len(chosen)), frequencies(period, highest))
+    while wanted:  # at first all frequencies, then those around crossings
         measured: list[Sweep] = []
         for first in range(0, len(wanted), together):
-            batch = [(chosen[k], about[k], frequency) for k, frequency in wanted[first:first + together]]
+            batch = [(chosen[k], about[k], frequency) for k, frequency in [*wanted.items()][first:first + together]]
             sizes, all_of = np.degrees([each[0] for each in batch]), np.concatenate([each[2] for each in batch])
             progress(f"sines of {sizes[0]:g} to {sizes[-1]:g} deg, {np.min(all_of):.3g} to {np.max(all_of):.3g} Hz",
                      first, len(wanted))
             measured += sines(values, batch, aero_torque, model)
-        return measured
-
-    grid = frequencies(period, highest)
-    return _refined(measure([(k, grid) for k in range(len(chosen))]), measure)
+        before = made.copy()
+        for k, finer in zip(wanted, measured, strict=True):
+            made[k] = _joined(made[k], finer) if k in made else finer
+        # With a long sample time no sine between two frequencies may have whole periods.
+        wanted = {k: between for k in wanted
+                  if k not in before or len(made[k].response.frequency) > len(before[k].response.frequency)
+                  if len(between := _between(made[k]))}
+    return list(made.values())
