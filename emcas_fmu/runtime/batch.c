@@ -35,7 +35,7 @@ API int actuator_bind(actuator *a, const double *parameters)
 API int actuator_start(actuator *a, const double *parameters)
 {
     if (!actuator_bind(a, parameters)) return 0;
-    a->state = (core_state){.period = 0};
+    a->state = (core_state){.time = {0, 0, 0}};
     core_start(a->values, a->values + MODEL_PARAMETERS, &a->state);
     return 1;
 }
@@ -57,7 +57,8 @@ API void actuator_outputs(const actuator *a, const double *in, double *out)
 {
     const core_inputs inputs = listed(in);
     const core_schedule plan = core_scheduled(a->values, a->values + MODEL_PARAMETERS);
-    core_outputs(a->values, a->values + MODEL_PARAMETERS, &a->state, &plan, &inputs, out);
+    core_outputs(a->values, a->values + MODEL_PARAMETERS, EVERY_LANE, &a->state, &a->state.tentative, &plan, &inputs,
+                 out);
 }
 
 /* Core.run: advance to `end` [s] with the core's inputs, held, or with a core_ramp as an array. */
@@ -69,8 +70,8 @@ API int actuator_run(actuator *a, double end, const double *in, const double *ra
     return core_run(a->values, a->values + MODEL_PARAMETERS, &a->state, end, &inputs, ramp ? &change : NULL, out);
 }
 
-/* The number of actuators in a vector of this processor, for which vectors.c is compiled: 8 with AVX-512, 4 with AVX2, 1
- * with neither, or if the system does not save their registers (Intel's manual, volume 1, 13.3 and 15.2). */
+/* The number of actuators in a vector of this processor, for which vectors.c is compiled: 8 with AVX-512, 4 with AVX2,
+ * 1 with neither, or if the system does not save their registers (Intel's manual, volume 1, 13.3 and 15.2). */
 API int actuator_lanes(void)
 {
 #if defined __x86_64__
@@ -84,8 +85,8 @@ API int actuator_lanes(void)
     return 1;
 }
 
-/* Simulate an actuator with its parameters from the start: all outputs at the rows of the table `in`. Returns how many rows
- * were reached. */
+/* Simulate an actuator with its parameters from the start: all outputs at the rows of the table `in`. Returns how many
+ * rows were reached. */
 API size_t actuator_simulate(const actuator *a, size_t rows, double step, const double *in, double *out, int *result)
 {
     const size_t run = 0;
@@ -94,6 +95,7 @@ API size_t actuator_simulate(const actuator *a, size_t rows, double step, const 
     output_column columns[MODEL_OUTPUTS];
     for (size_t i = 0; i < MODEL_INPUTS; ++i) inputs[i] = (input_column){in + i, 0, MODEL_INPUTS};
     for (size_t i = 0; i < MODEL_OUTPUTS; ++i) columns[i] = (output_column){out + i, 0, MODEL_OUTPUTS, i, 1};
-    simulate(a->values, 1u, &run, &(run_tables){rows, 1, 0, MODEL_OUTPUTS, step, inputs, columns, NULL, &reached, result});
+    simulate(a->values, LANES_ALL, &run,
+             &(run_tables){rows, 1, 0, MODEL_OUTPUTS, step, inputs, columns, NULL, &reached, result});
     return (size_t)reached;
 }

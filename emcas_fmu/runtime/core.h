@@ -1,9 +1,10 @@
 /* Samples, delay buffers and ticks of actuators that are stepped together: core.py in C, function by function.
  *
- * `lanes` are a number for each of them: one number by scalar.h, several if vector.h comes first. Lanes move together while
- * their samples and ticks coincide; `which` are the lanes that do, values of the others have no meaning. model.h holds the
- * sizes; it is generated, and so are the equations. The state is that at the beginning of a tick. At a communication point
- * inside a tick the outputs come from a tentative step, so that the trajectory does not depend on the host's step sizes.
+ * `lanes` are a number for each of them: one number by scalar.h, several if vector.h comes first. Lanes move together
+ * while their samples and ticks coincide; `which` are the lanes that do, values of the others have no meaning. model.h
+ * holds the sizes; it is generated, and so are the equations. The state is that at the beginning of a tick. At a
+ * communication point inside a tick the outputs come from a tentative step, so that the trajectory does not depend on
+ * the host's step sizes.
  */
 #ifndef EMCAS_CORE_H
 #define EMCAS_CORE_H
@@ -35,21 +36,25 @@ typedef struct {
     lanes begin, command, loads[CORE_LOADS], supply, further[CORE_ACTING + 1];
 } core_ramp;
 
-/* A tick that contains a communication point: the plant's time within the tick [s], the time up to which inputs are known
- * [s], the inputs at the beginning, and the integrals of the loads' differences from these. */
+/* A tick that contains a communication point: the plant's time within the tick [s], the time up to which inputs are
+ * known [s], the inputs at the beginning, and the integrals of the loads' differences from these. */
 typedef struct {
     lanes origin, covered;
     core_inputs first;
     lanes loads[CORE_LOADS];
 } core_part;
 
-/* Everything that changes while running; there is a part only while `partial`. The line is the delay buffer: the DAC's
+/* The number of the sample period and of the tick in it, and whether there is a part of a tick. */
+typedef struct {
+    int64_t period;
+    int32_t position, partial;
+} core_time;
+
+/* Everything that changes while running. The line is the delay buffer: the DAC's
  * values up to the present one and, behind them, the commands on their way, the oldest first. */
 typedef struct {
     core_part part;
-    int64_t period;
-    int32_t position;
-    int32_t partial;
+    core_time time;
     lanes sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, states that steps see */
     lanes active;
     core_plant plant, tentative;
@@ -84,8 +89,8 @@ static inline bool core_all_finite(const double *x, size_t count)
     return !(carries >> 63);
 }
 
-/* The sum is finite if all terms are, and if they are small enough to be added. That of vectors is made of four parts, which
- * a processor adds in parallel. */
+/* The sum is finite if all terms are, and if they are small enough to be added. That of vectors is made of four parts,
+ * which a processor adds in parallel. */
 static inline lanes core_sum(const lanes *x, int count)
 {
     enum { PARTS = LANES > 1 ? 4 : 1 };
@@ -153,19 +158,14 @@ static inline void core_inputs_of(const lanes *in, const lanes *motion_loads, co
     out->further[CORE_FURTHER] = lanes_set(0.0);
 }
 
-static inline void core_outputs_of(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
-                                   const core_plant *x, const core_schedule *plan, const core_inputs *in, lanes *out)
+/* The outputs with one of the plants of `s`. */
+static inline void core_outputs(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
+                                const core_plant *x, const core_schedule *plan, const core_inputs *in, lanes *out)
 {
     (void)which;
     EQUATIONS(outputs, which, p, c, CORE_PLANT_OF(x), s->active, s->line[core_values(plan) - 1],
-              CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in),
-              out);
-}
-
-static inline void core_outputs(const lanes *p, const lanes *c, const core_state *s, const core_schedule *plan,
-                                const core_inputs *in, lanes *out)
-{
-    core_outputs_of(p, c, EVERY_LANE, s, &s->tentative, plan, in, out);
+              CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command CORE_LOADS_OF(in), in->supply,
+              in->enable CORE_ACTING_OF(in), out);
 }
 
 /* The inputs at a time of a ramp, stored in `then`; without a ramp (null) the inputs are held. */
@@ -181,9 +181,10 @@ static inline const core_inputs *core_at(const core_inputs *in, const core_ramp 
     return then;
 }
 
-/* Step a plant of `s` over the rest of a tick, `left` [s], from event to event; returns the lanes that reached its end. */
-static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask which, const core_state *s, core_plant *x,
-                                     const core_inputs *in, lanes left)
+/* Step a plant of `s` over the rest of a tick, `left` [s], from event to event; returns the lanes that reached its
+ * end. */
+static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
+                                     core_plant *x, const core_inputs *in, lanes left)
 {
     lanes_mask moving = lanes_within(which, lanes_greater(left, lanes_set(0.0)));
     for (int i = 0; i < CORE_MOST_EVENTS && lanes_any(moving); ++i) {
@@ -200,9 +201,9 @@ static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask 
 static inline void core_extend(core_state *s, lanes until, const core_inputs *in)
 {
     core_part *part = &s->part;
-    if (!s->partial) {
+    if (!s->time.partial) {
         *part = (core_part){lanes_set(0.0), until, *in, {lanes_set(0.0)}};
-        s->partial = 1;
+        s->time.partial = 1;
         return;
     }
     const lanes gained = until - part->covered;
@@ -222,13 +223,15 @@ static inline core_inputs core_mean(const core_part *part)
     return mean;
 }
 
-/* A tick is split where inputs change that act through limits, or in a way that is not known here: the plant advances to
- * the time up to which inputs are known, and a new part begins there. Returns the lanes that got there. */
-static inline lanes_mask core_split(const lanes *p, const lanes *c, lanes_mask which, core_state *s, const core_inputs *in)
+/* A tick is split where inputs change that act through limits, or in a way that is not known here: the plant advances
+ * to the time up to which inputs are known, and a new part begins there. Returns the lanes that got there. */
+static inline lanes_mask core_split(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
+                                    const core_inputs *in)
 {
     core_part *part = &s->part;
-    lanes_mask same = lanes_both(lanes_equal(part->first.supply, in->supply), lanes_equal(part->first.enable, in->enable));
-    for (int i = 0; i < CORE_ACTING; ++i) same = lanes_both(same, lanes_equal(part->first.further[i], in->further[i]));
+    const core_inputs *first = &part->first;
+    lanes_mask same = lanes_both(lanes_equal(first->supply, in->supply), lanes_equal(first->enable, in->enable));
+    for (int i = 0; i < CORE_ACTING; ++i) same = lanes_both(same, lanes_equal(first->further[i], in->further[i]));
     const lanes_mask differ = lanes_but(which, same);
     if (!lanes_any(differ)) return lanes_but(which, NO_LANE);
     const core_inputs mean = core_mean(part);
@@ -246,8 +249,8 @@ static inline void core_push(lanes *values, size_t count, lanes last)
     values[count - 1] = last;
 }
 
-static inline void core_sample(const lanes *p, const lanes *c, lanes_mask which, core_state *s, const core_schedule *plan,
-                               const core_inputs *in)
+static inline void core_sample(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
+                               const core_schedule *plan, const core_inputs *in)
 {
     lanes out[1 + CORE_SAMPLED], command = in->command;
     const core_plant *x = &s->plant;
@@ -266,52 +269,55 @@ static inline void core_sample(const lanes *p, const lanes *c, lanes_mask which,
 /* The time at which the present tick begins [s]. */
 static inline lanes core_begun(const core_state *s, const core_schedule *plan)
 {
-    const lanes position = lanes_set(s->position);
-    const lanes within = s->position < core_count(plan->before) ? position * plan->h_before
-                                                                : plan->arrival + (position - plan->before) * plan->h_after;
-    return lanes_set((double)s->period) * plan->period + within;
+    const lanes position = lanes_set(s->time.position);
+    lanes within = position * plan->h_before;
+    if (s->time.position >= core_count(plan->before))
+        within = plan->arrival + (position - plan->before) * plan->h_after;
+    return lanes_set((double)s->time.period) * plan->period + within;
 }
 
-/* Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part. Returns the lanes that got
- * there. */
+/* Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part. Returns the lanes
+ * that got there. */
 static inline lanes_mask core_tick(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                    const core_schedule *plan, const core_inputs *in, const core_ramp *ramp, lanes until,
                                    bool whole)
 {
     const lanes begun = ramp ? core_begun(s, plan) : lanes_set(0.0);
-    const lanes covered = s->partial ? s->part.covered : lanes_set(0.0);
+    const lanes covered = s->time.partial ? s->part.covered : lanes_set(0.0);
     core_inputs sampled, middle, mean;
     const core_inputs *acting = core_at(in, ramp, begun + lanes_set(0.5) * (until + covered), &middle);
-    if (s->position == 0 && !s->partial) core_sample(p, c, which, s, plan, core_at(in, ramp, begun, &sampled));
-    s->active = s->line[s->position < core_count(plan->before) ? 0 : 1];
+    if (s->time.position == 0 && !s->time.partial)
+        core_sample(p, c, which, s, plan, core_at(in, ramp, begun, &sampled));
+    s->active = s->line[s->time.position < core_count(plan->before) ? 0 : 1];
     lanes origin = lanes_set(0.0);
-    if (s->partial) {
+    if (s->time.partial) {
         which = core_split(p, c, which, s, acting);
         if (!lanes_any(which)) return NO_LANE;
         origin = s->part.origin;
     }
-    if (s->partial || !whole) {
+    if (s->time.partial || !whole) {
         core_extend(s, until, acting);
         mean = core_mean(&s->part);
         acting = &mean;
     }
     if (whole) {
-        s->partial = 0;
+        s->time.partial = 0;
         return core_finish(p, c, which, s, &s->plant, acting, until - origin);
     }
     s->tentative = s->plant;
     return core_finish(p, c, which, s, &s->tentative, acting, until - origin);
 }
 
-/* Advance the lanes `which` (at least one) as core_run does, as far as they move together, but without restoring the state.
- * Returns the lanes that reached `end`, and sets `why` the others did not. */
+/* Advance the lanes `which` (at least one) as core_run does, as far as they move together, but without restoring the
+ * state. Returns the lanes that reached `end`, and sets `why` the others did not. */
 static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                    const core_schedule *plan, double end, const core_inputs *in, const core_ramp *ramp,
                                    lanes *out, core_result *why)
 {
     const int32_t ticks = (int32_t)lanes_of(plan->before + plan->after, 0);
     const int lead = lanes_lead(which);
-    lanes at[3] = {lanes_set((double)(s->period + 1)), lanes_set(0.0), lanes_set(0.0)}; /* most hosts step by samples */
+    /* Most hosts step from sample to sample. */
+    lanes at[3] = {lanes_set((double)(s->time.period + 1)), lanes_set(0.0), lanes_set(0.0)};
     const lanes_mask near = lanes_less_equal(lanes_fabs(lanes_set(end) - at[0] * plan->period), plan->slack);
     if (lanes_any(lanes_but(which, near))) {
         lanes located[3];
@@ -320,27 +326,28 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
     }
     const double periods = lanes_of(at[0], lead);
     *why = CORE_TOO_MANY_TICKS;
-    if (!((periods - (double)s->period) * ticks <= CORE_MOST_TICKS)) return NO_LANE;
+    if (!((periods - (double)s->time.period) * ticks <= CORE_MOST_TICKS)) return NO_LANE;
     lanes_mask moving = lanes_within(which, lanes_both(lanes_alike(at[0], lead), lanes_alike(at[1], lead)));
     int64_t period = (int64_t)(periods > -1.0 ? periods : -1.0); /* any time before the start is like the start */
     int32_t position = (int32_t)lanes_of(at[1], lead);
     lanes rest = at[2];
-    if (period < s->period || (period == s->period && position <= s->position)) { /* time never goes back */
-        const lanes covered = s->partial ? s->part.covered : lanes_set(0.0);
-        const bool behind = period < s->period || position < s->position;
-        period = s->period;
-        position = s->position;
+    /* Time never goes back. */
+    if (period < s->time.period || (period == s->time.period && position <= s->time.position)) {
+        const lanes covered = s->time.partial ? s->part.covered : lanes_set(0.0);
+        const bool behind = period < s->time.period || position < s->time.position;
+        period = s->time.period;
+        position = s->time.position;
         rest = behind ? covered : lanes_where(lanes_less(rest, covered), covered, rest);
     }
     /* The number of ticks is computed first, so that the loop ends whatever the state was. */
     *why = CORE_TOO_MANY_EVENTS;
-    for (int64_t left = (period - s->period) * ticks + (position - s->position); left > 0; --left) {
-        const lanes h = s->position < core_count(plan->before) ? plan->h_before : plan->h_after;
+    for (int64_t left = (period - s->time.period) * ticks + (position - s->time.position); left > 0; --left) {
+        const lanes h = s->time.position < core_count(plan->before) ? plan->h_before : plan->h_after;
         moving = core_tick(p, c, moving, s, plan, in, ramp, h, true);
         if (!lanes_any(moving)) return NO_LANE;
-        if (++s->position == ticks) {
-            s->position = 0;
-            ++s->period;
+        if (++s->time.position == ticks) {
+            s->time.position = 0;
+            ++s->time.period;
         }
     }
     const core_plant *reached = &s->plant; /* not the copy, for which the processor would wait */
@@ -352,16 +359,16 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
         reached = &s->tentative;
     }
     core_inputs final;
-    core_outputs_of(p, c, moving, s, reached, plan, core_at(in, ramp, lanes_set(end), &final), out);
+    core_outputs(p, c, moving, s, reached, plan, core_at(in, ramp, lanes_set(end), &final), out);
     *why = CORE_NOT_FINITE;
     return lanes_within(moving, lanes_finite(core_sum(s->sampled, CORE_SAMPLED) + core_sum(reached->x, CORE_PLANT)
                                              + core_sum(out, MODEL_OUTPUTS)));
 }
 
-/* Copy a state as far as it is in use: the first `line` values of the line, and the part of a tick if it is `partial`. */
+/* Copy a state as far as it is in use: `line` values of the delay buffer, and the part of a tick if `partial`. */
 static inline void core_keep(const core_state *s, core_state *to, size_t line, bool partial)
 {
-    const size_t begin = offsetof(core_state, period), end = offsetof(core_state, line) + line * sizeof *s->line;
+    const size_t begin = offsetof(core_state, time), end = offsetof(core_state, line) + line * sizeof *s->line;
     memcpy((char *)to + begin, (const char *)s + begin, end - begin);
     if (partial) to->part = s->part;
 }
@@ -375,9 +382,9 @@ static inline core_result core_run(const lanes *p, const lanes *c, core_state *s
     const size_t line = core_line_length(&plan);
     core_state before;
     core_result why;
-    core_keep(s, &before, line, s->partial);
+    core_keep(s, &before, line, s->time.partial);
     if (lanes_every(core_move(p, c, EVERY_LANE, s, &plan, end, in, ramp, out, &why))) return CORE_DONE;
-    core_keep(&before, s, line, before.partial);
+    core_keep(&before, s, line, before.time.partial);
     return why;
 }
 

@@ -12,24 +12,18 @@
 #endif
 
 enum {
-    VALUES = MODEL_PARAMETERS + KERNEL_CONSTANTS, /* the parameters of an actuator and the constants computed from them */
+    VALUES = MODEL_PARAMETERS + KERNEL_CONSTANTS, /* parameters of an actuator and, behind them, their constants */
     PLAN = sizeof(core_schedule) / sizeof(lanes),
     INPUTS = sizeof(core_inputs) / sizeof(lanes)
 };
 
-/* The time that each lane has reached, as in core_state. */
-typedef struct {
-    int64_t period[LANES];
-    int32_t position[LANES], partial[LANES];
-} group_times;
-
-/* LANES actuators. `motion_loads` are those of `motion`; `common_motion` is its number if all groups have the same motion,
- * else 0. The lanes have the `times` if they are `apart`, otherwise that of the state. */
+/* LANES actuators. `motion_loads` are those of `motion`; `common_motion` is its number if all groups have the same
+ * motion, else 0. The lanes have the `times` if they are `apart`, otherwise that of the state. */
 typedef struct {
     uint64_t common_motion;
     lanes motion[MODEL_MOTION], motion_loads[CORE_MOTION_LOADS];
     bool apart;
-    group_times times;
+    core_time times[LANES];
     core_state state; /* with a line as long as the longest of the batch */
 } group;
 
@@ -42,9 +36,9 @@ typedef struct {
     lanes_mask together; /* lanes whose schedule has the same numbers as that of lane 0 */
 } group_step;
 
-/* Many actuators, in groups of LANES. `order` lists the actuators of the groups; the last one is repeated to fill a group.
- * `common` are the values of one actuator; `indices` are the indices of those that differ between actuators, and `varying`
- * has lanes for each of these, group after group. */
+/* Many actuators, in groups of LANES. `order` lists the actuators of the groups; the last one is repeated to fill a
+ * group. `common` are the values of one actuator; `indices` are the indices of those that differ between actuators,
+ * and `varying` has lanes for each of these, group after group. */
 typedef struct {
     size_t count;
     const size_t *order;
@@ -84,8 +78,8 @@ API size_t batch_group_size(size_t line)
     return offsetof(group, state.line) + line * sizeof(lanes);
 }
 
-/* Compute the values and schedules of actuators from their `parameters`, `apart` [doubles] from one to the next. The period
- * of an actuator whose parameters break a limit or rule is NaN. */
+/* Compute the values and schedules of actuators from their `parameters`, `apart` [doubles] from one to the next. The
+ * period of an actuator whose parameters break a limit or rule is NaN. */
 API void batch_prepare(size_t count, const double *parameters, size_t apart, double *values, double *schedules)
 {
     for (size_t i = 0; i < count; ++i) {
@@ -138,37 +132,22 @@ static void copy_state(void (*copy)(lanes *, int, const lanes *, size_t), core_s
     copy(to->sampled, lane, from->sampled, ALWAYS + line);
 }
 
-static void set_time(group_times *times, int lane, const core_state *s)
-{
-    times->period[lane] = s->period;
-    times->position[lane] = s->position;
-    times->partial[lane] = s->partial;
-}
-
-static void get_time(core_state *s, const group_times *times, int lane)
-{
-    s->period = times->period[lane];
-    s->position = times->position[lane];
-    s->partial = times->partial[lane];
-}
-
 /* The lanes that have reached the same time as `lane`. */
-static unsigned beside(const group_times *t, int lane)
+static unsigned beside(const core_time *t, int lane)
 {
     unsigned with = 0;
     for (int l = 0; l < LANES; ++l)
-        with |= (unsigned)(t->period[l] == t->period[lane] && t->position[l] == t->position[lane]
-                           && t->partial[l] == t->partial[lane]) << l;
+        with |= (unsigned)(memcmp(&t[l], &t[lane], sizeof *t) == 0) << l;
     return with;
 }
 
 /* The lane of `which` (at least one) that has reached the latest time. */
-static int latest(const group_times *t, unsigned which)
+static int latest(const core_time *t, unsigned which)
 {
     int lead = __builtin_ctz(which);
     for (int l = lead + 1; l < LANES; ++l)
-        if (which >> l & 1u && (t->period[l] > t->period[lead]
-                                || (t->period[l] == t->period[lead] && t->position[l] > t->position[lead]))) lead = l;
+        if (which >> l & 1u && (t[l].period > t[lead].period
+                                || (t[l].period == t[lead].period && t[l].position > t[lead].position))) lead = l;
     return lead;
 }
 
@@ -182,47 +161,48 @@ static core_result alone(const group_step *g, const core_state *before, group *a
     spread_lane(values, lane, g->p, VALUES);
     spread_lane((lanes *)&inputs, lane, (const lanes *)in, INPUTS);
     copy_state(spread_lane, &state, lane, before, g->line);
-    get_time(&state, &at->times, lane);
+    state.time = at->times[lane];
     const core_result result = core_run(values, values + MODEL_PARAMETERS, &state, g->end, &inputs, NULL, outputs);
     copy_state(copy_lane, &at->state, lane, &state, g->line);
-    set_time(&at->times, lane, &state);
+    at->times[lane] = state.time;
     copy_lane(out, lane, outputs, MODEL_OUTPUTS);
     return result;
 }
 
-/* Advance a group, each lane all or nothing; returns the lanes that did not get there, with their reasons in `result`. */
+/* Advance a group, each lane all or nothing; returns the lanes that did not get there, their reasons in `result`. */
 static unsigned move(const group_step *g, group *at, const core_inputs *in, lanes *out, core_result *result)
 {
     core_state before, *s = &at->state;
     core_result why;
+    const bool apart = LANES > 1 && at->apart;
     unsigned which = lanes_bits(g->together), stopped = 0;
-    if (at->apart) {
-        const int lead = latest(&at->times, which);
-        which &= beside(&at->times, lead);
-        get_time(s, &at->times, lead);
+    if (apart) {
+        const int lead = latest(at->times, which);
+        which &= beside(at->times, lead);
+        s->time = at->times[lead];
     }
-    core_keep(s, &before, g->line, s->partial || at->apart);
+    core_keep(s, &before, g->line, apart || s->time.partial);
     which = lanes_bits(core_move(g->p, g->c, lanes_of_bits(which), s, &g->plan, g->end, in, NULL, out, &why));
     if (which == LANES_ALL) {
-        at->apart = false;
+        if (apart) at->apart = false;
         return 0;
     }
     for (int l = 0; l < LANES; ++l) {
-        if (!at->apart) set_time(&at->times, l, &before);
+        if (!apart) at->times[l] = before.time;
         if (which >> l & 1u) {
-            set_time(&at->times, l, s);
+            at->times[l] = s->time;
             continue;
         }
         result[l] = alone(g, &before, at, l, in, out);
         stopped |= (unsigned)(result[l] != CORE_DONE) << l;
     }
-    at->apart = beside(&at->times, 0) != LANES_ALL;
-    get_time(s, &at->times, 0);
+    at->apart = beside(at->times, 0) != LANES_ALL;
+    s->time = at->times[0];
     return stopped;
 }
 
-/* Compute the motion loads of a group if the vehicle's motion has changed. A motion that all groups have in common has a
- * number above 0, which changes with it. */
+/* Compute the motion loads of a group if the vehicle's motion has changed. A motion that all groups have in common has
+ * a number above 0, which changes with it. */
 static void update_motion_loads(group *at, const group_step *g, const lanes *motion, uint64_t common)
 {
     if (common && at->common_motion == common) return;
@@ -243,7 +223,7 @@ static void prefetch_from(const void *first, const void *last)
 static void prefetch(const group *at, size_t bytes)
 {
     prefetch_from(at->motion_loads, &at->state);
-    prefetch_from(&at->state.period, (const char *)at + bytes);
+    prefetch_from(&at->state.time, (const char *)at + bytes);
 }
 
 static void fill(lanes *values, const double *common)
@@ -276,9 +256,10 @@ API void batch_start(const batch *b, size_t first, size_t last)
         start((group *)(b->groups + k * b->group_size), values_of(b, k, values), b->group_size);
 }
 
-/* Advance groups first to last - 1 to `end` [s] with the interface's inputs held. The columns of inputs have a value for each
- * actuator, `stride` [doubles] apart, 0 if one is for all; `motion` is the number of the vehicle's motion. The columns of
- * outputs are `out_stride` [doubles] apart. Writes a result for each actuator; returns how many did not get there. */
+/* Advance groups first to last - 1 to `end` [s] with the interface's inputs held. The columns of inputs have a value
+ * for each actuator, `stride` [doubles] apart, 0 if one is for all; `motion` is the number of the vehicle's motion.
+ * The columns of outputs are `out_stride` [doubles] apart. Writes a result for each actuator; returns how many did not
+ * get there. */
 API size_t batch_run(const batch *b, size_t first, size_t last, double end, const double *const *columns,
                      const ptrdiff_t *stride, uint64_t motion, double *out, size_t out_stride, int *result)
 {

@@ -105,7 +105,7 @@ static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, cons
         const core_schedule plan = core_scheduled(m->p[fin], m->c[fin]);
         core_inputs acting = in[fin];
         acting.supply = line_level(m, acting.supply, s->line);
-        core_outputs(m->p[fin], m->c[fin], &s->core[fin], &plan, &acting,
+        core_outputs(m->p[fin], m->c[fin], EVERY_LANE, &s->core[fin], &s->core[fin].tentative, &plan, &acting,
                      out + LINE_OUTPUTS + fin * MODEL_OUTPUTS);
     }
     line_shared(m, in->supply, s->line, out);

@@ -33,10 +33,11 @@ static inline double *value_at(const output_column *column, size_t k)
     return column->first + (ptrdiff_t)(column->every == 1 ? k : k / column->every) * column->row;
 }
 
-/* Many whole runs, whose outputs are those at `points` points of time, `step` [s] apart and the first at 0. Each row of the
- * inputs, of which there are MODEL_INPUTS columns, is held for `held` steps. The stiffness of each run's `spring`, unless
- * NULL, times the output `angle` at a row is subtracted from the row's moment. `reached` is the number of points that each
- * run reached, and `result` why it went no further; outputs at further points are not written. */
+/* Many whole runs, whose outputs are those at `points` points of time, `step` [s] apart and the first at 0. Each row
+ * of the inputs, of which there are MODEL_INPUTS columns, is held for `held` steps. The stiffness of each run's
+ * `spring`, unless NULL, times the output `angle` at a row is subtracted from the row's moment. `reached` is the
+ * number of points that each run reached, and `result` why it went no further; outputs at further points are not
+ * written. */
 typedef struct {
     size_t points, held, angle, columns;
     double step;
@@ -97,7 +98,7 @@ static void simulate(const lanes *values, unsigned which, const size_t *run, con
             update_motion_loads(&at, &g, row + INPUT_ACCELERATION_X, 0);
             core_inputs_of(row, at.motion_loads, &inputs);
         }
-        if (k == 0) core_outputs(g.p, g.c, &at.state, &g.plan, &inputs, now);
+        if (k == 0) core_outputs(g.p, g.c, EVERY_LANE, &at.state, &at.state.tentative, &g.plan, &inputs, now);
         if (t->spring && k % t->held == 0) inputs.loads[0] = inputs.loads[0] - stiffness * now[t->angle];
         for (size_t j = 0; j < t->columns; ++j) {
             const output_column *out = &t->out[j];
@@ -110,9 +111,9 @@ static void simulate(const lanes *values, unsigned which, const size_t *run, con
     end_runs(t, run, which, 0, t->points, CORE_DONE);
 }
 
-/* Simulate whole runs from the start, those listed in `order`, in which neighbours have like schedules. The `values` of the
- * runs are `apart` [doubles] from one run to the next (0: one set for all). Runs with the result RUN_APART have to be
- * simulated by a library with one lane. */
+/* Simulate whole runs from the start, those listed in `order`, in which neighbours have like schedules. The `values`
+ * of the runs are `apart` [doubles] from one run to the next (0: one set for all). Runs with the result RUN_APART have
+ * to be simulated by a library with one lane. */
 API void batch_simulate(size_t count, const size_t *order, const double *values, size_t apart, const run_tables *t)
 {
     lanes of[VALUES];

@@ -1,5 +1,5 @@
-/* LANES numbers side by side, and conditions of them, in the widest vectors that the compiler's flags allow. In each lane
- * every operation has the bits of the same operation on one number in C. */
+/* LANES numbers side by side, and conditions of them, in the widest vectors that the compiler's flags allow. In each
+ * lane every operation has the bits of the same operation on one number in C. */
 #ifndef EMCAS_VECTOR_H
 #define EMCAS_VECTOR_H
 
@@ -19,7 +19,6 @@ static inline lanes lanes_load(const double *x) { return _mm512_loadu_pd(x); }
 static inline void lanes_store(double *to, lanes x) { _mm512_storeu_pd(to, x); }
 static inline lanes lanes_sqrt(lanes x) { return _mm512_sqrt_pd(x); }
 static inline lanes lanes_floor(lanes x) { return _mm512_roundscale_pd(x, _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC); }
-static inline lanes lanes_fabs(lanes x) { return _mm512_abs_pd(x); }
 static inline lanes lanes_minimum(lanes a, lanes b) { return _mm512_min_pd(a, b); }
 static inline lanes lanes_maximum(lanes a, lanes b) { return _mm512_max_pd(a, b); }
 static inline lanes_mask lanes_less(lanes a, lanes b) { return _mm512_cmp_pd_mask(a, b, _CMP_LT_OQ); }
@@ -34,15 +33,6 @@ static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return a & b; 
 static inline lanes_mask lanes_but(lanes_mask a, lanes_mask b) { return (lanes_mask)(a & ~b); }
 static inline lanes_mask lanes_either(lanes_mask a, lanes_mask b) { return a | b; }
 static inline lanes lanes_where(lanes_mask m, lanes yes, lanes no) { return _mm512_mask_blend_pd(m, no, yes); }
-static inline lanes lanes_shifted(lanes x)
-{
-    return _mm512_castsi512_pd(_mm512_slli_epi64(_mm512_castpd_si512(x), 52));
-}
-static inline lanes lanes_exponent_bits(lanes x)
-{
-    return _mm512_castsi512_pd(_mm512_srli_epi64(_mm512_castpd_si512(x), 52));
-}
-static inline lanes lanes_or(lanes a, lanes b) { return _mm512_or_pd(a, b); }
 static inline unsigned lanes_bits(lanes_mask m) { return m; }
 static inline lanes_mask lanes_of_bits(unsigned bits) { return (lanes_mask)bits; }
 #elif defined __AVX2__
@@ -53,7 +43,6 @@ static inline lanes lanes_load(const double *x) { return _mm256_loadu_pd(x); }
 static inline void lanes_store(double *to, lanes x) { _mm256_storeu_pd(to, x); }
 static inline lanes lanes_sqrt(lanes x) { return _mm256_sqrt_pd(x); }
 static inline lanes lanes_floor(lanes x) { return _mm256_floor_pd(x); }
-static inline lanes lanes_fabs(lanes x) { return _mm256_andnot_pd(_mm256_set1_pd(-0.0), x); }
 static inline lanes lanes_minimum(lanes a, lanes b) { return _mm256_min_pd(a, b); }
 static inline lanes lanes_maximum(lanes a, lanes b) { return _mm256_max_pd(a, b); }
 static inline lanes_mask lanes_less(lanes a, lanes b) { return _mm256_cmp_pd(a, b, _CMP_LT_OQ); }
@@ -68,15 +57,6 @@ static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return _mm256_
 static inline lanes_mask lanes_but(lanes_mask a, lanes_mask b) { return _mm256_andnot_pd(b, a); }
 static inline lanes_mask lanes_either(lanes_mask a, lanes_mask b) { return _mm256_or_pd(a, b); }
 static inline lanes lanes_where(lanes_mask m, lanes yes, lanes no) { return _mm256_blendv_pd(no, yes, m); }
-static inline lanes lanes_shifted(lanes x)
-{
-    return _mm256_castsi256_pd(_mm256_slli_epi64(_mm256_castpd_si256(x), 52));
-}
-static inline lanes lanes_exponent_bits(lanes x)
-{
-    return _mm256_castsi256_pd(_mm256_srli_epi64(_mm256_castpd_si256(x), 52));
-}
-static inline lanes lanes_or(lanes a, lanes b) { return _mm256_or_pd(a, b); }
 static inline unsigned lanes_bits(lanes_mask m) { return (unsigned)_mm256_movemask_pd(m); }
 static inline lanes_mask lanes_of_bits(unsigned b)
 {
@@ -86,12 +66,14 @@ static inline lanes_mask lanes_of_bits(unsigned b)
 #endif
 
 enum { LANES_ALL = (1 << LANES) - 1 };
+typedef uint64_t lanes_words __attribute__((vector_size(sizeof(lanes)))); /* the bits of each number */
 
 /* A function of the equations, for the lanes `which`. */
 #define EQUATIONS(name, which, ...) vector_##name(lanes_bits(which), __VA_ARGS__)
 #define EVERY_LANE lanes_of_bits(LANES_ALL)
 #define NO_LANE lanes_of_bits(0)
 
+static inline lanes lanes_fabs(lanes x) { return (lanes)((lanes_words)x & UINT64_C(0x7fffffffffffffff)); }
 static inline lanes_mask lanes_greater(lanes a, lanes b) { return lanes_less(b, a); }
 static inline lanes_mask lanes_greater_equal(lanes a, lanes b) { return lanes_less_equal(b, a); }
 static inline lanes_mask lanes_negate(lanes_mask m) { return lanes_but(EVERY_LANE, m); }
@@ -103,7 +85,7 @@ static inline lanes_mask lanes_where_mask(lanes_mask m, lanes_mask yes, lanes_ma
 static inline lanes_mask lanes_within(lanes_mask which, lanes_mask m) { return lanes_both(which, m); }
 static inline bool lanes_any(lanes_mask m) { return lanes_bits(m) != 0; }
 static inline bool lanes_every(lanes_mask m) { return lanes_bits(m) == LANES_ALL; }
-static inline int lanes_lead(lanes_mask which) { return __builtin_ctz(lanes_bits(which)); } /* the first of at least one */
+static inline int lanes_lead(lanes_mask which) { return __builtin_ctz(lanes_bits(which)); } /* at least one */
 static inline double lanes_of(lanes x, int lane) { return ((const double *)&x)[lane]; }
 static inline lanes_mask lanes_alike(lanes x, int lane) { return lanes_equal(x, lanes_set(lanes_of(x, lane))); }
 static inline lanes_mask lanes_finite(lanes x) { return lanes_equal(x - x, lanes_set(0.0)); }
@@ -112,12 +94,15 @@ static inline lanes lanes_clip(lanes x, lanes low, lanes high)
     return lanes_where(lanes_less(x, low), low, lanes_minimum(high, x));
 }
 
-/* The two operations on bits in ops/elementary.py. In a double between 2 to the power of 52 and of 53 the last bit counts
- * ones: a whole number that is added to it is in its last bits, and bits that are set there add a whole number. */
-static inline lanes lanes_power_of_two(lanes k) { return lanes_shifted(k + lanes_set(0x1.8p52 + 1023.0)); }
+/* The two operations on bits in ops/elementary.py. In a double between 2 to the power of 52 and of 53 the last bit
+ * counts ones: a whole number that is added to it is in its last bits, and bits set there add a whole number. */
+static inline lanes lanes_power_of_two(lanes k)
+{
+    return (lanes)((lanes_words)(k + lanes_set(0x1.8p52 + 1023.0)) << 52);
+}
 static inline lanes lanes_exponent(lanes x)
 {
-    return lanes_or(lanes_exponent_bits(x), lanes_set(0x1p52)) - lanes_set(0x1p52) - lanes_set(1023.0);
+    return (lanes)((lanes_words)x >> 52 | (lanes_words)lanes_set(0x1p52)) - lanes_set(0x1p52) - lanes_set(1023.0);
 }
 
 #endif

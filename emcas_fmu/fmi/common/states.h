@@ -20,19 +20,19 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
         || !core_all_finite(core->sampled, CORE_SAMPLED) || !core_finite(core->active))
         return "a number is not finite";
     if (!core_all_finite(core->line, core_line_length(plan))) return "delay line";
-    if (core->period < 0 || core->period > INT64_C(1000000000000) || core->position < 0
-        || core->position >= plan->before + plan->after || (core->partial != 0 && core->partial != 1))
+    if (core->time.period < 0 || core->time.period > INT64_C(1000000000000) || core->time.position < 0
+        || core->time.position >= plan->before + plan->after || (core->time.partial != 0 && core->time.partial != 1))
         return "place in time";
-    if (core->partial) {
+    if (core->time.partial) {
         const core_part *part = &core->part;
         double numbers[sizeof *part / sizeof(double)];
         memcpy(numbers, part, sizeof numbers);
-        const double h = core->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
+        const double h = core->time.position < (int32_t)plan->before ? plan->h_before : plan->h_after;
         if (!core_all_finite(numbers, sizeof numbers / sizeof *numbers) || part->origin < 0.0
             || part->covered < part->origin || part->covered > h)
             return "part of a tick";
     }
-    const double period = (double)core->period * plan->period;
+    const double period = (double)core->time.period * plan->period;
     if (now * DBL_EPSILON > plan->slack) return "place in time";
     if (now < period - plan->slack || now > period + plan->period + plan->slack) return "place in time";
     return NULL;

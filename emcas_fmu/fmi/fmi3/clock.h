@@ -34,7 +34,7 @@ fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
         const core_state *core = m->s.fins.core;
         if (!value[i] && m->ticks)
             return report(m, fmi3Error, "fmi3SetClock: %s cannot be deactivated", CLOCK_NAME);
-        if (value[i] && (core->position != 0 || core->partial))
+        if (value[i] && (core->time.position != 0 || core->time.partial))
             return report(m, fmi3Error, "fmi3SetClock: %s does not tick at %.17g s, which is not a sample",
                           CLOCK_NAME, m->s.start + m->s.now);
     }

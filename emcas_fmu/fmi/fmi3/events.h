@@ -31,7 +31,7 @@ static double next_tick(const instance *m, double *shortest)
     for (size_t fin = 0; fin < FINS; ++fin) {
         const core_state *core = &m->s.fins.core[fin];
         const core_schedule plan = core_scheduled(m->fins.p[fin], m->fins.c[fin]);
-        const double h = core->position < (int32_t)plan.before ? plan.h_before : plan.h_after;
+        const double h = core->time.position < (int32_t)plan.before ? plan.h_before : plan.h_after;
         const double end = core_begun(core, &plan) + h;
         next = fmin(next, end > m->s.now + m->fins.slack ? end : end + h);
         *shortest = fmin(*shortest, fmin(plan.h_before, plan.h_after));
