@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, wraps
+from functools import cached_property, reduce, wraps
 from typing import Any, NamedTuple
 
 from ..namespace import Record, with_values
@@ -46,6 +46,19 @@ class Group:
     def nominal(self) -> dict[str, float]:
         """The values of the deviations of a plant that its controllers know exactly."""
         return {deviation.variable.name: 0.0 for deviation in self.deviations}
+
+    def reworded(self, words: Mapping[str, str], sheets: Mapping[str, str] | None = None) -> Group:
+        """Return the group with other `words` in the descriptions of its variables, and others in their `sheets`."""
+        def changed(v: Variable) -> Variable:
+            return replace(v, description=_replaced(v.description, words), sheet=_replaced(v.sheet, sheets or {}))
+
+        return replace(self, parameters=tuple(map(changed, self.parameters)),
+                       outputs=tuple(out._replace(variable=changed(out.variable)) for out in self.outputs))
+
+
+def _replaced(text: str, words: Mapping[str, str]) -> str:
+    return reduce(lambda text, word: text.replace(*word), words.items(), text)
+
 
 
 def port(parameters: tuple[Variable, ...] = fin_port.PARAMETERS, rate: Equation = lambda ops, p, m: m.rate,

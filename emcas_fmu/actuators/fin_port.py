@@ -64,30 +64,28 @@ def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = O
 # -- parameters --------------------------------------------------------------------
 
 
-def turning(fork: str = "fork") -> tuple[Variable, ...]:
-    """Return inertias, masses and centres of mass of fin, shaft and fork, which is called `fork`."""
-    there = (("fin", "fin", "fin"), ("shaft", "fin shaft", "fin shaft"), ("fork", "fork", fork))
-    return (
-        *(parameter(f"inertia.{part}", "kg.m2", 1e-9 if part == "fin" else 0.0, 1e3, f"{name} inertia about the hinge",
-                    sheet=f"drawing: inertia of the {sheet} about the hinge") for part, sheet, name in there),
-        *(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass", sheet=f"drawing: mass of the {sheet}")
-          for part, sheet, name in there),
-        *(parameter(f"center_of_mass.{part}.{axis}", "m", -5.0, 5.0,
-                    f"centre of mass of the {name} from the hinge at fin_angle 0, along {axis}",
-                    sheet=f"drawing: centre of mass of the {part} from the hinge")
-          for part, name in (("fin", "fin"), ("shaft", "shaft"), ("fork", fork)) for axis in ("x", "z")))
-
-
+_TURNING = (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork"))
 SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
                         sheet="controller: sample time (cycle time)", display="ms")
-TRAVEL = (
+PARAMETERS = (
+    *(parameter(f"inertia.{part}", "kg.m2", 1e-9 if part == "fin" else 0.0, 1e3, f"{name} inertia about the hinge",
+                sheet=f"drawing: inertia of the {name} about the hinge") for part, name in _TURNING),
+    *(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass", sheet=f"drawing: mass of the {name}")
+      for part, name in _TURNING),
+    *(parameter(f"center_of_mass.{part}.{axis}", "m", -5.0, 5.0,
+                f"centre of mass of the {part} from the hinge at fin_angle 0, along {axis}",
+                sheet=f"drawing: centre of mass of the {part} from the hinge")
+      for part, _ in _TURNING for axis in ("x", "z")),
+    SAMPLE_TIME,
     parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command",
               sheet="specification: operating range of the fin, to each side"),
     parameter("fin.stop_angle", "rad", radians(0.1), radians(80), "mechanical stop, both sides, inelastic",
               sheet="drawing: mechanical stop, to each side"),
     parameter("fin.start_angle", "rad", radians(-80), radians(80), "fin angle at the start, at rest"),
-)
-BUS = (
+    switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),
+    parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
+    parameter("mounting.station", "m", -100.0, 100.0,
+              "position of the hinge along body x, from the point whose acceleration the inputs are"),
     parameter("command.latency", "s", 0.0, 2.0, "delay of the command on its way to the controllers, in whole sample "
               f"times (rounded), at most {bus.LONGEST} of them",
               sheet="specification: delay of the command on the data bus", display="ms"),
@@ -96,22 +94,8 @@ BUS = (
     parameter("command.update_time", "s", 0.0, 10.0, "interval at which the controllers read "
               "the command from the bus, in whole sample times (rounded; 0: at every sample)",
               sheet="specification: interval between commands on the data bus", display="ms"),
+    parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick", display="ms"),
 )
-MOUNTING = (
-    switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),
-    parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
-    parameter("mounting.station", "m", -100.0, 100.0,
-              "position of the hinge along body x, from the point whose acceleration the inputs are"),
-)
-MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick", display="ms")
-
-
-def parameters(fork: str = "fork") -> tuple[Variable, ...]:
-    """Return the parameters of the port; `fork` names the part that turns the fin's shaft."""
-    return (*turning(fork), SAMPLE_TIME, *TRAVEL, *MOUNTING, *BUS, MAX_TICK)
-
-
-PARAMETERS = parameters()
 
 TERMINALS = (
     Terminal("command", "what the flight computer sends and gets back",

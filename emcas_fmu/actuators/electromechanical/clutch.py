@@ -227,8 +227,9 @@ _POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.power),), termi
                provides=(capabilities.SUPPLY_VOLTAGE,))
 COMPOSITION = interface.composed(
     moment, *clutches.SCREW_SIDE,
-    groups.hinge(saturated="any limit active: command, speed, DAC or an amplifier's voltage"), _POWER,
-    groups.delay("delay from DAC to the requested coil current"), _AMPLIFIERS, clutches.FRICTION, _CLUTCHES)
+    groups.HINGE.reworded({"DAC, current or voltage": "DAC or an amplifier's voltage"}), _POWER,
+    groups.DELAY.reworded({"current reference": "the requested coil current"}), _AMPLIFIERS, clutches.FRICTION,
+    _CLUTCHES)
 ACTUATOR = Actuator(
     **COMPOSITION.declared(motor="motor, clutches and screw"),
     name="clutch",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ...namespace import Record, value_of
@@ -21,9 +22,11 @@ SHAFT = Group(outputs=(
 CLUTCH_TEMPERATURE = Output(real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0),
                             lambda ops, p, m: m.x.clutch_temperature)
 # Behind the clutches: the groups of screw and fin, with loops that control the screw.
-SCREW_SIDE = (groups.LEVER, groups.coulomb("screw"), groups.encoder("screw"), groups.SCREW,
-              *groups.LOOPS, groups.viscous("screw"), groups.HINGE_FRICTION, SHAFT, groups.MOTOR,
-              groups.COMPENSATION)
+_AT_SCREW = {"motor": "screw"}
+SCREW_SIDE = (
+    groups.LEVER, replace(groups.COULOMB, provides=()).reworded(_AT_SCREW), groups.ENCODER.reworded(_AT_SCREW),
+    groups.SCREW, *groups.LOOPS, groups.VISCOUS.reworded(_AT_SCREW), groups.HINGE_FRICTION, SHAFT, groups.MOTOR,
+    groups.COMPENSATION)
 FRICTION = Group((
     parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction of the motor's side"),
     parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of the motor's side")))

@@ -32,7 +32,8 @@ STATES = (*interface.MOTION, *interface.DRIVE,
           State(FIN_SIDE[0], "rad", "of the fin, referred to the motor"),
           State(FIN_SIDE[1], "rad/s", "of the fin, referred to the motor"))
 _LIMPEST = 1e100  # rad/(N.m): far beyond any real part; results computed from it stay finite
-SHAFT = groups.shaft("angle of the rotor (indirect fin angle, by lever and screw)", rigid=False)
+SHAFT = replace(groups.SHAFT, provides=()).reworded(
+    {"motor angle": "angle of the rotor (indirect fin angle, by lever and screw)"})
 
 
 @rule("drive_line.fork_stiffness = %.6g, drive_line.shaft_stiffness = %.6g and drive_line.structure_stiffness = %.6g "
@@ -49,48 +50,30 @@ def _group(*parameters: Variable, provides: Iterable[str] = (), **absent: float)
     """Return a group of parameters ``drive_line``; those without a value `absent` are 0 in its absence."""
     return Group(in_group("drive_line", *parameters), provides=tuple(provides),
                  absent={f"drive_line.{v.name}": absent.get(v.name, 0.0) for v in parameters})
-
-
-def axial(parts: str = "screw, nut and thrust bearing", along: str = "in tension",
-          sheet: str = "screw: compliance, 1 over the axial rigidity of screw, nut and bearing") -> Group:
-    """Return the compliance of these parts along the screw's axis."""
-    return _group(
-        parameter("axial_compliance", "m/N", 0.0, 1e-3, f"compliance of {parts} {along} (0: rigid)", sheet=sheet),
-        parameter("axial_damping", "N.s/m", 0.0, 1e7, f"structural damping of {parts}"))
-
-
-AXIAL = axial()
+AXIAL = _group(
+    parameter("axial_compliance", "m/N", 0.0, 1e-3, "compliance of screw, nut and thrust bearing in tension (0: rigid)",
+              sheet="screw: compliance, 1 over the axial rigidity of screw, nut and bearing"),
+    parameter("axial_damping", "N.s/m", 0.0, 1e7, "structural damping of screw, nut and thrust bearing"))
 TORSIONAL = _group(
     parameter("torsional_compliance", "rad/(N.m)", 0.0, 1e3, "compliance of motor shaft and screw in torsion (0: "
               "rigid)"),
     parameter("torsional_damping", "N.m.s/rad", 0.0, 10.0, "structural damping of motor shaft and screw in torsion"))
-
-
-def hinge(fork: str = "fork", screw: str = "screw") -> Group:
-    """Return the compliance about the hinge, with the names of fork and screw."""
-    return _group(
-        parameter("fork_stiffness", "N.m/rad", 0.0, 1e9, f"stiffness of the {fork} about the hinge (0: rigid)"),
-        parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)",
-                  sheet="drawing: stiffness of the fin's shaft in torsion"),
-        parameter("structure_stiffness", "N.m/rad", 0.0, 1e9,
-                  f"stiffness about the hinge of what bears shaft and {screw} (0: rigid)"),
-        parameter("hinge_damping", "N.m.s/rad", 0.0, 1e6,
-                  f"structural damping of {fork}, shaft and structure about the hinge"))
-
-
-def gap(flanks: str = "nut and fork", along: str = "screw", sheet: str = "screw: axial play") -> Group:
-    """Return the gap between two flanks, and their contact."""
-    return _group(
-        parameter("backlash", "m", 0.0, 0.01,
-                  f"whole gap between {flanks} along the {along} (0: preloaded, no contact)", sheet=sheet),
-        parameter("contact_stiffness", "N/m", 1e4, 1e10, f"stiffness of the flanks of {flanks}"),
-        parameter("contact_damping", "N.s/m", 0.0, 1e7, f"damping of the flanks of {flanks}"),
-        provides=(capabilities.BACKLASH,), contact_stiffness=1.0)
-
-
-HINGE, GAP = hinge(), gap()
+HINGE = _group(
+    parameter("fork_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fork about the hinge (0: rigid)"),
+    parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)",
+              sheet="drawing: stiffness of the fin's shaft in torsion"),
+    parameter("structure_stiffness", "N.m/rad", 0.0, 1e9,
+              "stiffness about the hinge of what bears shaft and screw (0: rigid)"),
+    parameter("hinge_damping", "N.m.s/rad", 0.0, 1e6,
+              "structural damping of fork, shaft and structure about the hinge"))
+GAP = _group(
+    parameter("backlash", "m", 0.0, 0.01,
+              "whole gap between nut and fork along the screw (0: preloaded, no contact)", sheet="screw: axial play"),
+    parameter("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),
+    parameter("contact_damping", "N.s/m", 0.0, 1e7, "damping of the flanks of nut and fork"),
+    provides=(capabilities.BACKLASH,), contact_stiffness=1.0)
 LINE = (AXIAL, TORSIONAL, GAP, HINGE)
-SCREW = groups.screw("nut displacement from the assembly position, before the gap")
+SCREW = groups.SCREW.reworded({"assembly position": "assembly position, before the gap"})
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:

@@ -17,50 +17,33 @@ from .interface import SUPPLY_POWER
 
 # -- hinge, lever and screw --------------------------------------------------------
 
-
-def hinge(fork: str = "fork", **descriptions: str) -> Group:
-    """Return the fin on its shaft with the `fork` that turns it; `descriptions` are those of outputs, by name."""
-    return replace(
-        port((*fin_port.parameters(fork),
-              parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
-             lambda ops, p, m: m.speed / kinematics.reduction_ratio(ops, p, m.tangent), **{
-                 "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
-                 "saturated": "any limit active: command, speed, DAC, current or voltage", **descriptions}),
-        provides=(capabilities.SCREW_DRIVE,), deviations=(as_built.FIN,))
-
-
-HINGE = hinge()
+HINGE = replace(
+    port((*fin_port.PARAMETERS,
+          parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
+         lambda ops, p, m: m.speed / kinematics.reduction_ratio(ops, p, m.tangent),
+         measured_fin_angle="fin angle the controller reads from its encoder at the last sample",
+         saturated="any limit active: command, speed, DAC, current or voltage"),
+    provides=(capabilities.SCREW_DRIVE,), deviations=(as_built.FIN,))
 HINGE_FRICTION = Group((
     parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
               sheet="bench: friction torque of the hinge's bearings and seals"),), absent={"friction.fin_coulomb": 0.0})
-
-
-def lever(axis: str = "the screw axis") -> Group:
-    """Return the lever that turns the fin, at a distance from an `axis`."""
-    return Group((
-        parameter("kinematics.moment_arm", "m", 1e-3, 1.0, f"distance of the hinge from {axis}, d",
-                  sheet="drawing: lever arm, from the hinge to the axis of screw or cylinder"),
-        parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
-                  "assembly angle of the lever at fin_angle 0",
-                  sheet="drawing: angle of the lever at fin angle 0, from square to that axis")),
-        rules=(rules.lever_angle,), absent={"kinematics.initial_angle": 0.0},
-        deviations=(as_built.MOMENT_ARM, as_built.INITIAL_ANGLE))
-
-
-def screw(nut_position: str = "nut displacement from the assembly position") -> Group:
-    """Return screw and nut on the lever, with the description of the output."""
-    return Group((
-        parameter("screw.lead", "m/rad", 1e-6, 1e-1, "screw lead per radian", sheet="screw: lead"),
-        parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis",
-                  sheet="screw: inertia about its axis, with the coupling"),
-        parameter("mass.nut", "kg", 0.0, 1e3, "nut mass",
-                  sheet="screw: mass of the nut, with what moves along the screw")),
-        (Output(real_output("nut_position", "m", nut_position, 0.01),
-                lambda ops, p, m: kinematics.nut_position(ops, p, m.nut)),),
-        (rules.some_inertia,), (capabilities.SCREW_AND_LEVER,), {"mass.nut": 0.0}, (as_built.LEAD,))
-
-
-LEVER, SCREW = lever(), screw()
+LEVER = Group((
+    parameter("kinematics.moment_arm", "m", 1e-3, 1.0, "distance of the hinge from the screw axis, d",
+              sheet="drawing: lever arm, from the hinge to the axis of screw or cylinder"),
+    parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
+              "assembly angle of the lever at fin_angle 0",
+              sheet="drawing: angle of the lever at fin angle 0, from square to that axis")),
+    rules=(rules.lever_angle,), absent={"kinematics.initial_angle": 0.0},
+    deviations=(as_built.MOMENT_ARM, as_built.INITIAL_ANGLE))
+SCREW = Group((
+    parameter("screw.lead", "m/rad", 1e-6, 1e-1, "screw lead per radian", sheet="screw: lead"),
+    parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis",
+              sheet="screw: inertia about its axis, with the coupling"),
+    parameter("mass.nut", "kg", 0.0, 1e3, "nut mass",
+              sheet="screw: mass of the nut, with what moves along the screw")),
+    (Output(real_output("nut_position", "m", "nut displacement from the assembly position", 0.01),
+            lambda ops, p, m: kinematics.nut_position(ops, p, m.nut)),),
+    (rules.some_inertia,), (capabilities.SCREW_AND_LEVER,), {"mass.nut": 0.0}, (as_built.LEAD,))
 # The motor feels the whole load of the nut: extensions may add losses.
 LOSSLESS = Group(provides=(capabilities.SCREW_LOAD,))
 EFFICIENCY = Group((
@@ -72,40 +55,31 @@ EFFICIENCY = Group((
 
 # -- friction ----------------------------------------------------------------------
 
+
 def _table(quantity: str, unit: str, minimum: float, maximum: float, description: str) -> tuple[Variable, ...]:
     return tuple(parameter(f"friction.table.{quantity}[{i}]", unit, minimum, maximum, f"{description}, point {i + 1}")
                  for i in range(rules.TABLE_POINTS))
 
 
-def viscous(at: str = "motor") -> Group:
-    """Return the viscous friction at a shaft of this name, and the temperature it depends on."""
-    return Group((
-        *(parameter(f"friction.viscous.{way}", "N.m.s/rad", 0.0, 10.0, f"viscous friction at the {at}, {way} motion",
-                    sheet="bench: viscous friction without load") for way in ("positive", "negative")),
-        *_table("temperature", "degC", -100.0, 200.0, "temperature of the table of friction, rising"),
-        *_table("viscous", "1", 0.0, 100.0, "viscous friction there over that at 24 degC"),
-        parameter("friction.identified_from", "degC", -100.0, 200.0,
-                  "coldest temperature at which friction was tested"),
-        parameter("friction.identified_to", "degC", -100.0, 200.0, "warmest temperature at which friction was tested"),
-        tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature")),
-        rules=rules.TEMPERATURE_RULES, provides=(capabilities.AMBIENT_TEMPERATURE,), deviations=(as_built.VISCOUS,))
-
-
-def coulomb(at: str = "motor") -> Group:
-    """Return the Coulomb friction at a shaft of this name."""
-    return Group((
-        *(parameter(f"friction.coulomb.{way}[{power}]", "N.m", -10.0, 10.0,
-                    f"Coulomb friction at the {at} for {way} motion: coefficient of (fin_angle/20 deg)^{power}",
-                    "bench: friction torque without load; a constant one is the first number, the others 0")
-          for way in ("positive", "negative") for power in range(7)),
-        *_table("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC")),
-        rules=rules.FRICTION_RULES,
-        provides=(capabilities.COULOMB_FRICTION,) if at == "motor" else (), absent={
-            "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7,
-            "friction.table.coulomb": (1.0,) * rules.TABLE_POINTS}, deviations=(as_built.COULOMB,))
-
-
-VISCOUS, COULOMB = viscous(), coulomb()
+VISCOUS = Group((
+    *(parameter(f"friction.viscous.{way}", "N.m.s/rad", 0.0, 10.0, f"viscous friction at the motor, {way} motion",
+                sheet="bench: viscous friction without load") for way in ("positive", "negative")),
+    *_table("temperature", "degC", -100.0, 200.0, "temperature of the table of friction, rising"),
+    *_table("viscous", "1", 0.0, 100.0, "viscous friction there over that at 24 degC"),
+    parameter("friction.identified_from", "degC", -100.0, 200.0,
+              "coldest temperature at which friction was tested"),
+    parameter("friction.identified_to", "degC", -100.0, 200.0, "warmest temperature at which friction was tested"),
+    tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature")),
+    rules=rules.TEMPERATURE_RULES, provides=(capabilities.AMBIENT_TEMPERATURE,), deviations=(as_built.VISCOUS,))
+COULOMB = Group((
+    *(parameter(f"friction.coulomb.{way}[{power}]", "N.m", -10.0, 10.0,
+                f"Coulomb friction at the motor for {way} motion: coefficient of (fin_angle/20 deg)^{power}",
+                "bench: friction torque without load; a constant one is the first number, the others 0")
+      for way in ("positive", "negative") for power in range(7)),
+    *_table("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC")),
+    rules=rules.FRICTION_RULES, provides=(capabilities.COULOMB_FRICTION,), absent={
+        "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7,
+        "friction.table.coulomb": (1.0,) * rules.TABLE_POINTS}, deviations=(as_built.COULOMB,))
 
 # -- motor and drive ---------------------------------------------------------------
 
@@ -120,27 +94,17 @@ MOTOR = Group((
     Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"), lambda ops, p, m: m.x.motor_speed),
     Output(real_output("motor_torque", "N.m", "motor torque", 3.0), lambda ops, p, m: drive.torque(p, m.current))),
     deviations=(as_built.FLUX,))
-
-
-def shaft(motor_angle: str = "motor angle", rigid: bool = True) -> Group:
-    """Return the motor's angle, with its description; of a `rigid` drive line the fin's angle follows from it."""
-    return Group(outputs=(Output(real_output("motor_angle", "rad", motor_angle, 10.0),
-                                 lambda ops, p, m: m.x.motor_angle),),
-                 provides=(capabilities.RIGID_DRIVE_LINE,) if rigid else ())
-
-
-def current(motor_current: str = "motor current") -> Group:
-    """Return current and voltage of a motor for both directions, with the description of the current."""
-    return Group(outputs=(
-        Output(real_output("motor_current", "A", motor_current, 30.0), lambda ops, p, m: m.current),
-        Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0),
-               lambda ops, p, m: m.voltage)),
-        provides=(capabilities.MOTOR_CURRENT, capabilities.DRIVE_STEP,))
-
-
-SHAFT, CURRENT = shaft(), current()
+# Of a rigid drive line the fin's angle follows from that of the motor.
+SHAFT = Group(outputs=(Output(real_output("motor_angle", "rad", "motor angle", 10.0),
+                             lambda ops, p, m: m.x.motor_angle),),
+             provides=(capabilities.RIGID_DRIVE_LINE,))
+CURRENT = Group(outputs=(
+    Output(real_output("motor_current", "A", "motor current", 30.0), lambda ops, p, m: m.current),
+    Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0),
+           lambda ops, p, m: m.voltage)),
+    provides=(capabilities.MOTOR_CURRENT, capabilities.DRIVE_STEP))
 POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.voltage * m.current),), terminal="",
-              provides=(capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER,))
+              provides=(capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER))
 VOLTAGE_LIMIT = Group(provides=(capabilities.VOLTAGE_LIMIT,))
 INDUCTANCE = Group((parameter("motor.inductance", "H", 1e-7, 10.0, "winding inductance",
                               sheet="motor: terminal inductance, line to line"),))
@@ -148,18 +112,10 @@ POLE_PAIRS = Group((
     integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs: the inductive voltage across the winding, pole pairs "
                       "times speed, inductance and current, uses its part of the supply (0: none)",
                       sheet="motor: pole pairs, half the number of poles"),), absent={"motor.pole_pairs": 0})
-
-
-def delay(what: str = "delay from DAC to current reference",
-          drive_reference: str = "analogue reference held by the controller's DAC") -> Group:
-    """Return the DAC and the delay behind it, with the descriptions of delay and output."""
-    return Group((parameter("drive.transport_delay", "s", 0.0, 0.1, what,
-                            sheet="drive: delay from a command to the current", display="ms"),),
-                 (Output(real_output("drive_reference", "V", drive_reference, 10.0,
-                                     limited_by=("drive.reference_limit",)), lambda ops, p, m: m.u.sampled_reference),))
-
-
-DELAY = delay()
+DELAY = Group((parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from DAC to current reference",
+                        sheet="drive: delay from a command to the current", display="ms"),),
+             (Output(real_output("drive_reference", "V", "analogue reference held by the controller's DAC", 10.0,
+                                 limited_by=("drive.reference_limit",)), lambda ops, p, m: m.u.sampled_reference),))
 CURRENT_GAIN = Group((
     parameter("drive.current_gain", "A/V", 1e-3, 1e4, "current demanded per volt of reference",
               sheet="drive: scale of the analogue command, A/V"),))
@@ -205,7 +161,7 @@ VELOCITY_LOOP = Group((
     tunable("controller.velocity.ki", "V/rad", 0.0, 1e6, "integral gain of the velocity loop (0: P control)",
             sheet="controller: velocity loop, integral gain"),
     tunable("controller.load_observer", "1/s", 0.0, 1e4, "bandwidth of the load observer (0: none)")),
-    rules=(rules.OBSERVER_RULE,), provides=(capabilities.CASCADE, capabilities.SCREW_EQUATIONS,))
+    rules=(rules.OBSERVER_RULE,), provides=(capabilities.CASCADE, capabilities.SCREW_EQUATIONS))
 LIMITS = Group((
     parameter("drive.reference_limit", "V", 1e-3, 1e3, "largest DAC output",
               sheet="drive: range of the analogue command"),
@@ -223,23 +179,16 @@ COMPENSATION = Group((
     tunable("compensation.gain", "1", 0.0, 10.0, "share of the Coulomb friction fed forward (0: none)"),
     tunable("compensation.speed_band", "rad/s", 1e-6, 1e4, "speed reference at which compensation is full",
             display="rpm")), absent={"compensation.gain": 0.0, "compensation.speed_band": 1.0})
-
-
-def encoder(of: str = "motor") -> Group:
-    """Return the encoder: on a shaft of this name, unless it is on the fin's."""
-    return Group((
-        switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
-        integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution",
-                          sheet="encoder: pulses (lines) per revolution"),
-        integer_parameter("encoder.multiplier", 1, 4, "edge multiplier: 1, 2 or 4",
-                          sheet="encoder: edges counted of a pulse, 4 in quadrature"),
-        switch("encoder.on_fin", f"true: the position comes from an encoder on the fin shaft; false: from the {of}'s, "
-               "as the speed always does", sheet="encoder: whether there is one on the fin's shaft")),
-        rules=(rules.encoder_multiplier,), provides=(capabilities.ENCODER,), absent={
-            "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1})
-
-
-ENCODER = encoder()
+ENCODER = Group((
+    switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
+    integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution",
+                      sheet="encoder: pulses (lines) per revolution"),
+    integer_parameter("encoder.multiplier", 1, 4, "edge multiplier: 1, 2 or 4",
+                      sheet="encoder: edges counted of a pulse, 4 in quadrature"),
+    switch("encoder.on_fin", "true: the position comes from an encoder on the fin shaft; false: from the motor's, "
+           "as the speed always does", sheet="encoder: whether there is one on the fin's shaft")),
+    rules=(rules.encoder_multiplier,), provides=(capabilities.ENCODER,), absent={
+        "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1})
 OPTIONAL = (LEVER, SCREW, COULOMB, HINGE_FRICTION, COMPENSATION, ENCODER, CURRENT_LIMIT, LIMITS, POLE_PAIRS)
 LOOPS = (VELOCITY_LOOP, LIMITS, POSITION_LOOP)
 SERVO = (MOTOR, CURRENT, POWER, VOLTAGE_LIMIT, INDUCTANCE, DELAY, CURRENT_GAIN, CURRENT_LIMIT, CURRENT_LOOP,
@@ -256,4 +205,4 @@ def with_gear(gear: Group, fork: str, shaft: Group = SHAFT) -> tuple[Group, ...]
 
     `fork` names the part that turns the fin's shaft.
     """
-    return COULOMB, ENCODER, *LOOPS, VISCOUS, hinge(fork), HINGE_FRICTION, shaft, *SERVO, gear
+    return COULOMB, ENCODER, *LOOPS, VISCOUS, HINGE.reworded({"fork": fork}), HINGE_FRICTION, shaft, *SERVO, gear

@@ -64,14 +64,11 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
 
 COMPOSITION = interface.composed(
     moment, groups.LEVER, groups.COULOMB, groups.ENCODER, groups.SCREW, groups.LOSSLESS, *groups.LOOPS,
-    groups.VISCOUS, groups.hinge(
-        hinge_torque="total external moment about the hinge (aerodynamic + torsion bar + gravity + inertial)",
-        saturated="any limit active: command, speed, DAC or voltage"),
+    groups.VISCOUS, groups.HINGE.reworded({"aerodynamic": "aerodynamic + torsion bar", "DAC, current or": "DAC or"}),
     groups.HINGE_FRICTION, groups.SHAFT, groups.MOTOR,
-    groups.current("motor current, which no loop controls"), groups.POWER, groups.VOLTAGE_LIMIT, groups.INDUCTANCE,
-    groups.delay(drive_reference="analogue reference held by the controller's DAC, which sets the PWM"), PWM, BAR)
-
-
+    groups.CURRENT.reworded({"motor current": "motor current, which no loop controls"}), groups.POWER,
+    groups.VOLTAGE_LIMIT, groups.INDUCTANCE,
+    groups.DELAY.reworded({"controller's DAC": "controller's DAC, which sets the PWM"}), PWM, BAR)
 ACTUATOR = COMPOSITION.over(
     nonlinear.ACTUATOR, lambda ops, p: COMPOSITION.completed(p, (groups.COMPENSATION,)),
     (plausibility.matched_inertia, plausibility.fine_counts, plausibility.WINDING_RULE),

@@ -210,8 +210,8 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
 
 
 COMPOSITION = interface.composed(
-    moment, *clutches.SCREW_SIDE, groups.hinge(
-        saturated="any limit active: command, speed, DAC, current, the drive's voltage or the coil amplifier's"),
+    moment, *clutches.SCREW_SIDE, groups.HINGE.reworded(
+        {"current or voltage": "current, the drive's voltage or the coil amplifier's"}),
     groups.CURRENT, groups.VOLTAGE_LIMIT, groups.INDUCTANCE, groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LIMIT,
     groups.CURRENT_LOOP, groups.POLE_PAIRS, clutches.FRICTION, _CLUTCH, _POWERS)
 

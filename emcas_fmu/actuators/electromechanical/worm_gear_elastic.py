@@ -14,6 +14,7 @@ rest: a self-locking worm is at rest whatever the mesh transmits, while the fin 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 from ...namespace import with_values
@@ -28,10 +29,14 @@ from .rules import MOST_JAMMING
 COMPOSITION = interface.composed(
     elastic.moment,
     *groups.with_gear(worm_gear.WORM, "worm wheel",
-                      groups.shaft("angle of the rotor (indirect fin angle, by worm and wheel)", rigid=False)),
-    elastic.axial("worm and thrust bearing", "along its axis",
-                  "gear: compliance, 1 over the axial rigidity of worm, mesh and bearing"),
-    elastic.gap("worm and wheel", "pitch circle", "gear: play of the mesh"), elastic.hinge("worm wheel", "worm"))
+                      replace(groups.SHAFT, provides=()).reworded(
+                          {"motor angle": "angle of the rotor (indirect fin angle, by worm and wheel)"})),
+    elastic.AXIAL.reworded({"screw, nut": "worm", "in tension": "along its axis"}, {
+        "screw: compliance, 1 over the axial rigidity of screw, nut and bearing":
+            "gear: compliance, 1 over the axial rigidity of worm, mesh and bearing"}),
+    elastic.GAP.reworded({"nut and fork": "worm and wheel", "the screw": "the pitch circle"},
+                         {"screw: axial play": "gear: play of the mesh"}),
+    elastic.HINGE.reworded({"fork": "worm wheel", "screw": "worm"}))
 
 
 def geared(ops: Ops, p: Any) -> Any:

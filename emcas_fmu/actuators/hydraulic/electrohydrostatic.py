@@ -21,6 +21,7 @@ limit.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 from ...control import controllers, fluid_power
@@ -29,9 +30,9 @@ from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
 from ...steppers import electrical, events
 from ...variables import only, parameter, switch, tunable
-from .. import capabilities, fin_port
+from .. import capabilities
 from ..composition import Group, at_fin
-from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Values
+from ..declaration import PlantFault, PlantInputs, SampleInputs, State, Values
 from ..electromechanical import groups, nonlinear, plausibility
 from ..electromechanical import interface as electromechanical
 from . import fin, interface
@@ -200,33 +201,26 @@ COMPOSITION = interface.composed(
 as_built = COMPOSITION.as_built
 
 
-def _rotor(p: Any) -> Value:
-    return p.inertia.motor
-
-
-ACTUATOR = Actuator(
-    **COMPOSITION.declared((plausibility.reachable_current, plausibility.stable_velocity(_rotor),
-                            plausibility.plausible_winding(_rotor)), motor="motor and drive", hydraulics="cylinder"),
+ACTUATOR = replace(
+    nonlinear.ACTUATOR,
+    **COMPOSITION.declared(
+        (plausibility.reachable_current, plausibility.stable_velocity(lambda p: p.inertia.motor),
+         plausibility.plausible_winding(lambda p: p.inertia.motor)), motor="motor and drive", hydraulics="cylinder"),
     name="electrohydrostatic",
     title="electrohydrostatic actuator: servomotor, pump, cylinder, lever and fin",
     origin="The structure is that of section 1.1.2 of the thesis of Yerlikaya (2016), which gives no numbers: motor, "
            "drive and supply are those of the electromechanical actuator, all other values are engineering estimates.",
     states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
-    supply=electromechanical.SUPPLY,
+    encoder=("fin_angle", "fin_rate"),
     descriptions={"enable": "false opens the drive's bridge: the fin is held by friction and leakage of the pump, "
                             "unless the bypass valve opens"},
-    supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,
-    equal_parameters=electromechanical.EQUAL,
     as_built=as_built,
     initial=initial,
     sample=sample,
     derivatives=derivatives,
     step=events.Switched(mode, _rates, _margins, _landed, electrical.begun).step(as_built),
-    longest_tick=nonlinear.longest_tick,
-    tick_remedy=electromechanical.TICK_REMEDY,
-    transport_delay=fin_port.transport_delay,
     reference="emcas_fmu.reference.electrohydrostatic",
     modules=(sys.modules[__name__], cylinder, pump, drive, fluid_power, events),
 )

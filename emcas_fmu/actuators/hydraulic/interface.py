@@ -23,7 +23,7 @@ CHAMBERS = (State("pressure_1", "Pa", "in the chamber that turns the fin to posi
 CONTROLLER = (State("integral", "m/s", "of the position controller"),
               State("piston", "m", "as read at the last sample"))
 
-LEVER = groups.lever("the piston's axis")
+LEVER = groups.LEVER.reworded({"the screw axis": "the piston's axis"})
 POSITION_LOOP = Group(only(groups.POSITION_LOOP.parameters, "controller.position.kp", "controller.position.ki",
                            "controller.position.setpoint_weight"), provides=(capabilities.POSITION_LOOP,))
 HINGE = port(measured_fin_angle="fin angle the controllers read from its transducer at the last sample")
