@@ -42,11 +42,6 @@ class Group:
     deviations: tuple[as_built.Deviation, ...] = ()
     terminal: str = "motor"
 
-    @property
-    def nominal(self) -> dict[str, float]:
-        """The values of the deviations of a plant that its controllers know exactly."""
-        return {deviation.variable.name: 0.0 for deviation in self.deviations}
-
     def reworded(self, words: Mapping[str, str], sheets: Mapping[str, str] | None = None) -> Group:
         """Return the group with other `words` in the descriptions of its variables, and others in their `sheets`."""
         def changed(v: Variable) -> Variable:
@@ -137,7 +132,8 @@ class Composition:
     def completed(self, p: Any, optional: tuple[Group, ...]) -> Any:
         """Return parameters with the values `absent` of those that only the `optional` groups have."""
         declared = {v.name.partition("[")[0] for v in self.parameters}
-        absent = {name: value for group in optional for name, value in (group.nominal | dict(group.absent)).items()}
+        absent = {name: value for group in optional for name, value in (
+            {deviation.variable.name: 0.0 for deviation in group.deviations} | dict(group.absent)).items()}
         return with_values(p, {name: value for name, value in absent.items() if name not in declared})
 
     def declared(self, rules: tuple[Rule, ...] = (), **terminals: str) -> dict[str, Any]:
@@ -154,7 +150,7 @@ class Composition:
                 "provides": frozenset(capability for group in self.groups for capability in group.provides),
                 "terminals": tuple(Terminal(name, description, members(name)) for name, description in (
                     terminals or {"motor": "motor and drive"}).items() if members(name)),
-                "nominal": {name: 0.0 for group in self.groups for name in group.nominal},
+                "nominal": {deviation.variable.name: 0.0 for deviation in self.deviations},
                 "output_values": self.output_values}
 
     def over(self, base: Actuator, change: Change, rules: tuple[Rule, ...] = (), **fields: Any) -> Actuator:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ..actuators.declaration import Actuator, with_outputs
 from ..rules import Rule
@@ -28,7 +28,6 @@ class Extension:
     parameters: Callable[[Actuator], tuple[Variable, ...]] = lambda actuator: ()
     outputs: tuple[Variable, ...] = ()
     rules: Callable[[Actuator], tuple[Rule, ...]] = lambda actuator: ()
-    module: Any = None
 
     def over(self, actuator: Actuator) -> Actuator:
         """Return the extended actuator."""
@@ -42,5 +41,5 @@ class Extension:
             rules=extended.rules + self.rules(actuator),
             provides=extended.provides - set(self.replaces),
             reference=None,
-            modules=(self.module, *extended.modules),
+            modules=(sys.modules[self.extend.__module__], *extended.modules),
         )

@@ -5,7 +5,6 @@ Steps follow from the parameters alone.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -48,4 +47,4 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 EXTENSION = Extension(
     "efficiency", "efficiency of the screw in forward and backward drive", extend,
     needs=(capabilities.SCREW_LOAD,), parameters=lambda actuator: groups.EFFICIENCY.parameters, outputs=(LOSS,),
-    rules=_rules, module=sys.modules[__name__])
+    rules=_rules)

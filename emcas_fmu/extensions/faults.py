@@ -15,7 +15,6 @@ sample with which they begin; their amounts may change between samples.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -295,11 +294,6 @@ def _off_shaft(ops: Ops, q: Any, x: Record, u: PlantInputs, outputs: Values) -> 
     return {name: ops.where(broken, value, outputs[name]) for name, value in values.items()}
 
 
-def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
-    faults = fault_list.possible(actuator)
-    return (*(v for fault in faults for v in fault_list.parameters(fault)), *monitors.parameters(actuator))
-
-
 @rule(f"fault.command_delay.time = %.6g s must be at most {fault_list.LONGEST_COMMAND_DELAY} times "
       "controller.sample_time = %.6g s")
 def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
@@ -310,5 +304,7 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, ops.both(used, late.time > longest)), late.time, period
 
 
-EXTENSION = Extension("faults", "faults and built-in test", extend, parameters=_parameters,
-                      rules=lambda actuator: (_command_delay,), module=sys.modules[__name__])
+EXTENSION = Extension(
+    "faults", "faults and built-in test", extend, parameters=lambda actuator: (
+        *(v for fault in fault_list.possible(actuator) for v in fault_list.parameters(fault)),
+        *monitors.parameters(actuator)), rules=lambda actuator: (_command_delay,))

@@ -13,7 +13,6 @@ of second order in the tick, which must resolve the winding's time constant.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -154,5 +153,4 @@ def extend(actuator: Actuator) -> Actuator:
 EXTENSION = Extension(
     "heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT,),
     parameters=lambda actuator: (*PARAMETERS, *(
-        I2T_PARAMETERS if capabilities.CURRENT_LIMIT in actuator.provides else ())),
-    module=sys.modules[__name__])
+        I2T_PARAMETERS if capabilities.CURRENT_LIMIT in actuator.provides else ())))

@@ -13,7 +13,6 @@ but does not describe the steps.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from math import radians
 from typing import Any
@@ -127,4 +126,4 @@ EXTENSION = Extension(
     # with the motor angle that follows from screw and lever.
     needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER, capabilities.MOTOR_CURRENT, capabilities.CASCADE,
            capabilities.SCREW_EQUATIONS),
-    parameters=lambda actuator: PARAMETERS, outputs=(STATUS, HOMED), rules=_rules, module=sys.modules[__name__])
+    parameters=lambda actuator: PARAMETERS, outputs=(STATUS, HOMED), rules=_rules)

@@ -17,7 +17,6 @@ it.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -84,4 +83,4 @@ EXTENSION = Extension(
     needs=(capabilities.RIGID_DRIVE_LINE, capabilities.CURRENT_LOOP, capabilities.COULOMB_FRICTION,
            capabilities.SCREW_LOAD, capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS),
     replaces=(capabilities.COULOMB_FRICTION, capabilities.SCREW_LOAD), parameters=lambda actuator: PARAMETERS,
-    outputs=OUTPUTS, rules=_rules, module=sys.modules[__name__])
+    outputs=OUTPUTS, rules=_rules)

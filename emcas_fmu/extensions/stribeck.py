@@ -10,7 +10,6 @@ friction.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 from ..actuators import capabilities
@@ -32,4 +31,4 @@ def extend(actuator: Actuator) -> Actuator:
 
 EXTENSION = Extension(
     "stribeck", "Stribeck friction at the motor", extend, needs=(capabilities.COULOMB_FRICTION,),
-    replaces=(capabilities.COULOMB_FRICTION,), parameters=lambda actuator: PARAMETERS, module=sys.modules[__name__])
+    replaces=(capabilities.COULOMB_FRICTION,), parameters=lambda actuator: PARAMETERS)

@@ -10,7 +10,6 @@ The link starts at the source's voltage.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -162,5 +161,4 @@ EXTENSION = Extension(
     "supply", "source, DC link and brake chopper, inverter losses and under-voltage trip", extend,
     needs=(capabilities.MOTOR_CURRENT, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
            capabilities.SCREW_DRIVE, capabilities.DRIVE_STEP),
-    parameters=lambda actuator: PARAMETERS, outputs=(STATUS, *OUTPUTS), rules=lambda actuator: (_hysteresis,),
-    module=sys.modules[__name__])
+    parameters=lambda actuator: PARAMETERS, outputs=(STATUS, *OUTPUTS), rules=lambda actuator: (_hysteresis,))

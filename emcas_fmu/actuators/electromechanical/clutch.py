@@ -106,17 +106,13 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     return nonlinear.sample(ops, _screw_side(p), cascade, inputs)
 
 
-def coil_references(ops: Ops, p: Any, u: PlantInputs) -> tuple[Value, Value]:
-    """Return the current references [A] of both coils: the net one split by its sign, plus the bias; 0 if disabled."""
+def _coils(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[clutch.Coil, clutch.Coil]:
+    """Return both coils; their current references [A] are the net one split by its sign, plus the bias."""
     net = drive.current_reference(ops, p, u.reference)
     # |net| and not a maximum: its slope at 0 is the mean of both sides, so that linear analysis adds up both coils.
     larger, bias = 0.5 * ops.fabs(net), p.clutch.bias_current
-    return (ops.where(u.enabled, p.coil.connected_1 * (bias + (larger + 0.5 * net)), 0.0),
-            ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0))
-
-
-def _coils(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[clutch.Coil, clutch.Coil]:
-    first, second = coil_references(ops, p, u)
+    first = ops.where(u.enabled, p.coil.connected_1 * (bias + (larger + 0.5 * net)), 0.0)
+    second = ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0)
     return (clutch.coil(ops, p, first, p.drive.kp, x.coil_current_1, u.supply),
             clutch.coil(ops, p, second, p.drive.kp, x.coil_current_2, u.supply))
 

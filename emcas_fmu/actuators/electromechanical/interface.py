@@ -16,8 +16,6 @@ from ...variables import real_input, real_output
 from ..composition import Composition, Group
 from ..declaration import PlantInputs, State, Supply
 
-# -- states ------------------------------------------------------------------------
-
 MOTION = (State("motor_angle", "rad"), State("motor_speed", "rad/s"))
 DRIVE = (State("motor_current", "A"), State("drive_integral", "V", "integral of the current controller, xi"))
 CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
@@ -26,8 +24,6 @@ CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
               State("momentum", "N.m.s", "of the load observer"),
               State("counts", "1", "counts of the encoder of position at the last sample"),
               State("motor_counts", "1", "counts of the motor's encoder at the last sample"))
-
-# -- supply ------------------------------------------------------------------------
 
 SUPPLY_VOLTAGE = real_input("supply_voltage", "V", "bus voltage of the drive", minimum=0.0, maximum=1000.0,
                             nominal=30.0, start=None, key="drive.supply_voltage",
@@ -43,16 +39,10 @@ INPUT_DESCRIPTIONS = {
     "enable": "false opens the drive's bridge: the fin is driven by loads and friction only",
 }
 
-def _inverse_inductance(ops: Ops, p: Any) -> Value:
-    return 1.0 / p.motor.inductance
-
-
 # K_t i w = K_e w i: the power that leaves the circuit and the one on the shaft.
 EQUAL = (("motor.torque_constant", "motor.back_emf_constant"),)
-SUPPLY = Supply(SUPPLY_VOLTAGE, SUPPLY_POWER, _inverse_inductance)
+SUPPLY = Supply(SUPPLY_VOLTAGE, SUPPLY_POWER, lambda ops, p: 1.0 / p.motor.inductance)
 TICK_REMEDY = "raise solver.max_tick or motor.inductance, or lower drive.ki"
-
-# -- order of the variables ---------------------------------------------------------
 
 PARAMETER_ORDER = (
     "worm.", "inertia.worm", "kinematics.", "screw.", "inertia.motor", "inertia.screw", "inertia.", "mass.nut",

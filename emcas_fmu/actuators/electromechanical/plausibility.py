@@ -117,9 +117,6 @@ def of_screw(change: Callable[[Ops, Any], Any]) -> tuple[Rule, ...]:
     return tuple(rule._replace(check=with_parameters(rule.check, change)) for rule in RULES)
 
 
-# -- with the supply ---------------------------------------------------------------
-
-
 @rule("drive.supply_voltage = %.6g V over motor.back_emf_constant is a no-load speed of %.6g rad/s (%.6g rpm), below "
       "controller.speed_limit = %.6g rad/s, which the motor never reaches", warning=True)
 def reachable_speed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:

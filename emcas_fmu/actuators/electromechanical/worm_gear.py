@@ -72,9 +72,6 @@ def geared(_: Ops, p: Any) -> Any:
         "worm.friction": p.worm.friction * (1.0 + p.deviation.worm.friction), "deviation.worm.friction": 0.0})
 
 
-# -- faults ------------------------------------------------------------------------
-
-
 def _dry(ops: Ops, p: Any, amounts: Any) -> Values:
     """Return a higher friction, with which the motor still turns the loaded worm."""
     return {"worm.friction": ops.minimum(amounts.factor * p.worm.friction, _most(ops, p) / p.worm.static_ratio)}
@@ -92,9 +89,6 @@ def longest_tick(ops: Ops, p: Any) -> Value:
     """Return the largest tick [s]; it resolves friction that falls with the speed."""
     longest = nonlinear.longest_tick(ops, p)
     return ops.where(ops.equal(p.worm.static_ratio, 1.0), longest, ops.minimum(longest, _FALLING))
-
-
-# -- rules -------------------------------------------------------------------------
 
 
 def _most(ops: Ops, p: Any) -> Value:

@@ -82,15 +82,10 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
     return interface.initial(ops, p, start, p.cylinder.start_pressure)
 
 
-def full_speed(ops: Ops, p: Any) -> Value:
-    """Return the piston's speed [m/s] with the open valve at its rated pressure."""
-    return p.valve.rated_flow / p.cylinder.area
-
-
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the reference and states of the controller after a sample; it is held in reset while disabled."""
     measured = fluid_power.measured(ops, p, inputs.position)
-    full = full_speed(ops, p)
+    full = p.valve.rated_flow / p.cylinder.area  # piston speed [m/s] with the open valve at its rated pressure
     out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command, full)
     at_rest = fluid_power.at_rest(ops, p, measured)
     return {"reference": ops.where(inputs.enable, out.speed / full, 0.0),
@@ -99,15 +94,10 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
             "measured_fin_angle": measured, "limited": ops.where(inputs.enable, out.limited, 0.0)}
 
 
-def spool_command(ops: Ops, p: Any, u: PlantInputs) -> Value:
-    """Return the command of the spool position [of the stroke]; 0 and the null shift while disabled."""
-    return ops.clip(ops.where(u.enabled, u.reference, 0.0) + p.valve.null_shift, -1.0, 1.0)
-
-
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     """Return the mode of a step of `h` [s]; its linkage is that of mid-step."""
     linkage, motion = fin.mode(ops, p, x, u, h)
-    command = spool_command(ops, p, u)
+    command = ops.clip(ops.where(u.enabled, u.reference, 0.0) + p.valve.null_shift, -1.0, 1.0)
     faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, command) * x.spool_speed > 0.0
     at_speed = ops.both(ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT, faster)
     m = Record(linkage=linkage, fin=motion, command=command, at_speed=at_speed,
