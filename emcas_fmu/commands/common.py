@@ -17,7 +17,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.segment import Segment
-from rich.table import Column, Table
+from rich.table import Table
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError, EmcasWarning, in_words, writing
@@ -219,13 +219,16 @@ def right_aligned(table: Table, *columns: int) -> Table:
 def table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "", whole: int = 0) -> Table:
     """Return a table of texts and of numbers, which have four digits; None is a dash.
 
-    Columns whose name begins with ">" are aligned to the right, the first `whole` columns are never folded.
+    Columns whose name begins with ">" are aligned to the right, the first `whole` columns have one line. Texts in other
+    columns are not cut short, so that they can be searched for.
     """
     from ..pages.numbers import number
 
-    made = Table(*(Column(escape(name.removeprefix(">")), justify="right" if name[:1] == ">" else "left",
-                          no_wrap=k < whole) for k, name in enumerate(columns)),
-                 title=title or None, title_justify="left")
+    made = Table(title=title or None, title_justify="left")
+    for k, name in enumerate(columns):
+        right = name.startswith(">")
+        made.add_column(escape(name.removeprefix(">")), justify="right" if right else "left", no_wrap=k < whole,
+                        overflow="ellipsis" if right or k < whole else "fold")
     for row in rows:
         made.add_row(*(escape(cell) if isinstance(cell, str) else number(cell) for cell in row))
     return made

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from rich.markup import escape
-from rich.table import Column, Table
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
@@ -121,12 +120,8 @@ def simulate(
     response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
     common.write_results(response, (output, type(response).write_csv), (plot, type(response).plot))
     common.write_json(response.as_dict(), as_json)
-    table = Table(Column("figure", overflow="fold"), title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
-    for name in [f"fin {k}" for k in range(1, fins + 1)] if fins > 1 else ["value"]:
-        table.add_column(name, justify="right")
-    for row in response.lines():
-        table.add_row(*map(escape, row))
-    common.out.print(table)
+    columns = [f">fin {k}" for k in range(1, fins + 1)] if fins > 1 else [">value"]
+    common.out.print(common.table(["figure", *columns], response.lines(), f"{chosen.title}, {chosen.stop:g} s"))
     if unit.line:
         common.say(f"{unit.line.group}: " + ", ".join(
             f"{name} {number(value)}" for name, value in response.line.items()))

@@ -54,6 +54,19 @@ def test_every_command_is_listed_in_a_panel_by_its_summary() -> None:
             assert summary(name) in shown
 
 
+def test_a_table_shows_units_and_numbers() -> None:
+    """Brackets are no markup, four digits, a dash for what there is not, no name cut short."""
+    with common.out.capture() as shown:
+        common.out.print(common.table(["of", ">[deg]"], [["a_name[1]", 1.23456], ["[b]", None]], "Rates [1]"),
+                         width=18)
+    rows = [[cell.strip() for cell in line.strip("\u2502\u2503").replace("\u2503", "\u2502").split("\u2502")]
+            for line in shown.get().splitlines() if set(line) & set("\u2502\u2503")]
+    assert "Rates [1]" in shown.get()
+    assert rows[0] == ["of", "[deg]"]
+    assert "".join(row[0] for row in rows[1:]) == "a_name[1][b]"
+    assert [row[1] for row in rows[1:] if row[1]] == ["1.235", "\u2013"]
+
+
 def words(command: object, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
     """The words of every command, groups and their commands among them."""
     inside = getattr(command, "commands", {})
