@@ -46,20 +46,20 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
                        "motor_current [A]: docs/tools/identification.md.")
 
 
+@common.failures()
 def _identify(kind: str, files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
               as_json: Path | None, **choice: Any) -> None:
     """Identify, write the requested files and print the estimates."""
     from ..studies.identification.result import write_identified
 
-    with common.failures():
-        # The set may be written over: experiments chain through one file.
-        common.check_outputs(report, as_json, inputs=(files, parameters))
-        common.check_outputs(output, report, as_json, inputs=(files,))
-        experiment = import_module(f"..studies.identification.{kind}", __package__)
-        result: Identification = experiment.identify(files, common.parameter_set(parameters), **choice)
-        common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
-                             (report, type(result).write_report))
-        common.write_json(result.document(), as_json)
+    # The set may be written over: experiments chain through one file.
+    common.check_outputs(report, as_json, inputs=(files, parameters))
+    common.check_outputs(output, report, as_json, inputs=(files,))
+    experiment = import_module(f"..studies.identification.{kind}", __package__)
+    result: Identification = experiment.identify(files, common.parameter_set(parameters), **choice)
+    common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
+                         (report, type(result).write_report))
+    common.write_json(result.document(), as_json)
     common.out.print(common.table(["name", ">value", ">1 sigma", "unit", ">base set"], (
         [e.name, f"{e.value:.6g}", f"{e.sigma:.2g}", e.unit, "" if e.base is None else f"{e.base:.6g}"]
         for e in result.estimates), result.experiment.title, whole=5))

@@ -11,7 +11,6 @@ import numpy as np
 from ... import __version__
 from ...bench import writers
 from ...bench.linear.frequency import continuous_poles
-from ...bench.linear.systems import System
 from ...figures import plots
 from ...motions import RATED
 from ...pages.numbers import number
@@ -26,7 +25,7 @@ from .sweep import LIMITS
 def figures_of(analysis: Analysis) -> dict[str, Any]:
     """Return all figures as nested dictionaries, units in the names; None if it does not exist or is unlimited."""
     actuator, thesis, locus = analysis.actuator, analysis.thesis, analysis.locus
-    point = actuator.point
+    point, system = actuator.point, analysis.linear.system
     plain: dict[str, Any] = writers.plain({
         "emcas": __version__,
         "model": actuator.actuator.name,
@@ -35,7 +34,9 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
             "fin_angle_deg": degrees(point.fin_angle), "aero_torque_nm": point.aero_torque, "ratio": point.ratio,
             "motor_angle_rad": point.motor_angle, "current_a": point.current, "voltage_v": point.voltage,
             "drive_reference_v" if "drive" in actuator.reference_name else "reference": point.reference},
-        "linear": _loop(analysis.linear) | {"transfer_function": _state_space(analysis.linear.system)},
+        "linear": _loop(analysis.linear) | {"transfer_function": {
+            "inputs": system.input_labels, "outputs": system.output_labels, "sample_time_s": system.dt,
+            "A": system.A, "B": system.B, "C": system.C, "D": system.D}},
         "thesis_linear": _loop(thesis) if thesis else None,
         "final_values": {
             "command_step_deg": final_values.COMMAND, "load_step_nm": RATED,
@@ -77,11 +78,6 @@ def _loop(loop: ClosedLoop) -> dict[str, Any]:
                       for s in poles if s.imag >= 0.0]}
 
 
-def _state_space(system: System) -> dict[str, Any]:
-    return {"inputs": system.input_labels, "outputs": system.output_labels, "sample_time_s": system.dt,
-            "A": system.A, "B": system.B, "C": system.C, "D": system.D}
-
-
 def _rod(here: Modes, thesis: Modes) -> dict[str, Any]:
     of_set, of_thesis = ({"axial_hz": modes.axial, "torsional_hz": modes.torsional,
                           "axial_over_bandwidth": modes.ratios[0], "torsional_over_bandwidth": modes.ratios[1]}
@@ -95,12 +91,11 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
     """Return the capability in both directions: the smaller of the two."""
     if (c := analysis.capability) is None:
         return None
-    moments = {"stall_torque_nm": c.stall, "held_torque_nm": c.held}
-    rates = {"rate": c.rate, "rate_loaded": c.rate_loaded, "free_rate": c.free_rate,
-             "free_rate_loaded": c.free_rate_loaded}
+    moments, rates = ("stall", "held"), ("rate", "rate_loaded", "free_rate", "free_rate_loaded")
+    smaller = {name: np.min(getattr(c, name), axis=0) for name in (*moments, *rates)}
     return {"fin_angle_deg": np.degrees(c.fin_angle), "ratio": c.ratio, "load_nm": RATED,
-            **{name: np.min(both, axis=0) for name, both in moments.items()},
-            **{f"{name}_deg_per_s": np.degrees(np.min(both, axis=0)) for name, both in rates.items()}}
+            **{f"{name}_torque_nm": smaller[name] for name in moments},
+            **{f"{name}_deg_per_s": np.degrees(smaller[name]) for name in rates}}
 
 
 class Rows(NamedTuple):
