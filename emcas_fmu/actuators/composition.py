@@ -159,11 +159,10 @@ class Composition:
         `rules` are added to those of the groups. `fields` are other fields of the declaration, used unchanged: an
         equation among them gets the actuator's parameters without `change`.
         """
-        declared = {**self.declared(rules), "initial": base.initial, "sample": base.sample,
-                    "derivatives": base.derivatives, "step": base.step}
-        equations = ("initial", "sample", "derivatives", "step", "output_values")
-        declared |= {name: with_parameters(declared[name], change) for name in equations}
-        return replace(base, **{**declared, "reference": None, **fields})
+        equations = {name: getattr(base, name) for name in ("initial", "sample", "derivatives", "step")}
+        equations["output_values"] = self.output_values
+        changed = {name: with_parameters(equation, change) for name, equation in equations.items()}
+        return replace(base, **{**self.declared(rules), **changed, "reference": None, **fields})
 
 
 def with_parameters(equation: Callable[..., Any], change: Change) -> Callable[..., Any]:

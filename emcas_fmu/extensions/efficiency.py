@@ -11,7 +11,7 @@ from typing import Any
 from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, Values
 from ..actuators.electromechanical import groups
-from ..actuators.electromechanical.rules import jamming_text, jams
+from ..actuators.electromechanical.rules import jamming
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import screw_loss
@@ -32,16 +32,13 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
-    @rule(jamming_text("motor and screw"))
-    def jamming(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        return jams(ops, actuator.equation_parameters(ops, p), p.efficiency.backward, actuator.longest_tick(ops, p))
-
     @rule("efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw that the load "
           "cannot drive")
     def jamming_line(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         return when(ops, p.efficiency.backward < 0.0), p.efficiency.backward
 
-    return (jamming, jamming_line) if actuator.structure.drive_line else (jamming,)
+    rigid = jamming("motor and screw", actuator.equation_parameters, actuator.longest_tick)
+    return (rigid, jamming_line) if actuator.structure.drive_line else (rigid,)
 
 
 EXTENSION = Extension(

@@ -20,7 +20,7 @@ from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
 from .electrical import Drive, electrical_mode, reserve, resolved, switched
 from .events import PROGRESS, Values, first_event
-from .rigid import stops
+from .rigid import friction_speed, stops
 
 # The least share of a step before a flank separates: in less, a slow motion may not exceed the rounding of its angle.
 # Meanwhile the flank pulls and removes energy.
@@ -107,7 +107,8 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
     solution.
     """
     if at is None:
-        at = _friction_speed(ops, p, c, s, acting, mode, h)
+        at = friction_speed(ops, p, s, lambda: 0.5 * (
+            s.motor_speed + _advanced(ops, p, c, s, acting, mode, h, s.motor_speed).motor_speed))
     if not screw.lossy(p):
         return _solved(ops, p, c, s, acting, mode, h, at)[0]
     # The load L on the screw grows with W, whatever the friction at the fin, and so does the left side of the rotor's
@@ -119,18 +120,6 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
         _solved(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
     forward = load * way > 0.0
     return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
-
-
-def _friction_speed(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value) -> Value:
-    """Return the rotor speed [rad/s] at which friction acts: the mid-step speed, where friction depends on it."""
-    def predicted() -> tuple[Value, ...]:
-        return (0.5 * (s.motor_speed + _advanced(ops, p, c, s, acting, mode, h, s.motor_speed).motor_speed),)
-
-    if friction.falls(p):
-        return predicted()[0]
-    if screw.falls(p):
-        return ops.branch(screw.constant(ops, p), lambda: (s.motor_speed,), predicted)[0]
-    return s.motor_speed
 
 
 def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:

@@ -173,7 +173,7 @@ class Step(NamedTuple):
 def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value | None = None) -> Step:
     """Return a step under the friction at a speed `at` [rad/s], by default the mid-step speed of a first step."""
     if at is None:
-        at = _friction_speed(ops, p, s, u, h, heading)
+        at = friction_speed(ops, p, s, lambda: _step(ops, p, s, u, h, heading, s.motor_speed).current.speed)
     motion = _motion(ops, p, s, u, h, heading, at)
     d = electrical_mode(ops, p, s, u, h, lambda: acceleration(ops, p, s, motion))
     if screw.lossy(p):
@@ -195,15 +195,13 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
     return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, speed, h)), motion, d, c)
 
 
-def _friction_speed(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> Value:
-    """Return the speed [rad/s] at which friction acts in a step: the mid-step speed, where friction depends on it."""
-    def predicted() -> tuple[Value, ...]:
-        return (_step(ops, p, s, u, h, heading, s.motor_speed).current.speed,)
-
+def friction_speed(ops: Ops, p: Any, s: Any, predicted: Callable[[], Value]) -> Value:
+    """Return the motor speed [rad/s] at which friction acts in a step from `s`: where friction depends on the speed,
+    that of mid-step, which `predicted` returns."""
     if friction.falls(p):
-        return predicted()[0]
+        return predicted()
     if screw.falls(p):
-        return ops.branch(screw.constant(ops, p), lambda: (s.motor_speed,), predicted)[0]
+        return ops.branch(screw.constant(ops, p), lambda: (s.motor_speed,), lambda: (predicted(),))[0]
     return s.motor_speed
 
 

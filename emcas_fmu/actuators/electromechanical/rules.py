@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from math import degrees, radians
 from typing import Any
@@ -117,10 +118,17 @@ def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
     return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load
 
 
-def jamming_text(turning: str) -> str:
-    """Return the message for a backward efficiency with which a screw jams; `turning` names what turns with it."""
-    return (f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of {turning} over "
-            "that of the load at the motor, %.6g over %.6g kg.m2")
+def jamming(turning: str, change: Callable[[Ops, Any], Any], tick: Callable[[Ops, Any], Value]) -> Rule:
+    """Return the rule for a backward efficiency with which a screw jams; `turning` names the parts that turn with it.
+
+    `change` returns the parameters of a screw, `tick` the longest tick [s].
+    """
+    @rule(f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of {turning} over "
+          "that of the load at the motor, %.6g over %.6g kg.m2")
+    def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        return jams(ops, change(ops, p), p.efficiency.backward, tick(ops, p))
+
+    return check
 
 
 FRICTION_RULES = (_friction("positive"), _friction("negative"))

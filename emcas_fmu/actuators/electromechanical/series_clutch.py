@@ -216,11 +216,6 @@ COMPOSITION = interface.composed(
     groups.CURRENT_LOOP, groups.POLE_PAIRS, clutches.FRICTION, _CLUTCH, _POWERS)
 
 
-@rule(rules.jamming_text("clutch and screw"))
-def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    return rules.jams(ops, _screw_side(p), p.efficiency.backward, nonlinear.longest_tick(ops, p))
-
-
 @rule("inertia.screw + clutch.driven_inertia = %.6g kg.m2 must be above 0: the screw turns freely while the clutch "
       "slips")
 def _screw_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
@@ -228,9 +223,10 @@ def _screw_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, inertia <= 0.0), inertia
 
 
+_JAMMING = rules.jamming("clutch and screw", lambda ops, p: _screw_side(p), nonlinear.longest_tick)
 ACTUATOR = replace(
     nonlinear.ACTUATOR,
-    **COMPOSITION.declared((_screw_inertia, _jams, *plausibility.of_screw(lambda ops, p: _as_one(p))),
+    **COMPOSITION.declared((_screw_inertia, _JAMMING, *plausibility.of_screw(lambda ops, p: _as_one(p))),
                            motor="motor, clutch and screw"),
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
