@@ -114,10 +114,6 @@ class Supply:
 _BUS = tuple(map(State, bus.STATES))
 
 
-def _at_start_angle(ops: Ops, p: Parameters, start: Record) -> Values:
-    return {"fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle}
-
-
 def _no_step(ops: Ops, p: Parameters, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     raise NotImplementedError  # replaced by a step that integrates the derivatives
 
@@ -172,7 +168,8 @@ class Actuator:
     files: tuple[Path, ...] = ()
 
     # Equations.
-    initial: Callable[[Ops, Parameters, Record], Values] = _at_start_angle
+    initial: Callable[[Ops, Parameters, Record], Values] = lambda ops, p, start: {
+        "fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle}
     sample: Callable[[Ops, Parameters, Record, SampleInputs], Values] = lambda ops, p, x, inputs: {"reference": 0.0}
     derivatives: Derivatives | None = None
     step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step

@@ -329,7 +329,15 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
         # First the zero of the line between the speeds, then that of the line to this point.
         slowing = ops.where(e.reversing, s.motor_speed - step.end.motor_speed, 1.0)
         guess = ops.where(e.reversing, h * s.motor_speed / slowing, h)
-        (other,) = ops.branch(e.reversing, lambda: (_refined(ops, p, s, u, step, guess, h, heading),), lambda: (h,))
+
+        def refined() -> tuple[Value, ...]:
+            speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.motor_speed
+            late = speed * heading <= 0.0
+            zero = zero_between(ops, guess, speed, ops.where(late, 0.0, h),
+                                ops.where(late, s.motor_speed, step.end.motor_speed))
+            return (ops.clip(zero, 0.0, h),)
+
+        (other,) = ops.branch(e.reversing, refined, lambda: (h,))
     else:
         # The torque on a motor at rest exceeds its friction.
         edge = ops.where(e.up, step.motion.high, step.motion.low)
@@ -345,14 +353,6 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     rests = ops.either(hits, ops.both(e.reversing, met))
     return *part._replace(motor_angle=ops.where(hits, stop, part.motor_angle),
                           motor_speed=ops.where(rests, 0.0, part.motor_speed)), used
-
-
-def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h: Value, heading: Value | None) -> Value:
-    """Return a better time of zero speed [s] than `guess`, by the secant to the side of the zero."""
-    speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.motor_speed
-    late = speed * heading <= 0.0
-    other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.motor_speed, step.end.motor_speed)
-    return ops.clip(zero_between(ops, guess, speed, other_time, other_speed), 0.0, h)
 
 
 def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> tuple[Value, ...]:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, radians
-from typing import Any
 
-from ...namespace import Record
-from ...ops.base import Ops, Value
 from ...physics import drive, kinematics
 from ...variables import Variable, integer_parameter, parameter, real_output, switch, tunable
 from .. import as_built, capabilities, fin_port
@@ -126,20 +123,14 @@ CURRENT_LIMIT = Group((
     provides=(capabilities.CURRENT_LIMIT,), absent={"drive.current_limit": inf, "drive.current_offset": 0.0})
 KP = parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",
                sheet="drive: proportional gain of the current loop")
-
-
-def _current_error(ops: Ops, p: Any, m: Record) -> Value:
-    error = drive.current_reference(ops, p, m.u.reference) - m.current
-    return ops.where(m.u.enabled, error, 0.0)
-
-
 CURRENT_LOOP = Group((
     KP,
     parameter("drive.ki", "V/(A.s)", 0.0, 1e6, "integral gain of the current loop",
               sheet="drive: integral gain of the current loop")),
     (Output(real_output("current_error", "A",
                         "current reference within its limit minus motor current (0 while disabled)", 10.0),
-            _current_error),),
+            lambda ops, p, m: ops.where(
+                m.u.enabled, drive.current_reference(ops, p, m.u.reference) - m.current, 0.0)),),
     provides=(capabilities.CURRENT_LOOP,))
 
 # -- controllers -------------------------------------------------------------------

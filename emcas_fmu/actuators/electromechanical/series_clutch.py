@@ -61,18 +61,14 @@ _CLUTCH = Group((
     Output(real_output("slip_power", "W", "heat of slip of the clutch", 1000.0, minimum=0.0),
            lambda ops, p, m: _slip_power(m.train, m.motion, m.x)),
     clutches.CLUTCH_TEMPERATURE))
-
-
-def _screw_loss(ops: Ops, p: Any, m: Record) -> Value:
-    return (m.motion.felt - 1.0) * clutched_screw.transmitted(ops, m.train, m.motion) * m.x.screw_speed
-
-
 _POWERS = Group(groups.EFFICIENCY.parameters, (
     Output(SUPPLY_POWER, lambda ops, p, m: ops.maximum(m.power, 0.0)),
     Output(real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor",
                        100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.power, 0.0)),
     Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0,
-                       minimum=0.0), _screw_loss)), terminal="", provides=(capabilities.SUPPLY_VOLTAGE,))
+                       minimum=0.0),
+           lambda ops, p, m: (m.motion.felt - 1.0) * clutched_screw.transmitted(ops, m.train, m.motion)
+           * m.x.screw_speed)), terminal="", provides=(capabilities.SUPPLY_VOLTAGE,))
 FAULTS = (
     *clutches.faults("the clutch slips", ("coil.connected", "the clutch"), ("clutch.share",)),
     PlantFault("clutch_engaged", "the no-back fails: through the engaged clutch the load drives the motor",
@@ -109,18 +105,15 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     return nonlinear.sample(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), inputs)
 
 
-def _coil(ops: Ops, p: Any, x: Record, u: PlantInputs) -> clutch.Coil:
-    reference = ops.where(u.enabled, p.coil.connected * p.clutch.rated_current, 0.0)
-    return clutch.coil(ops, p, reference, p.coil.kp, x.coil_current, u.supply)
-
-
 def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
     """Return everything of the mode but the directions of sliding, with the mechanics at a screw angle [rad]."""
     c = mechanics.coefficients(ops, _screw_side(p), angle, u)
     high, low = (way * mechanics.breakaway(ops, p, c, way) for way in (1.0, -1.0))
     high, low = screw.held(ops, p, c, high, low)
     least, most = rigid.stops(ops, p)
-    return Record(mechanics=c, stops=(least, most), alpha_x=u.alpha_x, coil=_coil(ops, p, x, u),
+    reference = ops.where(u.enabled, p.coil.connected * p.clutch.rated_current, 0.0)
+    return Record(mechanics=c, stops=(least, most), alpha_x=u.alpha_x,
+                  coil=clutch.coil(ops, p, reference, p.coil.kp, x.coil_current, u.supply),
                   sliding=tuple(friction.coulomb(ops, p, way, c.fin) for way in (1.0, -1.0)),
                   wet=tuple(friction.viscous(ops, p, way) for way in (1.0, -1.0)),
                   high=ops.where(x.screw_angle >= most, WALL, high), low=ops.where(x.screw_angle <= least, -WALL, low))

@@ -14,7 +14,7 @@ import sys
 from math import radians
 from typing import Any
 
-from ...namespace import Record, with_values
+from ...namespace import with_values
 from ...ops.base import Ops, Value
 from ...physics import drive, screw, screw_loss, worm
 from ...physics.structure import Structure
@@ -25,13 +25,6 @@ from ..composition import Group, Output
 from ..declaration import PlantFault, Values
 from . import groups, interface, nonlinear, plausibility, rules
 from .rules import MOST_JAMMING
-
-
-def _loss(ops: Ops, p: Any, m: Record) -> Value:
-    return screw_loss.loss(ops, p, m.x, m.u, {
-        "motor_speed": m.x.motor_speed, "fin_angle": m.fin, "motor_torque": drive.torque(p, m.current),
-        "hinge_torque": m.hinge_torque})
-
 
 WORM = Group((*in_group(
     "worm",
@@ -51,7 +44,10 @@ WORM = Group((*in_group(
               "rest has fallen to 1/e of itself, v_s")),
     parameter("inertia.worm", "kg.m2", 0.0, 10.0, "inertia of worm and coupling about the motor's axis",
               sheet="gear: inertia of worm and coupling")),
-    (Output(real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0), _loss),),
+    (Output(real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0),
+            lambda ops, p, m: screw_loss.loss(ops, p, m.x, m.u, {
+                "motor_speed": m.x.motor_speed, "fin_angle": m.fin, "motor_torque": drive.torque(p, m.current),
+                "hinge_torque": m.hinge_torque})),),
     deviations=(Deviation(parameter("deviation.worm.friction", "1", -0.9, 10.0, "friction coefficient of the flanks as "
                                     "built over nominal, less 1")),))
 
