@@ -32,7 +32,7 @@ from emcas_fmu.runtime.library import loaded
 STEP = 1e-3
 # Case: actuators, whether each has its own parameters, whether it is the hard case, target.
 CASES = {"own.1000": (1000, True, False, 0.40), "own.100000": (100_000, True, False, 0.40),
-         "shared.1000": (1000, False, False, 0.28), "shared.100000": (100_000, False, False, 0.28),
+         "shared.1000": (1000, False, False, 0.32), "shared.100000": (100_000, False, False, 0.45),
          "hard.1000": (1000, True, True, 0.50)}
 VARIED = ("motor.torque_constant", "motor.back_emf_constant", "motor.resistance", "motor.inductance", "inertia.motor",
           "inertia.fin", "deviation.friction.coulomb", "deviation.friction.viscous", "mass.fin", "screw.lead")

@@ -19,10 +19,10 @@
 #endif
 #include "model.h"
 
-/* The plant's states and, behind them, the duration of the last step: a step writes both in place. A copy would be read
- * in wider words than those just written, for which a processor waits. */
+/* The plant's states. Those of one lane are followed by the duration of the last step, which writes both in place: a copy
+ * would be read in wider words than those just written, for which a processor waits. */
 typedef struct {
-    lanes x[CORE_PLANT + 1];
+    lanes x[CORE_PLANT + (LANES == 1)];
 } core_plant;
 
 /* Command, loads (aero_torque and the motion loads, which have a mean over a tick), inputs that act through limits, and

@@ -20,10 +20,11 @@ enum {
 /* LANES actuators. `motion_loads` are those of `motion`; `common_motion` is its number if all groups have the same
  * motion, else 0. The lanes have the `times` if they are `apart`, otherwise that of the state. */
 typedef struct {
-    uint64_t common_motion;
-    lanes motion[MODEL_MOTION], motion_loads[CORE_MOTION_LOADS];
-    bool apart;
+    lanes motion[MODEL_MOTION];
     core_time times[LANES];
+    uint64_t common_motion; /* what steps need in the usual case begins here */
+    bool apart;
+    lanes motion_loads[CORE_MOTION_LOADS];
     core_state state; /* with a line as long as the longest of the batch */
 } group;
 
@@ -219,10 +220,10 @@ static void prefetch_from(const void *first, const void *last)
     for (const char *line = first; line < (const char *)last; line += 64) __builtin_prefetch(line);
 }
 
-/* Fetch from memory what a step of a group needs: everything but the part of a tick. */
+/* Fetch from memory what a step of a group needs in the usual case. */
 static void prefetch(const group *at, size_t bytes)
 {
-    prefetch_from(at->motion_loads, &at->state);
+    prefetch_from(&at->common_motion, &at->state);
     prefetch_from(&at->state.time, (const char *)at + bytes);
 }
 
