@@ -35,6 +35,8 @@ def reference(
         raise EmcasError("--parameters and --model need --directory: the shipped references are of the default "
                          "actuator with its default parameters")
     folder = directory or models_directory() / "reference"
+    if not check:  # the folder first: what is written into it depends on the parameters
+        common.check_outputs(folders=(folder,))
     chosen = common.parameter_set(parameters, model)
     if not check:
         common.check_outputs(*files.outputs(folder, case, chosen), folders=(folder,))
