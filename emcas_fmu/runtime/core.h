@@ -95,7 +95,9 @@ static inline lanes core_sum(const lanes *x, int count)
 {
     enum { PARTS = LANES > 1 ? 4 : 1 };
     lanes sum[4] = {lanes_set(0.0), lanes_set(0.0), lanes_set(0.0), lanes_set(0.0)};
+#ifdef __GNUC__
 #pragma GCC unroll 32
+#endif
     for (int i = 0; i < count; ++i) sum[i % PARTS] = sum[i % PARTS] + x[i];
     if (LANES == 1) return sum[0];
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
