@@ -53,6 +53,7 @@ SOUND: dict[str, dict[str, Any]] = {
     "Excitation.of": {"runs": 0}, "Excitation.with_start_values": {"values": {}},
     "Built": {"path": Path("x"), "size": 1, "guid": "", "platforms": (), "warnings": ()},
     "excitations.times": {"stop": 0.1, "step": 1e-3},
+    "excitations.motion": {"kind": "slew", "amplitude": 0.1, "duration": 0.1, "torque": 1.0, "settle": 0.1, "step": 1e-3},
     "excitations.step_to": {"level": 0.1, "duration": 0.1, "load": 1.0, "step": 1e-3},
     "excitations.slew_to": {"level": 0.1, "duration": 0.1, "load": 1.0, "settle": 0.1},
     "excitations.sweep": {"amplitude": 0.1, "duration": 0.5, "low": 1.0, "high": 2.0},
