@@ -22,7 +22,19 @@ from examples.jsbsim.fmu import Fmu
 from examples.jsbsim.masters import InMaster, write_archive
 from examples.jsbsim.pictures import kinds
 from examples.jsbsim.report import write_report
-from examples.jsbsim.results import IDEAL, Results, Unit, figures, fins, kept, write_flights, write_json
+from examples.jsbsim.results import (
+    FMU,
+    IDEAL,
+    SECOND_ORDER,
+    Results,
+    Unit,
+    all_figures,
+    figures,
+    fins,
+    kept,
+    write_flights,
+    write_json,
+)
 from examples.jsbsim.run import Options, every_model, run
 from examples.jsbsim.vehicle import Array
 from tests.docs.recipes import ROOT
@@ -183,3 +195,21 @@ def test_run_of_two_kinds_names_both(hydraulic: Path, tmp_path: Path) -> None:
     assert page.count("<svg") == 4
     names = [path.name for path in write_flights(results, tmp_path, "npz")]
     assert f"gentle_{HYDRAULIC}.npz" in names
+
+
+@pytest.mark.slow
+def test_the_page_has_the_figures_of_the_shipped_set(tmp_path: Path) -> None:
+    """To the digits printed; the encoder's counts make 0.02 deg of the attitude a matter of chance."""
+    results = run(Options(("aggressive",), (IDEAL, SECOND_ORDER, FMU), convergence=False), tmp_path, lambda *_: None)
+    found = all_figures(results)["aggressive"]["nonlinear"]
+    page = (ROOT / "examples/jsbsim/README.md").read_text(encoding="utf-8")
+    row = re.search(r"\| aggressive: .*?\| EMCAS4\.fmu \| ([\d.]+)° \| ([\d.]+)° \| (\d+) N·m \| (\d+) % \| "
+                    r"([\d.]+) kJ, peaks of ([\d.]+) kW", page, re.DOTALL)
+    assert row
+    printed = [float(text) for text in row.groups()]
+    assert found["attitude_difference_to_ideal_deg"] == pytest.approx(printed[0], abs=0.05 + 0.02)
+    assert found["attitude_difference_to_second_order_deg"] == pytest.approx(printed[1], abs=0.05 + 0.02)
+    assert found["hinge_moment_largest_n_m"] == pytest.approx(printed[2], abs=0.5 + 0.1)
+    assert found["saturated_percent"] == pytest.approx(printed[3], abs=0.5 + 0.1)
+    assert 1e-3 * found["energy_drawn_j"] == pytest.approx(printed[4], abs=0.05)
+    assert 1e-3 * found["power_largest_w"] == pytest.approx(printed[5], abs=0.05)
