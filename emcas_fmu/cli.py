@@ -22,7 +22,7 @@ def _version(value: bool) -> None:
 @app.callback()
 def main(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
                                                help="Print the version and exit.")] = False) -> None:
-    """Fin actuators for flight simulation: simulated here, or built as FMI 2.0 co-simulation FMUs.
+    """Fin actuators for flight simulation: simulated here, or built as FMUs for co-simulation, FMI 2.0 or 3.0.
 
     emcas COMMAND --help has a command's options and examples.
     """

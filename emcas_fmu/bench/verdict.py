@@ -224,7 +224,8 @@ def summary(about: Identification, heading: str, judged: Sequence[Judged], more:
     `passed` is None where nothing was judged.
     """
     yield escape("  ".join(filter(None, (about.name, about.file, about.model, about.guid and f"GUID {about.guid}"))))
-    yield summary_table(heading, judged)
+    if judged:
+        yield summary_table(heading, judged)
     yield from more
     for note in (*remarks(judged), *notes):
         yield f"[yellow]note:[/] {escape(note)}"

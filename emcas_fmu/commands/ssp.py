@@ -101,8 +101,10 @@ def check(
             table.add_row(f"[{colour}]{finding.level}[/]", place,
                           f"{escape(finding.message)}\n[dim]{escape(finding.remedy)}[/]")
         common.out.print(table)
-    verdict = f"[bold red]failed[/], {len(report.errors)} errors" if report.errors else "[bold green]passed[/]"
-    common.say(f"{verdict}, {len(report.warnings)} warnings: {escape(str(ssp))}, variants "
+    errors, warnings = (f"{len(found)} {name}{'s' * (len(found) != 1)}" for found, name in (
+        (report.errors, "error"), (report.warnings, "warning")))
+    verdict = f"[bold red]failed[/], {errors}" if report.errors else "[bold green]passed[/]"
+    common.say(f"{verdict}, {warnings}: {escape(str(ssp))}, variants "
               f"{', '.join(map(escape, report.variants)) or 'none'}, {report.connections} connections, "
               f"{report.parameters} parameters")
     if report.unchecked:

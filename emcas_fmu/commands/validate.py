@@ -18,7 +18,7 @@ EPILOG = common.examples(
 
 def validate(
     article: common.SubjectArgument = None,
-    case: Annotated[list[str] | None, common.value("Only this case (may be given several times).", "NAME")] = None,
+    case: Annotated[list[str] | None, common.value("Only this case. Repeatable.", "NAME")] = None,
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     as_json: common.JsonOption = None,

@@ -9,5 +9,5 @@ Integrations: :mod:`.simulate` is the frame, over :mod:`.events` and :mod:`.actu
 with :mod:`.screw`; :mod:`.coil` and :mod:`.piston` are shared). Files: :mod:`.cases` holds the excitations,
 :mod:`.files` and :mod:`.stored` write and read responses, :mod:`.responses` caches them.
 
-Sources: S. Yerlikaya's thesis (2016), equations 2.1 - 2.47 and section 4.2, cited by number where used.
+Sources: Ü. Yerlikaya's thesis (2016), equations 2.1 - 2.47 and section 4.2, cited by number where used.
 """

@@ -55,6 +55,9 @@ def read_plan(file: Path, model: str = NONLINEAR) -> Baseline:
 
 def _tables(file: Path, model: str) -> dict[str, Any]:
     """Return the tables of a file as they are written. Raises EmcasError if it is not a baseline of this actuator."""
+    if not file.exists() and not file.parent.is_file():
+        raise EmcasError(f"{file}: there is no such file; record a baseline with `emcas baseline record MODEL --output "
+                         f"{file.parent}`")
     try:
         _, written = schema.document(file, EmcasError)
     except EmcasError as error:

@@ -189,6 +189,8 @@ class Result:
         """The verdict, in words."""
         if self.judged:
             return verdict.in_words(self.criteria, "criterion", "criteria")
+        if self.outcome is None:
+            return f"what was run ended as it should; it has no reference of {self.about.model} to be judged by"
         ended = f" and {', '.join(self.short)} did not run to the end" if self.short else ""
         why = (f"no requirement can be measured of {self.about.model}" if self.requirements else
                f"what was run has no reference of {'these parameters' if self.foreign else self.about.model}")
@@ -303,7 +305,7 @@ def _notes(subject: Subject, result: Result, further: Sequence[str]) -> Iterator
     elif not compared:
         none = (f"None of these cases has a reference inside {result.folder}" if result.inside else
                 f"There is no independent reference of {result.about.model} in {result.folder}")
-        yield f"{none}: trajectories are not judged, performance is"
+        yield f"{none}: trajectories are not judged{'; requirements are' * bool(result.requirements)}"
     elif result.inside:
         made = ("integrated independently of its own parameters" if result.independent else "recorded of the package's "
                 "own stepping: this shows that it runs here as it did when it was built")
