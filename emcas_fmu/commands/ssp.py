@@ -77,7 +77,7 @@ def check(
     fmu: Annotated[Path | None, typer.Option(help="The FMU that the archive should contain; another one is an error.",
                                              metavar="FMU")] = None,
     guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.", metavar="GUID")] = None,
-    model: common.SubjectModelOption = None,
+    model: Annotated[str | None, common.model_option("Actuator of FMUs whose name does not contain it")] = None,
     as_json: Annotated[Path | None, common.json_option("Write all findings to this file.")] = None,
 ) -> None:
     """Check schema, wiring, units, parameters and FMU of an SSP; exit code 1 if there are errors."""
