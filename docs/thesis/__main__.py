@@ -65,8 +65,8 @@ def thesis(
         common.check_outputs(page, as_json, inputs=parameters or ())
         entries, runs = find(only or ()), Runs(parameters or ())
         common.warn(runs.parameters.warnings)
-        with common.progress_bar() as bars:
-            result = carry_out(runs, entries, common.stepper(bars, "thesis"))
+        with common.work("thesis") as step:
+            result = carry_out(runs, entries, step)
         if page:
             write_page(result, page)
         if as_json:

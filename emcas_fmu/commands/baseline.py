@@ -15,26 +15,21 @@ from ..support.files import as_given
 from . import common
 
 _LOG_WIDTH = 110
-_RECORD = ("Examples:\n\n  emcas baseline record my_actuator.toml --output baseline"
-           "\n\n  emcas baseline record EMCAS4.fmu --fin 2 --output baseline_fin2"
-           "\n\n  emcas baseline record my_actuator.toml --output baseline --fresh"
-           "\n\n  emcas baseline record --model my_actuator.py --output baseline")
-_CHECK = ("Examples:\n\n  emcas baseline check my_actuator.toml --baseline baseline"
-          "\n\n  emcas baseline check EMCAS.fmu --baseline baseline --junit drift.xml --report drift.html"
-          "\n\n  emcas baseline check EMCAS.fmu --markdown summary.md --all")
 
 app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help=True,
-                  epilog="Examples:\n\n  emcas baseline record my_actuator.toml --output baseline"
-                         "\n\n  emcas baseline check EMCAS.fmu --baseline baseline --junit drift.xml",
+                  epilog=common.examples("baseline", "record my_actuator.toml --output baseline",
+                                         "check EMCAS.fmu --baseline baseline --junit drift.xml"),
                   help="Record the approved response of an actuator, or fail where another drifts from it.")
 
 
-@app.command(epilog=_RECORD)
+@app.command(epilog=common.examples(
+    "baseline record", "my_actuator.toml --output baseline", "EMCAS4.fmu --fin 2 --output baseline_fin2",
+    "my_actuator.toml --output baseline --fresh", "--model my_actuator.py --output baseline"))
+@common.failures()
 def record(
     subject: common.SubjectArgument = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write; limits and cases of a baseline "
-                                                                "that is there are kept.",
-                                         metavar="DIR")] = Path("baseline"),
+    output: Annotated[Path, common.value("Folder to write; limits and cases of a baseline that is there are kept.",
+                                         "DIR", "--output", "-o")] = Path("baseline"),
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     parameters: common.ParametersOption = None,
@@ -45,19 +40,18 @@ def record(
     from ..studies.baseline.model import FILE
 
     file = output / FILE
-    with common.failures():
-        common.check_outputs(file, folders=(output,), inputs=(subject, *(parameters or ())))
-        with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
-            kept = file.exists() and not fresh
-            plan, left_out = (files.read_plan(file, opened.model), []) if kept else comparison.first(opened)
-            common.check_outputs(*(output / f"{name}.csv" for name, case in plan.case.items() if not case.sweeps),
-                                 folders=(output,))
-            # Without folders: the same response gives the same bytes wherever the baseline is kept.
-            command = ["emcas", "baseline", "record",
-                       *_arguments(subject, model, fin, parameters, lambda path: Path(path).name)]
-            made = comparison.record(plan, opened, output, shlex.join(command), common.stepper(progress, "record"))
-        written = files.write(made, output)
-        size = sum(path.stat().st_size for path in written)
+    common.check_outputs(file, folders=(output,), inputs=(subject, parameters))
+    with common.work("record") as step, common.open_subject(subject, model, fin, parameters) as opened:
+        kept = file.exists() and not fresh
+        plan, left_out = (files.read_plan(file, opened.model), []) if kept else comparison.first(opened)
+        common.check_outputs(*(output / f"{name}.csv" for name, case in plan.case.items() if not case.sweeps),
+                             folders=(output,))
+        # Without folders: the same response gives the same bytes wherever the baseline is kept.
+        command = ["emcas", "baseline", "record",
+                   *_arguments(subject, model, fin, parameters, lambda path: Path(path).name)]
+        made = comparison.record(plan, opened, output, shlex.join(command), step)
+    written = files.write(made, output)
+    size = sum(path.stat().st_size for path in written)
     common.warn(f"left out: {what}" for what in left_out)
     common.say(f"written {escape(str(output))}  {len(written)} files, {size / 1024:.0f} KiB; "
                f"{len(made.case)} cases, limits and cases {'kept' if kept else 'as shipped'}")
@@ -71,11 +65,14 @@ def _arguments(subject: Path | None, model: str | None, fin: int | None, paramet
                                             ("--parameters", shown(as_given(file))))]
 
 
-@app.command(epilog=_CHECK)
+@app.command(epilog=common.examples(
+    "baseline check", "my_actuator.toml --baseline baseline",
+    "EMCAS.fmu --baseline baseline --junit drift.xml --report drift.html", "EMCAS.fmu --markdown summary.md --all"))
+@common.failures()
 def check(
     subject: common.SubjectArgument = None,
-    baseline: Annotated[Path, typer.Option("--baseline", "-b", help="Folder `emcas baseline record` wrote.",
-                                           metavar="DIR")] = Path("baseline"),
+    baseline: Annotated[Path, common.value("Folder `emcas baseline record` wrote.", "DIR", "--baseline",
+                                           "-b")] = Path("baseline"),
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     parameters: common.ParametersOption = None,
@@ -83,26 +80,24 @@ def check(
                                                            "other cases, what comes nearest.")] = False,
     as_json: Annotated[Path | None, common.json_option("Write all comparisons to this file.")] = None,
     junit: common.JunitOption = None,
-    markdown: Annotated[Path | None, typer.Option(help="Append the table to this file, as to $GITHUB_STEP_SUMMARY.",
-                                                  metavar="FILE.md")] = None,
+    markdown: Annotated[Path | None, common.value("Append the table to this file, as to $GITHUB_STEP_SUMMARY.",
+                                                  "FILE.md")] = None,
     report: common.ReportOption = None,
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
-    from ..bench.writers import write_json
     from ..studies.baseline import comparison_output as output
     from ..studies.baseline.comparison import compare
     from ..studies.baseline.files import read
 
-    with common.failures():
-        common.check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
-        with common.progress_bar() as progress, common.open_subject(subject, model, fin, parameters) as opened:
-            result = compare(read(baseline, opened.model), opened, baseline, common.stepper(progress, "check"))
-        advice = output.remedy(result, shlex.join(["emcas", "baseline", "record", *_arguments(
-            subject, model, fin, parameters), "--output", str(baseline)]), str(baseline))
-        common.write_results(output.as_dict(result), (as_json, write_json))
-        common.write_results(result, (junit, output.write_junit),
-                             (markdown, lambda each, path: output.append_markdown(each, advice, path, everything)),
-                             (report, lambda each, path: output.write_report(each, advice, path)))
+    common.check_outputs(as_json, junit, markdown, report, inputs=(subject, parameters, baseline))
+    with common.work("check") as step, common.open_subject(subject, model, fin, parameters) as opened:
+        result = compare(read(baseline, opened.model), opened, baseline, step)
+    advice = output.remedy(result, shlex.join(["emcas", "baseline", "record", *_arguments(
+        subject, model, fin, parameters), "--output", str(baseline)]), str(baseline))
+    common.write_json(output.as_dict(result), as_json)
+    common.write_results(result, (junit, output.write_junit),
+                         (markdown, lambda each, path: output.append_markdown(each, advice, path, everything)),
+                         (report, lambda each, path: output.write_report(each, advice, path)))
     # A log has no width, and a folded table is hard to read there.
     console = common.out if common.out.is_terminal else Console(width=_LOG_WIDTH)
     for part in output.summary(result, everything):

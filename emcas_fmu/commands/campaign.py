@@ -9,99 +9,93 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from ..errors import EmcasError
 from ..support import extras
 from . import common
 
-EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
-          "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
-          "\n\n  emcas campaign mine.toml --model my_actuator.py"
-          "\n\n  emcas campaign mine.toml --requirements my_requirements.toml"
-          "\n\n  emcas campaign mine.toml --fmu EMCAS.fmu --workers 8"
-          "\n\n  emcas campaign mine.toml --fmu EMCAS4.fmu --fin 2"
-          "\n\n  emcas campaign mine.toml --scheduler tcp://head:8786"
-          "\n\n  emcas campaign mine.toml --only 17 --plot history.html --output history.csv"
-          "\n\nA run that was stopped, goes on with the same command. Exit codes: 0 done (failed samples are "
-          "results too), 1 every sample failed or some are missing, 2 the request cannot be carried out, 130 stopped "
-          "by Ctrl-C.")
+EPILOG = common.examples(
+    "campaign", "models/campaign.toml --output results", "models/campaign_faults.toml --model elastic+faults",
+    "mine.toml --model my_actuator.py", "mine.toml --requirements my_requirements.toml",
+    "mine.toml --fmu EMCAS.fmu --workers 8", "mine.toml --fmu EMCAS4.fmu --fin 2",
+    "mine.toml --scheduler tcp://head:8786", "mine.toml --only 17 --plot history.html --output history.csv", last=[
+        "A run that was stopped, goes on with the same command. Exit codes: 0 done (failed samples are results too), "
+        "1 every sample failed or some are missing, 2 the request cannot be carried out, 130 stopped by Ctrl-C."])
 
 
 def campaign(
     file: Annotated[Path, typer.Argument(help="What varies, what is done, how often (TOML); see "
                                               "models/campaign.toml.", metavar="FILE")],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results; FILE_results beside "
-                                                "you unless given. With --only, a CSV file of the sample's signals.",
-                                                metavar="FOLDER")] = None,
-    fmu: Annotated[Path | None, typer.Option(help="Run this FMU instead of the kernel: slower, same figures.",
-                                             metavar="FILE.fmu")] = None,
-    fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
-                                            metavar="N")] = None,
+    output: Annotated[Path | None, common.value(
+        "Folder of the results; FILE_results beside you unless given. With --only, a CSV file of the sample's signals.",
+        "FOLDER", "--output", "-o")] = None,
+    fmu: Annotated[Path | None, common.value("Run this FMU instead of the kernel: slower, same figures.",
+                                             "FILE.fmu")] = None,
+    fin: Annotated[int | None, common.value("Which fin of an FMU of several; the first unless given.", "N",
+                                            min=1)] = None,
     model: Annotated[str | None, common.model_option(
         "Which actuator, instead of the file's", " Of an FMU it is the FMU's; name it for one of a file of yours.")
     ] = None,
-    requirements: Annotated[str | None, typer.Option(
-        help="Judge every sample's parameters by these requirements (TOML), or by the shipped ones, and give the "
-             "probability that each is met; docs/use/requirements.md.", metavar="FILE.toml|shipped")] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
-                                                     "this process, without Dask.", min=0, metavar="N")] = None,
-    scheduler: Annotated[str | None, typer.Option(help="Address of a running Dask cluster, instead of processes "
-                                                       "here.", metavar="ADDRESS")] = None,
-    chunk: Annotated[int | None, typer.Option(help="Samples in a task and a part of the results; chosen unless "
-                                                   "given.", min=1, metavar="N")] = None,
-    only: Annotated[int | None, typer.Option(help="Run this one sample here, and print it.", metavar="INDEX")] = None,
-    plot: Annotated[Path | None, typer.Option(help="With --only, draw the sample's time history: .html, .svg, .png or "
-                                                   ".pdf. Of several experiments each has a file, as in "
-                                                   "FILE_step.html; those of --output too.", metavar="FILE")] = None,
+    requirements: Annotated[str | None, common.value(
+        "Judge every sample's parameters by these requirements (TOML), or by the shipped ones, and give the "
+        "probability that each is met; docs/use/requirements.md.", "FILE.toml|shipped")] = None,
+    workers: Annotated[int | None, common.value(
+        "Processes; as many as there are processors unless given. 0: in this process, without Dask.", "N",
+        min=0)] = None,
+    scheduler: Annotated[str | None, common.value("Address of a running Dask cluster, instead of processes here.",
+                                                  "ADDRESS")] = None,
+    chunk: Annotated[int | None, common.value("Samples in a task and a part of the results; chosen unless given.", "N",
+                                              min=1)] = None,
+    only: Annotated[int | None, common.value("Run this one sample here, and print it.", "INDEX")] = None,
+    plot: Annotated[Path | None, common.value(
+        "With --only, draw the sample's time history: .html, .svg, .png or .pdf. Of several experiments each has a "
+        "file, as in FILE_step.html; those of --output too.", "FILE")] = None,
     report: Annotated[Path | None, common.page_option(
         what="Write the summary page here; summary.html in the folder unless given.")] = None,
     as_json: Annotated[Path | None, common.json_option(
         "Write the summary here; summary.json in the folder unless given. With --only, the sample.")] = None,
 ) -> None:
     """Run samples over parameters, commands, loads and faults: percentiles, sensitivities, worst samples."""
-    with common.failures():
-        from ..studies.campaign.study import load_study
+    from ..studies.campaign.study import load_study
 
-        if workers is not None and scheduler is not None:
-            raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
-        if only is None and plot is not None:
-            raise EmcasError(f"--plot {plot}: draws one sample; name it with --only")
-        if only is not None and report is not None:
-            raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
-        inputs = (file, fmu, Path(requirements) if requirements else None)
-        folder = output or Path(f"{file.stem}_results")
-        page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
-        if only is not None:
-            common.check_outputs(as_json, inputs=inputs)
-            common.ends_in(".csv")(output)
-        else:
-            common.check_outputs(page, figures, folders=(folder,), inputs=inputs)
-        study = load_study(file, fmu, fin, model, requirements)
-        common.warn(study.warnings)
-        if only is not None:
-            _one(study, only, as_json, output, plot, inputs)
-            return
-        extras.require("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
-        from ..studies.campaign.store import Store
-        from ..studies.campaign.summary import as_dict, summarise
+    if workers is not None and scheduler is not None:
+        raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
+    if only is None and plot is not None:
+        raise EmcasError(f"--plot {plot}: draws one sample; name it with --only")
+    if only is not None and report is not None:
+        raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
+    inputs = (file, fmu, Path(requirements) if requirements else None)
+    folder = output or Path(f"{file.stem}_results")
+    page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
+    if only is not None:
+        common.check_outputs(as_json, inputs=inputs)
+        common.ends_in(".csv")(output)
+    else:
+        common.check_outputs(page, figures, folders=(folder,), inputs=inputs)
+    study = load_study(file, fmu, fin, model, requirements)
+    common.warn(study.warnings)
+    if only is not None:
+        _one(study, only, as_json, output, plot, inputs)
+        return
+    extras.require("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
+    from ..studies.campaign.store import Store
+    from ..studies.campaign.summary import as_dict, summarise
 
-        with Store(folder, study) as store:
-            stopped = _run(store, study, workers, scheduler, chunk)
-            kept = study.samples - len(store.missing())
-            if stopped:
-                common.err.print(f"stopped: {kept} of {study.samples} samples are kept in {escape(str(folder))}; the "
-                                 "same command goes on", soft_wrap=True)
-                raise typer.Exit(common.INTERRUPTED)
-            from ..bench.writers import write_json
-            from ..studies.campaign.report import tables, write_report
+    with Store(folder, study) as store:
+        stopped = _run(store, study, workers, scheduler, chunk)
+        kept = study.samples - len(store.missing())
+        if stopped:
+            common.err.print(f"stopped: {kept} of {study.samples} samples are kept in {escape(str(folder))}; the "
+                             "same command goes on", soft_wrap=True)
+            raise typer.Exit(common.INTERRUPTED)
+        from ..studies.campaign.report import tables, write_report
 
-            summary = summarise(study, store.table())
-            command = shlex.join(["emcas", "campaign", str(file), *common.option("--fmu", fmu),
-                                  *common.option("--fin", fin), *common.option("--model", model, ""),
-                                  *common.option("--requirements", requirements, "")])
-            write_json(as_dict(summary, command), figures)
-            write_report(summary, page, command)
+        summary = summarise(study, store.table())
+        command = shlex.join(["emcas", "campaign", str(file), *common.option("--fmu", fmu),
+                              *common.option("--fin", fin), *common.option("--model", model, ""),
+                              *common.option("--requirements", requirements, "")])
+        common.write_json(as_dict(summary, command), figures)
+        write_report(summary, page, command)
     for table in tables(summary):
         common.out.print(table)
     failed = f", {summary.failed} failed" if summary.failed else ""
@@ -147,7 +141,6 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot: Path | None,
          inputs: tuple[Path | None, ...]) -> None:
     """Run one sample in this process; print it, and write its signals and pictures."""
-    from ..bench.writers import write_json
     from ..figures.plots import check_ending
     from ..pages.numbers import rounded
     from ..studies.campaign.extension_outputs import in_words, observed
@@ -161,8 +154,7 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
     written = [path for pair in files.values() for path in pair]
     common.check_outputs(as_json, *written, inputs=inputs)
     (row,) = listed(rows(study, [index], study.draw([index])))
-    if as_json:
-        write_json(row, as_json)
+    common.write_json(row, as_json)
     for experiment, (table_file, picture) in files.items() if output or plot else ():
         response = history(study, experiment, index)
         if table_file:
@@ -172,14 +164,11 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
     outputs = observed(study)
     units = {**{v.name: v.unit for v in study.actuator.file_entries}, **{f.name: f.unit for f in study.factors},
              **{name: figure.unit for name, figure in columns(study).items()}}
-    table = Table("", "value", "unit", title=f"Sample {index} of {study.path.name}", title_justify="left")
-    for name, value in row.items():
-        if value != "":
-            text = (rounded(value, ".8g") if isinstance(value, float) else
-                    in_words(outputs[name], value) if name in outputs else str(value))
-            unit = units.get(name, "1")
-            table.add_row(escape(name), escape(text), "" if unit == "1" else unit)
-    common.out.print(common.right_aligned(table, 1))
+    common.out.print(common.table(["", ">value", "unit"], (
+        [name, rounded(value, ".8g") if isinstance(value, float) else
+         in_words(outputs[name], value) if name in outputs else str(value),
+         "" if (unit := units.get(name, "1")) == "1" else unit]
+        for name, value in row.items() if value != ""), f"Sample {index} of {study.path.name}"))
     common.print_written(*written)
     if row["error"]:
         raise typer.Exit(1)

@@ -209,13 +209,6 @@ def say(line: str) -> None:
     out.print(line, soft_wrap=True)
 
 
-def right_aligned(table: Table, *columns: int) -> Table:
-    """Return a table whose columns, by default all but the first, are aligned to the right."""
-    for index in columns or range(1, len(table.columns)):
-        table.columns[index].justify = "right"
-    return table
-
-
 def table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "", whole: int = 0) -> Table:
     """Return a table of texts and of numbers, which have four digits; None is a dash.
 

@@ -11,35 +11,31 @@ from rich.table import Table
 
 from . import common
 
-EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
-          "\n\n  emcas ssp --model elastic+faults --variant jammed=jammed.toml"
-          "\n\n  emcas ssp -p my_actuator.toml --fin 2=second.toml --variant hot=hot.toml"
-          "\n\n  emcas ssp --system-connectors --output wired.ssp"
-          "\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu --json findings.json")
-_CHECK = ("Examples:\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu"
-          "\n\n  emcas ssp check vehicle.ssp --json findings.json")
+EPILOG = common.examples(
+    "ssp", "--output EMCAS.ssp", "--fmu EMCAS.fmu --layout plus", "--model elastic+faults --variant jammed=jammed.toml",
+    "-p my_actuator.toml --fin 2=second.toml --variant hot=hot.toml", "--system-connectors --output wired.ssp",
+    "check EMCAS.ssp", "check vehicle.ssp --fmu EMCAS.fmu --json findings.json")
 
 app = typer.Typer(add_completion=False, rich_markup_mode="rich", invoke_without_command=True, epilog=EPILOG,
                   help="Write four fins as an SSP 1.0 archive with variants nominal, cold and degraded, or check one.")
 
 
 @app.callback()
+@common.failures()
 def write(
     context: typer.Context,
-    fmu: Annotated[Path | None, typer.Option(help="FMU for the archive; default: a native one is built.",
-                                             metavar="FMU")] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
-                                         metavar="FILE.ssp")] = Path("EMCAS.ssp"),
+    fmu: Annotated[Path | None, common.value("FMU for the archive; default: a native one is built.", "FMU")] = None,
+    output: Annotated[Path, common.value("Archive to write.", "FILE.ssp", "--output", "-o")] = Path("EMCAS.ssp"),
     model: common.SubjectModelOption = None,
     parameters: common.ParametersOption = None,
-    fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.", metavar="N")] = 4,
-    layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "
-                                             "on it.", metavar="cross|plus")] = "cross",
-    fin: Annotated[list[str] | None, typer.Option(help="Parameter file of one fin, over the others' (may be "
-                                                       "repeated).", metavar="N=FILE")] = None,
-    variant: Annotated[list[str] | None, typer.Option(help="A further variant, or a replacement of cold or degraded; "
-                                                           "a file like models/degraded.toml.",
-                                                      metavar="NAME=FILE")] = None,
+    fins: Annotated[int, common.value("Number of fins, evenly about the body, 1 to 8.", "N")] = 4,
+    layout: Annotated[str, common.value(
+        "cross: the first fin half a pitch from body y (45 deg with four); plus: on it.", "cross|plus")] = "cross",
+    fin: Annotated[list[str] | None, common.value("Parameter file of one fin, over the others' (may be repeated).",
+                                                  "N=FILE")] = None,
+    variant: Annotated[list[str] | None, common.value(
+        "A further variant, or a replacement of cold or degraded; a file like models/degraded.toml.",
+        "NAME=FILE")] = None,
     border: Annotated[bool, typer.Option("--system-connectors", help="Wire the fins to connectors of the system, such "
                                          "as fin1_fin_command, as fmpy's simulate_ssp needs it; libcosim and Ecos "
                                          "refuse that.")] = False,
@@ -55,12 +51,11 @@ def write(
     from ..ssp.variants import variant_files
     from ..ssp.write import write_ssp
 
-    with common.failures(), common.progress_bar() as progress:
-        of_fins, of_variants = fin_files(fin or []), variant_files(variant or [])
-        common.check_outputs(output, inputs=(fmu, *(parameters or ()), *of_fins.values(), *of_variants.values()))
+    of_fins, of_variants = fin_files(fin or []), variant_files(variant or [])
+    common.check_outputs(output, inputs=(fmu, parameters, of_fins.values(), of_variants.values()))
+    with common.work("compile") as step:
         written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=of_fins,
-                            variant_files=of_variants, border=border, model=model,
-                            progress=common.stepper(progress, "compile"))
+                            variant_files=of_variants, border=border, model=model, progress=step)
     common.say(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, "
                f"FMU {written.guid}")
     common.warn((*(f"left out: {what}" for what in written.left_out), *written.warnings))
@@ -70,28 +65,27 @@ def write(
         common.say(f"[yellow]warning:[/] {escape(str(finding))}")
 
 
-@app.command(epilog=_CHECK)
+@app.command(epilog=common.examples(
+    "ssp check", "EMCAS.ssp", "vehicle.ssp --fmu EMCAS.fmu", "vehicle.ssp --json findings.json"))
+@common.failures()
 def check(
     ssp: Annotated[Path, typer.Argument(help="Archive to check: written by emcas ssp, or in the same form.",
                                         metavar="FILE.ssp")],
-    fmu: Annotated[Path | None, typer.Option(help="The FMU that the archive should contain; another one is an error.",
-                                             metavar="FMU")] = None,
-    guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.", metavar="GUID")] = None,
+    fmu: Annotated[Path | None, common.value("The FMU that the archive should contain; another one is an error.",
+                                             "FMU")] = None,
+    guid: Annotated[str | None, common.value("Its GUID, instead of the file.", "GUID")] = None,
     model: Annotated[str | None, common.model_option("Actuator of FMUs whose name does not contain it")] = None,
     as_json: Annotated[Path | None, common.json_option("Write all findings to this file.")] = None,
 ) -> None:
     """Check schema, wiring, units, parameters and FMU of an SSP; exit code 1 if there are errors."""
-    from ..bench.writers import write_json
     from ..errors import EmcasError
     from ..ssp.check import check as run
 
-    with common.failures():
-        if fmu and guid:
-            raise EmcasError("--fmu and --guid exclude each other; leave one out")
-        common.check_outputs(as_json, inputs=(ssp, fmu))
-        report = run(ssp, guid, fmu, model)
-        if as_json:
-            write_json(report.document(), as_json)
+    if fmu and guid:
+        raise EmcasError("--fmu and --guid exclude each other; leave one out")
+    common.check_outputs(as_json, inputs=(ssp, fmu))
+    report = run(ssp, guid, fmu, model)
+    common.write_json(report.document(), as_json)
     if report.findings:
         table = Table("", "where", "what is wrong, and what to do", show_lines=True)
         table.columns[1].overflow = "fold"  # names are not cut short, so that they can be searched for

@@ -12,10 +12,11 @@ from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from . import common
 
-EPILOG = ("Examples:\n\n  emcas tune --output tuned.toml --report tuning.html"
-          "\n\n  emcas tune my_requirements.toml -p my_actuator.toml --output tuned.toml --journal tuning.jsonl"
-          "\n\n  emcas tune gains.toml --model my_actuator.py --output tuned.toml"
-          "\n\n  emcas tune --pareto overshoot_5deg --pareto time_to_accuracy_20deg --report tuning.html")
+EPILOG = common.examples(
+    "tune", "--output tuned.toml --report tuning.html",
+    "my_requirements.toml -p my_actuator.toml --output tuned.toml --journal tuning.jsonl",
+    "gains.toml --model my_actuator.py --output tuned.toml",
+    "--pareto overshoot_5deg --pareto time_to_accuracy_20deg --report tuning.html")
 
 
 def tune(
@@ -29,16 +30,16 @@ def tune(
         "Write a parameter file: the gains and what --parameters already changed.")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
-    seed: Annotated[int, typer.Option(help="Seed of the random search; the same seed gives the same gains.",
-                                         min=0, metavar="N")] = 1,
-    generations: Annotated[int, typer.Option(help="Generations of the global search.", min=1, metavar="N")] = 12,
-    workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given.",
-                                                min=1, metavar="N")] = None,
-    journal: Annotated[Path | None, typer.Option(help="Keep every evaluation in this file, and go on from what is "
-                                                      "there.", metavar="FILE")] = None,
-    pareto: Annotated[list[str] | None, typer.Option(help="Draw what one requirement costs another (give two); the "
-                                                          "two that conflict most unless given.",
-                                                     metavar="REQUIREMENT")] = None,
+    seed: Annotated[int, common.value("Seed of the random search; the same seed gives the same gains.", "N",
+                                      min=0)] = 1,
+    generations: Annotated[int, common.value("Generations of the global search.", "N", min=1)] = 12,
+    workers: Annotated[int | None, common.value("Processes; as many as there are processors unless given.", "N",
+                                                min=1)] = None,
+    journal: Annotated[Path | None, common.value("Keep every evaluation in this file, and go on from what is there.",
+                                                 "FILE")] = None,
+    pareto: Annotated[list[str] | None, common.value(
+        "Draw what one requirement costs another (give two); the two that conflict most unless given.",
+        "REQUIREMENT")] = None,
 ) -> None:
     """Find controller gains that meet requirements in every case at once, limits, friction and delay included.
 
@@ -51,31 +52,28 @@ def tune(
     from ..studies.tuning.output import at_bounds, objectives, summary, verdict, write_json, write_report, write_tuned
     from ..studies.tuning.study import load_study, shipped_study
 
-    with common.failures():
-        common.check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ()), requirements))
-        base = common.parameter_set(parameters, model)
-        chosen = load_study(study, base) if study else shipped_study(base)
-        chosen = chosen.judged_by(requirements) if requirements else chosen
-        names = [r.name for r in chosen.requirements]
-        if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
-            raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
-        common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
-        try:
-            with common.progress_bar() as progress:
-                result = run(base, chosen, seed, generations, workers, journal, common.stepper(progress, "tune"))
-        except KeyboardInterrupt:
-            common.err.print("stopped before there were gains to write")
-            raise typer.Exit(common.INTERRUPTED) from None
-        command = shlex.join([
-            "emcas", "tune", *([str(study)] if study else []), *common.parameter_arguments(parameters),
-            *common.option("--requirements", requirements), *common.option("--model", model, NONLINEAR),
-            *common.option("--seed", seed), *common.option("--generations", generations)])
-        if output:
-            write_tuned(result, output, command)
-        if as_json:
-            write_json(result, as_json, command)
-        if report:
-            write_report(result, report, (pareto[0], pareto[1]) if pareto else None)
+    common.check_outputs(output, report, as_json, journal, inputs=(study, parameters, requirements))
+    base = common.parameter_set(parameters, model)
+    chosen = load_study(study, base) if study else shipped_study(base)
+    chosen = chosen.judged_by(requirements) if requirements else chosen
+    names = [r.name for r in chosen.requirements]
+    if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
+        raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
+    common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
+    try:
+        with common.work("tune") as step:
+            result = run(base, chosen, seed, generations, workers, journal, step)
+    except KeyboardInterrupt:
+        common.err.print("stopped before there were gains to write")
+        raise typer.Exit(common.INTERRUPTED) from None
+    command = shlex.join([
+        "emcas", "tune", *([str(study)] if study else []), *common.parameter_arguments(parameters),
+        *common.option("--requirements", requirements), *common.option("--model", model, NONLINEAR),
+        *common.option("--seed", seed), *common.option("--generations", generations)])
+    common.write_results(result, (output, lambda each, path: write_tuned(each, path, command)),
+                         (as_json, lambda each, path: write_json(each, path, command)),
+                         (report, lambda each, path: write_report(each, path, (pareto[0], pareto[1]) if pareto else
+                                                                  None)))
     common.out.print(summary(result))
     for line in filter(None, (verdict(result), objectives(result), at_bounds(result))):
         common.say(line)

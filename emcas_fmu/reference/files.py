@@ -147,7 +147,7 @@ def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> 
     """
     cells = [" ".join([f"%.{digits}g"] * (column.shape[1] if column.ndim > 1 else 1)) for column in columns.values()]
     text = StringIO()
-    # Adding zero turns -0.0 into 0.0: the sign of a zero is not part of a reference.
+    # Adding zero turns -0.0 into 0.0: the sign of a zero is not part of a response.
     np.savetxt(text, np.column_stack(list(columns.values())) + 0.0, ",".join(cells), header=",".join(columns),
                comments="")
     return text.getvalue()

@@ -261,7 +261,6 @@ ALLOWED = {
     ("figures/plots.py", "savefig"): "to a string, and to a file that `whole` gives",
     ("bench/writers.py", "savetxt"): "to a file that `whole` gives",
     ("reference/files.py", "savetxt"): "to memory",
-    ("studies/baseline/files.py", "savetxt"): "to memory",
     ("studies/campaign/store.py", "write_table"): "to memory",
     ("commands/group.py", "open"): "/dev/null, in place of a standard output that cannot be written",
 }

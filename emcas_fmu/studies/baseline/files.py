@@ -6,7 +6,6 @@ Every entry that is read is checked; a message names a wrong one and its file.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from io import BytesIO
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from ...actuators import NONLINEAR, get
 from ...bench.excitation import read_columns
 from ...errors import EmcasError
 from ...parameters import load_parameters, schema, toml
+from ...reference.files import csv_text
 from ...support.writing import write_folder
 from .model import DIGITS, FILE, NEVER, Array, Baseline, Limits, Tables, output_units, start_entries, unit_of
 
@@ -103,15 +103,13 @@ def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
 
 def write(baseline: Baseline, folder: Path) -> list[Path]:
     """Write the files of a baseline, all or none, and return their paths. Raises EmcasError."""
-    header = ",".join(_header(baseline.limits, baseline.model))
+    header, period = _header(baseline.limits, baseline.model), baseline.limits.sample_time
     files: dict[str, str | bytes] = {}
     for name, traces in baseline.traces.items():
         if traces:
-            table, columns = BytesIO(), np.column_stack(list(traces.values()))
-            times = np.arange(len(columns)) * baseline.limits.sample_time
-            # Adding 0.0 removes the sign of zeros.
-            np.savetxt(table, np.column_stack([times, columns]) + 0.0, f"%.{DIGITS}g", ",", header=header, comments="")
-            files[f"{name}.csv"] = table.getvalue()
+            columns = list(traces.values())
+            files[f"{name}.csv"] = csv_text(
+                dict(zip(header, [np.arange(len(columns[0])) * period, *columns], strict=True)), DIGITS)
     # Written last: a folder with trajectories only is recognised as unfinished.
     return write_folder(folder, {**files, FILE: "\n\n".join(_sections(baseline)) + "\n"})
 
