@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
-from .actuators import extension_outputs, fin_port
+from .actuators import extension_outputs, fin_port, get
 from .bench import metrics
 from .bench.conditions import ESTIMATE, conditions, resting_on
 from .bench.excitation import COMMAND, Excitation
@@ -41,6 +41,7 @@ ROUNDING = 1e-9  # relative; a command at its limit may exceed it by rounding
 IN_DEGREES = ". Commands are in rad: is it in degrees?"
 LIKE_DEGREES = pi * (1.0 + ROUNDING)  # rad; no fin is commanded beyond it. The limit of --step, which is in deg
 _MOST_CHANGES = 4  # of a status that are listed
+_MOST_PANELS = 8  # for an actuator's outputs beyond the fin port's
 
 
 @checked
@@ -228,7 +229,8 @@ class Response:
 
         with style():
             estimated = {name.removesuffix("_final") for name in self.estimates}
-            plotted = draw(self.unit, self.excitation.title, self.fins, self.columns, estimated)
+            plotted = draw(self.unit, self.excitation.title, self.fins, self.columns, panels(self.unit.kind),
+                           estimated)
             if path is not None and Path(path).suffix == ".html":
                 self._write_page(plotted, Path(path))
             elif path is not None:
@@ -293,3 +295,14 @@ def _history(v: Variable, time: Any, column: Any) -> str:
     if len(changes) > _MOST_CHANGES:
         changes = [f"{len(changes) - 1} changes", changes[-1]]
     return ", ".join([v.in_words(column[0]), *changes])
+
+
+def panels(model: str) -> list[list[Variable]]:
+    """Return the outputs of each panel: the fin port's one by one, then the actuator's other Real outputs by unit."""
+    aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
+    by_unit: dict[tuple[str, float], list[Variable]] = {}
+    for v in get(model).outputs:
+        if v.kind == "Real" and v.name not in aside:
+            by_unit.setdefault(metrics.shown_output(v), []).append(v)
+    port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)
+    return [*([v] for v in port), *list(by_unit.values())[:_MOST_PANELS]]

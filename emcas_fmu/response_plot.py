@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .actuators import extension_outputs, fin_port, get
+from .actuators import extension_outputs
 from .bench import metrics
 from .bench.conditions import ESTIMATE
 from .bench.excitation import COMMAND
@@ -20,28 +20,28 @@ from .figures.plots import COMMAND as COMMAND_LINE
 from .fmi.interface import FmuInterface
 from .variables import Variable
 
-_MOST_PANELS = 8  # for an actuator's outputs beyond the fin port's
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of outputs in a panel, for several fins
 
 
-def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns, estimated: Collection[str]) -> Figure:
+def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
+         panels: Sequence[Sequence[Variable]], estimated: Collection[str]) -> Figure:
     """Plot over time the command, outputs of every fin, of their line and of extensions; shade active limits.
 
-    `fins` are the runs of the fins, `columns` the outputs of the `unit` by name with ``time`` [s], `estimated` the
-    names of extensions' outputs that rest on estimates. Outputs of the actuator with the same unit share a panel. Call
-    it inside `style()`.
+    `fins` are the runs of the fins, `columns` the outputs of the `unit` by name with ``time`` [s], `panels` the
+    actuator's outputs in each panel, `estimated` the names of extensions' outputs that rest on estimates. Call it
+    inside `style()`.
     """
     brief = columns["time"][-1] <= 1.0
     time, unit_of_time = columns["time"] * (1e3 if brief else 1.0), "ms" if brief else "s"
-    extensions, of_actuator = extension_outputs(unit.kind), panels(unit.kind)
+    extensions = extension_outputs(unit.kind)
     shared = unit.line.outputs if unit.line else ()
-    count = len(of_actuator) + len(shared) + len(extensions)
+    count = len(panels) + len(shared) + len(extensions)
     plotted, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
     first, remaining = grid[0, 0], iter(grid.ravel())
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
     for command in commands:
         first.step(time, np.degrees(command), where="post", label="command", **COMMAND_LINE)
-    for panel, axes in zip(of_actuator, remaining, strict=False):
+    for panel, axes in zip(panels, remaining, strict=False):
         _draw_panel(axes, panel, time, fins)
     first.set_title(title)
     legend(first, loc="best", ncols=1 + len(fins) // 5)
@@ -61,17 +61,6 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns, 
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(f"time [{unit_of_time}] (shaded: a limit {'of any fin ' * (len(fins) > 1)}is active)")
     return plotted
-
-
-def panels(model: str) -> list[list[Variable]]:
-    """Return the outputs of each panel: the fin port's one by one, then the actuator's other Real outputs by unit."""
-    aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
-    by_unit: dict[tuple[str, float], list[Variable]] = {}
-    for v in get(model).outputs:
-        if v.kind == "Real" and v.name not in aside:
-            by_unit.setdefault(metrics.shown_output(v), []).append(v)
-    port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)
-    return [*([v] for v in port), *list(by_unit.values())[:_MOST_PANELS]]
 
 
 def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:

@@ -285,10 +285,10 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
         g.c = of + MODEL_PARAMETERS;
         const size_t *actuator = b->order + k * LANES;
         const size_t full = b->count - k * LANES < LANES ? b->count - k * LANES : LANES;
-        const bool beside = b->in_order && full == LANES;
+        const bool contiguous = b->in_order && full == LANES; /* in the columns */
         for (int j = 0; j < count; ++j) {
             const int i = varying[j];
-            if (beside && stride[i] == 1) row[i] = lanes_load(columns[i] + actuator[0]);
+            if (contiguous && stride[i] == 1) row[i] = lanes_load(columns[i] + actuator[0]);
             else
                 for (int l = 0; l < LANES; ++l) set_lane(&row[i], l, columns[i][(ptrdiff_t)actuator[l] * stride[i]]);
         }
@@ -298,7 +298,7 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
         update_motion_loads(at, &g, row + INPUT_ACCELERATION_X, motion);
         core_inputs_of(row, at->motion_loads, &in);
         const unsigned stopped = move(&g, at, &in, outputs, why);
-        if (beside && !stopped) {
+        if (contiguous && !stopped) {
             for (int l = 0; l < LANES; ++l) result[actuator[0] + (size_t)l] = CORE_DONE;
             for (int i = 0; i < MODEL_OUTPUTS; ++i)
                 lanes_store(out + (size_t)i * out_stride + actuator[0], outputs[i]);

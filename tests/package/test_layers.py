@@ -100,7 +100,7 @@ def test_a_circle_is_found() -> None:
 
 def test_the_interface_starts_without_matplotlib_and_scipy() -> None:
     """They would be half of what the start of every command takes."""
-    program = ("import sys, emcas_fmu.api; "
+    program = ("import sys, emcas_fmu.api, emcas_fmu.studies.explore.page; "
                "print(*sorted({'matplotlib', 'scipy.linalg', 'scipy.stats'} & sys.modules.keys()))")
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""

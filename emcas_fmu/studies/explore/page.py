@@ -26,8 +26,7 @@ from ...errors import EmcasError
 from ...pages.numbers import typeset
 from ...pages.page import page
 from ...parameters import Entry, ParameterSet, load_parameters
-from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING
-from ...response_plot import panels
+from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels
 from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten
 from ...runtime.compiled import REASONS
 from ...runtime.compiler import WEB, zig

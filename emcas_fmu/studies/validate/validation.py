@@ -130,7 +130,7 @@ class Result:
         """The trajectories, judged by the references."""
         return tuple(case.trajectory for case in self.cases if case.errors)
 
-    @property
+    @cached_property
     def comparisons(self) -> list[claims.Comparison]:
         """The comparisons with the linear model."""
         return [claims.compare(amplitude, run, linear) for amplitude, (run, linear) in self.linear_series.items()
