@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
 from emcas_fmu.reference import files
+from emcas_fmu.runtime import library
 from emcas_fmu.studies.baseline import comparison
 
 OLD = b"# what was there\n"
@@ -67,6 +68,7 @@ FOLDERS = {
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the runs read."""
     folder = tmp_path_factory.mktemp("made")
+    library.available("linear")  # a kernel that is compiled during a command is announced, a line more
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for command in (f"baseline record {SMALL} -o made", f"build --no-references {SMALL} -o made.fmu",
