@@ -150,13 +150,6 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
         raise ValueError(f"input {inputs[column].name} is {table[row, column]} at {row * step:.6g} s")
 
 
-def _python_core(values: Mapping[str, Any], model: str) -> Any:
-    # NumPy's numbers are slower, and comparing them does not give a Python bool.
-    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
-    require_sound(plain, model)
-    return codegen.core(plain, model)
-
-
 def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,
                fine: Collection[str], spring: Array | float) -> compiled.Tables:
     actuator = get(model)
@@ -171,7 +164,12 @@ def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Seque
         table = np.stack([np.broadcast_to(column, (count, rows))[run] for column in inputs], axis=1)
         try:
             _check_finite(table, actuator.inputs, held * step)
-            core = _python_core(values, model)
+            require_sound(values, model)
+        except ValueError as error:
+            failures[run] = error
+            continue
+        try:
+            core = codegen.core(values, model)
             now: Any = ()
             acting: Any = ()
             for k in range(points):
@@ -186,9 +184,7 @@ def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Seque
                     acting = (command, load - springs[run] * now[index["fin_angle"]], *others)
                 out[:, run, k] = now
                 reached[run] = k + 1
-        except ArithmeticError as error:
+        except (ArithmeticError, ValueError) as error:  # a ValueError is a root of a negative number
             failures[run] = ArithmeticError(f"at {reached[run] * step:.6g} s: {error}")
-        except ValueError as error:
-            failures[run] = error
     return compiled.Tables({name: np.ascontiguousarray(out[index[name]][:, ::1 if name in fine else held])
                             for name in outputs}, reached, failures)

@@ -19,12 +19,13 @@ The functions return a mapping of names to values; all but `output_values` may l
 from __future__ import annotations
 
 import keyword
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from inspect import signature
-from math import ceil, floor, log10
+from math import ceil, floor, inf, log10
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,7 @@ class Supply:
         return LINES[self.input.unit]
 
 
+_NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[\d+\])?", re.ASCII)
 _BUS = tuple(map(State, bus.STATES))
 
 
@@ -230,7 +232,13 @@ class Actuator:
             if missing := [v.name for v in needed if v.name not in count]:
                 raise EmcasError(f"actuator {self.name}: {kind} {missing[0]} of the fin port is missing; it has "
                                  f"{', '.join(v.name for v in needed)}")
-        for v in (*self.outputs, *self.parameters, *self.further_inputs):
+        for v in (*self.inputs, *self.outputs, *self.parameters):
+            if not _NAME.fullmatch(v.name):
+                raise EmcasError(f"actuator {self.name}: name {v.name!r}: hosts accept letters, digits and _ (a letter "
+                                 "first), groups by dots and an index, such as motor.current or friction.viscous[0]")
+            if v.nominal is not None and not 0.0 < v.nominal < inf:
+                raise EmcasError(f"actuator {self.name}: {v.name} has nominal {v.nominal:g}; give its order of "
+                                 "magnitude, above 0, to which hosts relate tolerances")
             if not v.minimum <= v.maximum:
                 raise EmcasError(f"actuator {self.name}: {v.name} has minimum {v.minimum:g} above maximum "
                                  f"{v.maximum:g}")

@@ -11,16 +11,34 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from math import degrees, inf, radians
 from pathlib import Path
 from types import ModuleType
 
 from ..errors import EmcasError
+from ..support.progress import warn
 from ..units import UnitError, check_unit
 from . import EXTENSIONS, NAMES
 from .declaration import Actuator
 
 GROUP = "emcas.actuators"
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
+_TURN = radians(360.1)
+# Remedies for what Python and NumPy say of a traced value; a pattern is searched in the message, " | " and the line of
+# the file.
+_REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
+    (r"operand type\(s\) for %", "write x - y * ops.floor(x / y)"),
+    (r"operand type\(s\) for //", "write ops.floor(x / y)"),
+    (r"operand type\(s\) for \*\*", "write ops.exp(y * ops.log(x)), of x above 0"),
+    (r"^int\(\)", "write ops.floor(x)"),
+    (r"^float\(\) [^|]*\| .*(?<!\.)\bfloat\(", "leave float() out"),
+    (r"__round__", "write ops.floor(x + 0.5)"),
+    (r"indices must be|as an integer", "a list or a loop needs a fixed number; choose between values by ops.where"),
+    (r"\| .*\binterp\(", "put the pieces together by ops.where(x < x_1, y_0 + slope * (x - x_0), ...)"),
+    (r"\| .*\b(?:np|numpy|math)\.(sin|cos|tan|exp|log|sqrt|fabs|floor|minimum|maximum|clip|where)\(", r"use ops.\1"),
+    (r"\| .*(?<!\.)\b(min|max)\(", r"use ops.\1imum"),
+    (r"\bExpr\b|real number", "equations are traced: use functions of ops, as in ops.sin(x)"),
+))
 
 
 @cache
@@ -81,27 +99,28 @@ def _check_name(actuator: Actuator, path: Path) -> None:
 
 
 def _check_units(actuator: Actuator) -> None:
-    """Raise EmcasError for a variable whose unit is not known."""
-    units = {s.name: s.unit for s in (*actuator.states, *actuator.controller_states, *actuator.sampled_states)}
-    units |= {v.name: v.unit for v in (*actuator.inputs, *actuator.outputs, *actuator.parameters) if v.kind == "Real"}
-    for name, unit in units.items():
+    """Raise EmcasError for a variable whose unit is not known; warn of limits that look like degrees."""
+    states = (*actuator.states, *actuator.controller_states, *actuator.sampled_states)
+    variables = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
+    for name, unit in (*((s.name, s.unit) for s in states), *((v.name, v.unit) for v in variables)):
         try:
             check_unit(unit)
         except UnitError as error:
             raise EmcasError(f"{actuator.source}: {name}: {error}") from error
+    for v in actuator.parameters:
+        if v.unit == "rad" and _TURN < (limit := max(-v.minimum, v.maximum)) < inf:
+            warn(f"{actuator.source}: {v.name} may be up to {limit:g} rad, {degrees(limit):.4g} deg; if {limit:g} deg "
+                 f"is meant, write radians({limit:g})")
 
 
 def refusal(error: Exception, path: Path) -> EmcasError:
     """Return an error in a user's file as one with file, line and, if known, the remedy."""
-    what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
-    if isinstance(error, TypeError) and "Expr" in what:
-        what += "; equations are traced: use functions of ops, as in ops.sin(x)"
-    return EmcasError(f"{located(error, path)}: {what}")
-
-
-def located(error: BaseException, path: Path) -> str:
-    """Return the file, with the last line of it in an error's traceback, if any."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+    number, line = (frames[-1].lineno, frames[-1].line) if frames else (None, "")
     if isinstance(error, SyntaxError) and error.filename == str(path):
-        return f"{path}, line {error.lineno}"
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-    return f"{path}, line {lines[-1]}" if lines else str(path)
+        number = error.lineno
+    what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
+    if isinstance(error, TypeError):
+        found = ((match, remedy) for pattern, remedy in _REMEDIES if (match := pattern.search(f"{error} | {line}")))
+        what += next((f"; {match.expand(remedy)}" for match, remedy in found), "")
+    return EmcasError(f"{path}{f', line {number}' if number else ''}: {what}")

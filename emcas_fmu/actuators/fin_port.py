@@ -199,7 +199,8 @@ RULES = (_travel, _room, _start, _latency)
 
 def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
     """Return the rules for sampling, from functions of an actuator's longest tick [s] and delay [s], None without."""
-    @rule(f"drive.transport_delay = %.6g s must be at most {LONGEST_DELAY} times controller.sample_time = %.6g s")
+    @rule(f"drive.transport_delay = %.6g s must be at least 0, and at most {LONGEST_DELAY} times "
+          "controller.sample_time = %.6g s")
     def delayed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         delay, period = transport_delay(ops, p), p.controller.sample_time
         fits = ops.both(delay >= 0.0, delay <= LONGEST_DELAY * period * (1.0 + SLACK))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isnan
 from typing import TYPE_CHECKING, Any
 
-from ..errors import EmcasError, location
+from ..errors import EmcasError, hint, location
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics.loads import LOADS
@@ -66,8 +66,13 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         split = len(plant) + len(sampled)
         reference, *values, h = arguments[split:]
         u = Record(**acting(arguments[len(plant):split], reference, values))
-        moved, used = actuator.step(ops, p, x, u, h)
+        returned = actuator.step(ops, p, x, u, h)
+        if not (isinstance(returned, tuple) and len(returned) == 2):
+            raise EmcasError(f"{location(actuator.step)} returns {type(returned).__name__}; a mapping of states and "
+                             "the time until then are needed, as in return {...}, h")
+        moved, used = returned
         moved = {**vars(x), **complete(actuator.step, moved, (), plant)}
+        complete(actuator.step, {"the time of the step": used}, ("the time of the step",))
         return (*(moved[name] for name in plant), used)
 
     def outputs(ops: Ops, p: Parameters, *arguments: Value) -> tuple[Value, ...]:
@@ -101,11 +106,13 @@ def complete(function: Callable[..., Any], values: Any, names: Iterable[str], op
                          "needed")
     needed = list(names)
     known = {*needed, *optional}
-    if missing := [name for name in needed if name not in values]:
-        raise EmcasError(f"{location(function)} returns no {', '.join(missing)}")
-    if unknown := [name for name in values if name not in known]:
-        raise EmcasError(f"{location(function)} returns {', '.join(map(str, unknown))}, which is not declared; there "
-                         f"is {', '.join(sorted(known))}")
+    missing = [name for name in needed if name not in values]
+    unknown = [str(name) for name in values if name not in known]
+    returned = f"returns {', '.join(unknown)}, which is not declared{hint(unknown[0], known)}" if unknown else ""
+    if missing:
+        raise EmcasError(f"{location(function)} returns no {', '.join(missing)}{returned and f'; it {returned}'}")
+    if unknown:
+        raise EmcasError(f"{location(function)} {returned}; there is {', '.join(sorted(known))}")
     for name, value in values.items():
         if value is None or isinstance(value, (str, Sequence, Mapping)) or (isinstance(value, float) and isnan(value)):
             raise EmcasError(f"{location(function)} returns {name} = {value!r}; a number is needed")

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
-from math import isclose
+from math import isclose, radians
 from numbers import Integral, Real
 from typing import Any
 
@@ -175,7 +175,9 @@ def _number(variable: Variable, fields: Mapping[str, Any]) -> float | int:
     value = next((limit for limit in limits if isclose(value, limit, rel_tol=_ROUNDING)), value)
     if check_ranges({variable.name: value}, [(variable.name, *limits)]):
         unit = "" if variable.unit == "1" else f" {variable.unit}"
-        raise ValueError(f"is {value:.6g}{unit}; it must be within {limits[0]:.6g} .. {limits[1]:.6g}{unit}")
+        degrees = variable.unit == "rad" and limits[0] <= radians(value) <= limits[1]
+        raise ValueError(f"is {value:.6g}{unit}; it must be within {limits[0]:.6g} .. {limits[1]:.6g}{unit}"
+                         f"{f'; did you mean {value:.6g} deg?' if degrees else ''}")
     if variable.kind == "Integer" and not float(value).is_integer():
         raise ValueError("expected a whole number")
     return int(value) if variable.kind == "Integer" else value

@@ -91,6 +91,7 @@ def model_header(actuator: Actuator) -> str:
         f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
         f"    CORE_SAMPLED = {kept + 2 + held},\n    CORE_LOADS = {loads},\n    CORE_MOTION_LOADS = {loads - 1},\n"
         f"    MODEL_MOTION = {motion}\n}};\n\n"
+        f"#define CORE_ENDLESS {c_text(core.TOO_MANY_EVENTS)}\n"
         "/* Inputs beyond the fin port's, and how many of them, the first ones, act on the plant. */\n"
         f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
         "/* Index of the supply among the inputs, and of its power among the outputs; -1 if there is none. */\n"

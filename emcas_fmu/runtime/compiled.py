@@ -20,7 +20,7 @@ from . import core
 from .library import loaded, milliseconds, vectors
 from .schedule import Schedule
 
-REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
+REASONS = ("", "the state is no longer finite", core.TOO_MANY_EVENTS,
            f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
 """Messages of core_result in core.h and, behind them, of the further reasons in tables.h."""
 _REFUSED, _INPUT_NOT_FINITE, _APART = range(len(REASONS) - 2, len(REASONS) + 1)

@@ -194,8 +194,9 @@ static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask 
         EQUATIONS(step, moving, p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply,
                   in->enable CORE_ACTING_OF(in), left, moved);
         for (int k = 0; LANES > 1 && k < CORE_PLANT; ++k) x->x[k] = lanes_where(moving, moved[k], x->x[k]);
-        moving = lanes_but(moving, lanes_greater_equal(moved[CORE_PLANT], left));
-        left = left - moved[CORE_PLANT];
+        const lanes used = moved[CORE_PLANT], most = left * lanes_set(1.0 + 1e-9); /* more than what is left: rounding */
+        moving = lanes_but(moving, lanes_both(lanes_greater_equal(used, left), lanes_less_equal(used, most)));
+        left = left - used;
     }
     return lanes_but(which, moving);
 }

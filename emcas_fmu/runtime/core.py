@@ -14,6 +14,10 @@ from typing import Any, NamedTuple
 
 # A tick has a handful of events at most; with far more the equations cannot be followed.
 MOST_EVENTS = 500
+# The time that a step takes is more than what is left of the tick by rounding only.
+_ROUNDED = 1.0 + 1e-9
+TOO_MANY_EVENTS = (f"more than {MOST_EVENTS} events in a tick: step() of the actuator does not get to its end; the "
+                   "time that it returns is above 0, and at most h")
 # In one communication step. More is a mistake of the host and would seem to hang.
 MOST_TICKS = 100_000_000
 # Ticks from zero to the latest start. A clock counts there in eighths of a tick or less; the allowance for its
@@ -263,10 +267,10 @@ class Core:
         for _ in range(MOST_EVENTS):
             moved = step(*plant, *acting, left)
             plant, used = moved[:-1], moved[-1]
-            if used >= left:
+            if left <= used <= left * _ROUNDED:
                 return plant
             left -= used
-        raise ArithmeticError(f"more than {MOST_EVENTS} events in a tick")
+        raise ArithmeticError(TOO_MANY_EVENTS)
 
     def _extend(self, part: Part | None, until: float, inputs: Inputs) -> Part:
         if part is None:

@@ -14,9 +14,10 @@ from emcas_fmu.actuators import external, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference import files
-from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime import codegen, library
+from emcas_fmu.simulation import simulate
 
-from .example import FILE, changed
+from .example import FILE, MODEL, changed
 
 _SPRING = "- p.spring.stiffness * x.fin_angle"
 
@@ -29,7 +30,7 @@ _SPRING = "- p.spring.stiffness * x.fin_angle"
     (("    clipped = ops", "    if demand > 0.0: pass\n    clipped = ops"), "    clipped = ops",
      "no truth: use ops.where"),
     (("    clipped = ops", "    import math; math.sin(demand)\n    clipped = ops"), "    clipped = ops",
-     "use functions of ops, as in ops.sin(x)"),
+     "not Expr; use ops.sin"),
     (("ACTUATOR = Actuator(", "ACTUATOR = = Actuator("), "ACTUATOR = Actuator(", "invalid syntax"),
     (('State("current", "A")', 'State("fin_rate", "A")'), "ACTUATOR = Actuator(", "fin_rate is the name of two things"),
     (('State("current", "A")', 'State("the current", "A")'), None,
@@ -46,6 +47,14 @@ _SPRING = "- p.spring.stiffness * x.fin_angle"
      "ops has no tanh; did you mean tan?"),
     (("    clipped = ops", "    demand ** 2\n    clipped = ops"), "    clipped = ops", "write x * x"),
     (('State("current", "A")', 'State("replace", "A")'), None, "the name of a method of x"),
+    (('"fin_rate": torque / inertia', '"fin_rte": torque / inertia'), "def derivatives",
+     "derivatives() returns no fin_rate; it returns fin_rte, which is not declared; did you mean fin_rate?"),
+    (('"integral": ops', '"integrl": ops'), "def sample", "returns integrl, which is not declared; did you mean "
+     "integral?; there is"),
+    (('"motor_current", "A", "motor current", 10.0', '"motor_current", "A", "motor current", 0.0'),
+     "ACTUATOR = Actuator(", "motor_current has nominal 0; give its order of magnitude"),
+    (('real_output("motor_voltage", "V"', 'real_output("motor voltage", "V"'), "ACTUATOR = Actuator(",
+     "name 'motor voltage': hosts accept letters, digits and _"),
     (("lambda ops, p: 1.0", "lambda p: 1.0"), "    supply=Supply(",
      "inverse_inductance has 1 argument; give a function of (ops, p) or of (ops, p, interval)"),
     (("MOTOR_CURRENT = real_output(\"motor_current\"", "MOTOR_CURRENT = real_output(\"motor.inertia\""),
@@ -69,6 +78,81 @@ def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place:
     if place is not None:
         expected = next(i for i, line in enumerate(FILE.read_text(encoding="utf-8").splitlines(), 1) if place in line)
         assert int(named[1]) == expected
+
+
+@pytest.mark.parametrize(("expression", "remedy"), [
+    ("demand % 2.0", "write x - y * ops.floor(x / y)"),
+    ("demand // 2.0", "write ops.floor(x / y)"),
+    ("2.0 ** demand", "write ops.exp(y * ops.log(x))"),
+    ("int(demand)", "write ops.floor(x)"),
+    ("float(demand)", "leave float() out"),
+    ("round(demand)", "write ops.floor(x + 0.5)"),
+    ("[1.0, 2.0][demand]", "choose between values by ops.where"),
+    ("range(demand)", "a loop needs a fixed number"),
+    ("np.interp(demand, [0.0, 1.0], [0.0, 2.0])", "put the pieces together by ops.where"),
+    ("np.clip(demand, -1.0, 1.0)", "use ops.clip"),
+    ("np.sin(demand)", "use ops.sin"),
+    ("max(demand, 0.0)", "use ops.maximum"),
+    ("math.atan2(demand, 1.0)", "use functions of ops, as in ops.sin(x)"),
+])
+def test_the_remedy_fits(tmp_path: Path, expression: str, remedy: str) -> None:
+    path = changed(tmp_path, ("    clipped = ops", f"    {expression}\n    clipped = ops"),
+                   ("from pathlib", "import math\n\nimport numpy as np\nfrom pathlib"))
+    with pytest.raises(EmcasError, match=r"line \d+: TypeError: .*" + re.escape(remedy)):
+        codegen.traced(model=str(path))
+
+
+_STEP = """
+def step(ops, p, x, u, h):
+    rates = derivatives(ops, p, x, u)
+    return RESULT
+
+
+def output_values"""
+_STATES = '{name: getattr(x, name) + h * rates[name] for name in ("fin_angle", "fin_rate", "current")}'
+
+
+def stepped(folder: Path, result: str) -> Path:
+    """The example with a step() that returns `result`."""
+    return changed(folder, ("\ndef output_values", _STEP.replace("RESULT", result)),
+                   ("    derivatives=derivatives,", "    step=step,"),
+                   ("ACTUATOR = Actuator(", 'PARAMETERS += (parameter("step.share", "1", -1.0, 3.0, "of h"),)\n'
+                    "ACTUATOR = Actuator("))
+
+
+@pytest.mark.parametrize(("result", "says"), [
+    (_STATES, "step() returns dict; a mapping of states and the time until then are needed"),
+    (f"{_STATES}, None", "step() returns the time of the step = None; a number is needed"),
+])
+def test_what_a_step_returns(tmp_path: Path, result: str, says: str) -> None:
+    with pytest.raises(EmcasError, match=r"mine\.py, line \d+: " + re.escape(says)):
+        codegen.traced(model=str(stepped(tmp_path, result)))
+
+
+@pytest.mark.parametrize("kernel", ["python", "compiled"])
+def test_every_loop_ends(tmp_path: Path, kernel: str) -> None:
+    """Of a step that takes no time, a negative one, hardly any, more than there is, or one that is not a number."""
+    model = str(stepped(tmp_path, f"{_STATES}, p.step.share * h + 0.0 * ops.sqrt(2.0 - p.step.share)"))
+    if kernel == "compiled" and not library.available(model):
+        pytest.skip("no compiler")
+    for share in (0.0, -1.0, 1e-9, 2.0, 3.0):
+        with pytest.raises(ArithmeticError, match=r"at 0(\.001)? s: "):
+            simulate({**load_parameters(model=MODEL).values, "step.share": share}, 0.01, kernel=kernel, model=model)
+
+
+def test_a_negative_delay(tmp_path: Path) -> None:
+    path = changed(tmp_path, ("    sample=sample,", "    transport_delay=lambda ops, p: -0.001,\n    sample=sample,"))
+    with pytest.raises(ParameterError, match=r"drive\.transport_delay = -0\.001 s must be at least 0"):
+        load_parameters(model=str(path))
+
+
+def test_degrees_for_radians(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = changed(tmp_path, ("ACTUATOR = Actuator(", 'PARAMETERS += (parameter("lock.angle", "rad", 0.0, 25.0, ""),)\n'
+                              "ACTUATOR = Actuator("))
+    get(str(path))
+    assert "lock.angle may be up to 25 rad, 1432 deg; if 25 deg is meant, write radians(25)" in caplog.text
+    with pytest.raises(ParameterError, match=r"fin\.stop_angle = 25\.0 rad: is 25 rad; .* did you mean 25 deg\?"):
+        load_parameters(model=MODEL).with_values({"fin.stop_angle": 25.0})
 
 
 def test_a_rule_that_asks_an_angle_is_refused_where_it_is_traced(tmp_path: Path) -> None:
@@ -95,6 +179,7 @@ ACTUATOR = Actuator(
     (("*fin_port.OUTPUTS, ", ""), "output fin_angle of the fin port is missing"),
     (("    *fin_port.PARAMETERS,\n", ""), "parameter inertia.fin of the fin port is missing"),
     (('State("current", "A")', 'State("current", "Amp")'), "current: unknown unit 'Amp'"),
+    (('"rad/s"', '"rod/s"'), "fin_rate: unknown unit 'rod/s'; did you mean rad?"),  # of the output it is rad/s
     (('name="direct-drive"', 'name="elastic"'), "name 'elastic' is that of an actuator or extension that is shipped"),
     (('name="direct-drive"', 'name="direct drive"'), "name 'direct drive': use letters, digits"),
 ])

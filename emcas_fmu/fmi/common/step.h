@@ -57,8 +57,7 @@ static int step_done(instance *m, core_result result, double time, double size, 
         return report(m, FMI(Discard), "step from %.17g s of %.17g s has more than %d ticks", time, size,
                       CORE_MOST_TICKS);
     if (result == CORE_TOO_MANY_EVENTS)
-        return report(m, FMI(Discard), "step from %.17g s of %.17g s: more than %d events in a tick", time, size,
-                      CORE_MOST_EVENTS);
+        return report(m, FMI(Discard), "step from %.17g s of %.17g s: " CORE_ENDLESS, time, size);
     if (result != CORE_DONE)
         return report(m, FMI(Discard), "step from %.17g s of %.17g s: the state is no longer finite", time, size);
     m->s.fresh = 1;
