@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -82,6 +83,14 @@ def location(function: Callable[..., Any]) -> str:
     """Return file, line and name of an actuator's function, for a message."""
     code = getattr(function, "__code__", None)
     return f"{code.co_filename}, line {code.co_firstlineno}: {code.co_name}()" if code else repr(function)
+
+
+def called_from(path: Path) -> str:
+    """Return file, line and name of the function of a file that is being executed, "" if there is none."""
+    frame = sys._getframe()
+    while frame is not None and frame.f_code.co_filename != str(path):
+        frame = frame.f_back  # type: ignore[assignment]
+    return f"{path}, line {frame.f_lineno}: {frame.f_code.co_name}()" if frame else ""
 
 
 def hint(word: Any, among: Iterable[str]) -> str:

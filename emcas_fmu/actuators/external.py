@@ -7,15 +7,16 @@ import importlib.util
 import re
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from math import degrees, inf, radians
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
-from ..errors import EmcasError
+from ..errors import EmcasError, location
 from ..support.progress import warn
 from ..units import UnitError, check_unit
 from . import EXTENSIONS, NAMES
@@ -111,6 +112,15 @@ def _check_units(actuator: Actuator) -> None:
         if v.unit == "rad" and _TURN < (limit := max(-v.minimum, v.maximum)) < inf:
             warn(f"{actuator.source}: {v.name} may be up to {limit:g} rad, {degrees(limit):.4g} deg; if {limit:g} deg "
                  f"is meant, write radians({limit:g})")
+
+
+def of_function(actuator: Actuator, name: str) -> str:
+    """Return the location of the function of a user's file behind a function of the program, else that of the file."""
+    behind: dict[str, tuple[Callable[..., Any] | None, ...]] = {
+        "initial": (actuator.initial,), "sample": (actuator.sample,), "outputs": (actuator.output_values,),
+        "step": (actuator.derivatives, actuator.step)}
+    locations = (location(function) for function in behind.get(name, ()) if function is not None)
+    return next((each for each in locations if each.startswith(str(actuator.source))), str(actuator.source))
 
 
 def refusal(error: Exception, path: Path) -> EmcasError:

@@ -12,6 +12,7 @@ from uuid import UUID
 from .. import __version__
 from ..errors import BuildError
 from ..parameters import ParameterSet
+from ..runtime import codegen
 from ..support.arguments import checked
 from ..support.progress import Progress
 from ..support.writing import check_target, write_zip
@@ -39,9 +40,10 @@ class Built:
 
 
 def interface_guid(starts: tuple[Any, ...], interface: FmuInterface, fmi: Format = FORMATS["2"]) -> str:
-    """Return a GUID that is a hash of the interface: of the model description with an empty GUID."""
-    description = to_bytes(model_description(fmi, interface, starts, ""))
-    return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
+    """Return a GUID that is a hash of the interface, the model description with an empty GUID, and of the equations."""
+    described = to_bytes(model_description(fmi, interface, starts, ""))
+    equations = codegen.source(interface.fins > 1, interface.kind).encode()
+    return f"{{{UUID(bytes=hashlib.sha256(described + equations).digest()[:16], version=5)}}}"
 
 
 def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,

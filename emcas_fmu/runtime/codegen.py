@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache, lru_cache, partial
-from typing import Any
+from typing import Any, TypeVar
 
 from ..actuators import NONLINEAR, fin_port, get, positional
 from ..actuators.declaration import Actuator, Supply
-from ..actuators.external import refusal
+from ..actuators.external import of_function, refusal
 from ..actuators.line import drawn
 from ..errors import EmcasError
 from ..namespace import namespace
@@ -16,6 +16,7 @@ from ..ops.base import Ops, Value
 from ..physics.loads import LOADS, MotionLoads
 from ..trace.dependencies import ZERO, Known, dependencies
 from ..trace.python_source import python_source
+from ..trace.repeated import LocatedTracer, require_same
 from ..trace.tracer import Tracer
 from ..variables import Variable
 from . import schedule
@@ -24,6 +25,7 @@ from .multi_fin import MultiFin
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
+_Kind = TypeVar("_Kind", bound=Tracer)
 
 MOTION = slice(FIRST, FIRST + len(fin_port.MOTION))  # the vehicle's motion among an actuator's inputs
 
@@ -64,12 +66,22 @@ def _of_line(supply: Supply) -> tuple[Traced, ...]:
          lambda ops, p, interval: (supply.within(ops, p, interval),)))
 
 
-def _trace(model: str, functions: Iterable[Traced]) -> Tracer:
+def _trace(model: str, functions: Collection[Traced]) -> Tracer:
     """Return functions of an actuator, traced over its parameters in their order.
 
-    Raises EmcasError naming file and line if a function in a user's file cannot be traced.
+    Those in a user's file are traced twice. Raises EmcasError naming file and line if they cannot be traced, or if the
+    results differ.
     """
-    actuator, tracer = get(model), Tracer()
+    actuator = get(model)
+    if actuator.source is None:
+        return _filled(Tracer(), actuator, functions)
+    tracer, again = (_filled(LocatedTracer(actuator.source), actuator, functions) for _ in range(2))
+    require_same(tracer, again, partial(of_function, actuator))
+    return tracer
+
+
+def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[Traced]) -> _Kind:
+    """Return a tracer after it has traced functions."""
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
     for name, arguments, function in functions:
         try:
@@ -90,7 +102,7 @@ def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
 @cache
 def traced_rules(model: str = NONLINEAR) -> Tracer:
     """Return the traced checks of an actuator's rules: ``check_0`` and so on, functions of a share of the travel."""
-    return _trace(model, ((f"check_{i}", ("share",), rule.check) for i, rule in enumerate(get(model).all_rules)))
+    return _trace(model, [(f"check_{i}", ("share",), rule.check) for i, rule in enumerate(get(model).all_rules)])
 
 
 @cache

@@ -58,6 +58,9 @@ class Expr:
         self.name = name
         self.fixed = fixed
 
+    def __repr__(self) -> str:
+        return self.name
+
     __hash__ = None  # type: ignore[assignment]
 
     def __eq__(self, other: object) -> bool:

@@ -12,6 +12,8 @@ import pytest
 from emcas_fmu import actuators
 from emcas_fmu.actuators import external, get
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.interface import FmuInterface, start_values
+from emcas_fmu.fmi.package import interface_guid
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference import files
 from emcas_fmu.runtime import codegen, library
@@ -138,6 +140,36 @@ def test_every_loop_ends(tmp_path: Path, kernel: str) -> None:
     for share in (0.0, -1.0, 1e-9, 2.0, 3.0):
         with pytest.raises(ArithmeticError, match=r"at 0(\.001)? s: "):
             simulate({**load_parameters(model=MODEL).values, "step.share": share}, 0.01, kernel=kernel, model=model)
+
+
+_IMPURE = "import random\nfrom itertools import count\nfrom pathlib"
+
+
+@pytest.mark.parametrize(("before", "after", "name"), [
+    ("- p.hinge.damping * x.fin_rate", "- random.random() * x.fin_rate", "derivatives"),
+    ("- p.hinge.damping * x.fin_rate", "- next(COUNTER) * x.fin_rate", "derivatives"),
+    ("c.kd * x.fin_rate", "c.kd * (next(COUNTER) + p.hinge.damping)", "sample"),
+    ('"hinge_torque": fin', '"hinge_torque": random.random() + 0.0 * fin', "output_values"),
+    ('"fin_rate": x.fin_rate,\n', '"fin_rate": random.random(),\n', "output_values"),
+])
+def test_what_changes_between_calls(tmp_path: Path, before: str, after: str, name: str) -> None:
+    """It would be a constant, and another one in each FMU. The line is named, or that of the function."""
+    path = changed(tmp_path, ("from pathlib", _IMPURE), ("PARAMETERS = (", "COUNTER = count()\nPARAMETERS = ("),
+                   (before, after))
+    with pytest.raises(EmcasError, match=rf"mine\.py, line \d+: {name}\(\) is not the same when") as refused:
+        codegen.traced(model=str(path))
+    line = path.read_text(encoding="utf-8").splitlines()[int(str(refused.value).split(", line ")[1].split(":")[0]) - 1]
+    assert after in line or line.startswith(f"def {name}(")
+
+
+def test_the_guid_follows_the_equations(tmp_path: Path) -> None:
+    """Not only the interface: a host or a stored state of other equations is of another FMU."""
+    guids = set()
+    for name, sign in (("mine", "-"), ("other", "+"), ("same", "-")):
+        model = str(changed(tmp_path, (_SPRING, _SPRING.replace("-", sign)), name=f"{name}.py"))
+        shown = FmuInterface(1, model)
+        guids.add(interface_guid(start_values(shown, [load_parameters(model=model).values]), shown))
+    assert len(guids) == 2
 
 
 def test_a_negative_delay(tmp_path: Path) -> None:
