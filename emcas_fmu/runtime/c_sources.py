@@ -17,6 +17,7 @@ from ..trace import elementary
 from ..trace.c_source import c_elementary, c_source
 from ..trace.vector_source import vector_elementary, vector_source
 from . import codegen, core
+from .schedule import Schedule
 
 MOST_NUMBERS = 12  # in a rule's message: as many as instance.h passes to printf
 
@@ -111,6 +112,7 @@ def model_header(actuator: Actuator) -> str:
         f"/* {', '.join(LOADS)} */\n#define CORE_LOADS_OF(inputs) {listed('(inputs)->loads', loads)}\n"
         f"#define CORE_FURTHER_OF(inputs) {listed('(inputs)->further', len(further))}\n"
         f"#define CORE_ACTING_OF(inputs) {listed('(inputs)->further', acting)}\n\n"
+        f"#define CORE_SCHEDULE {', '.join(Schedule._fields)}\n"
         "/* Ticks from zero to the latest start. */\n"
         f"#define CORE_LATEST {c_number(core.LATEST)}\n\n"
         f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n")

@@ -23,7 +23,7 @@ from .schedule import Schedule
 REASONS = ("", "the state is no longer finite", core.TOO_MANY_EVENTS,
            f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
 """Messages of core_result in core.h and, behind them, of the further reasons in tables.h."""
-_REFUSED, _INPUT_NOT_FINITE, _APART = range(len(REASONS) - 2, len(REASONS) + 1)
+_REFUSED, _INPUT_NOT_FINITE, _ALONE = range(len(REASONS) - 2, len(REASONS) + 1)
 Array = NDArray[Any]
 
 
@@ -179,7 +179,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     count, rows, points = table_shape(sets, columns, model, held)
     index = {v.name: i for i, v in enumerate(actuator.outputs)}
     out = {name: np.full((count, points if name in fine else rows), np.nan) for name in outputs}
-    reached, results = np.zeros(count, dtype=np.int64), np.full(count, _APART, dtype=np.intc)
+    reached, results = np.zeros(count, dtype=np.int64), np.full(count, _ALONE, dtype=np.intc)
     springs = np.array(np.broadcast_to(spring, count), dtype=float) if np.any(spring) else None
     read = (_InputColumn * len(columns))(*(_InputColumn(*_layout(column)) for column in columns))
     written = (_OutputColumn * len(out))(*(_OutputColumn(*_layout(column), index[name], 1 if name in fine else held)
@@ -191,7 +191,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     results[np.broadcast_to(prepared.refused, count)] = _REFUSED
     order = by_schedule(prepared.schedules) if len(sets) > 1 else np.arange(count, dtype=np.uintp)
     for library in (vectors(model, milliseconds(count * points, step)) if count > 1 else None, one):
-        runs = order[results[order] == _APART]  # of vectors, those that leave the others remain
+        runs = order[results[order] == _ALONE]  # of vectors, those that leave the others remain
         if library is not None and len(runs):
             library.batch_simulate(len(runs), address(runs), address(prepared.values),
                                    prepared.values.shape[1] if len(sets) > 1 else 0, ct.byref(tables))

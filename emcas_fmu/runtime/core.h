@@ -1,4 +1,7 @@
-/* Samples, delay buffers and ticks of actuators that are stepped together: core.py in C, function by function.
+/* Samples, delay buffers and ticks of actuators that are stepped together: core.py in C.
+ *
+ * `core_x` is the method x or _x of Core, core_move its _run, core_scheduled its bind, core_inputs_of the function
+ * inputs_of; the other functions serve lanes and memory. states.h checks stored states as Core.unsound does.
  *
  * `lanes` are a number for each of them: one number by scalar.h, several if vector.h comes first. Lanes move together
  * while their samples and ticks coincide; `which` are the lanes that do, values of the others have no meaning. model.h
@@ -61,12 +64,20 @@ typedef struct {
     lanes line[CORE_LINE];
 } core_state;
 
+_Static_assert(offsetof(core_inputs, supply) == (1 + CORE_LOADS) * sizeof(lanes)
+               && offsetof(core_inputs, further) == (3 + CORE_LOADS) * sizeof(lanes)
+               && offsetof(core_ramp, supply) == (2 + CORE_LOADS) * sizeof(lanes)
+               && offsetof(core_ramp, further) == (3 + CORE_LOADS) * sizeof(lanes),
+               "inputs and ramps have the order of core.py's");
+_Static_assert(offsetof(core_state, time) == sizeof(core_part)
+               && offsetof(core_state, line) == sizeof(core_state) - CORE_LINE * sizeof(lanes),
+               "a state begins with the part and ends with the line, of which core_keep copies what is in use");
+
 typedef enum { CORE_DONE, CORE_NOT_FINITE, CORE_TOO_MANY_EVENTS, CORE_TOO_MANY_TICKS } core_result;
 
-/* The schedule's numbers, in the order of schedule.py's Schedule. Lanes that move have as many ticks, samples and late
- * commands as the first. */
+/* The Schedule of schedule.py. Lanes that move have as many ticks, samples and late commands as the first. */
 typedef struct {
-    lanes period, before, after, arrival, h_before, h_after, samples, late_commands, slack;
+    lanes CORE_SCHEDULE;
 } core_schedule;
 
 /* Tests the bits: comparing a NaN would raise a floating-point exception. */
@@ -105,9 +116,9 @@ static inline lanes core_sum(const lanes *x, int count)
 
 static inline core_schedule core_scheduled(const lanes *p, const lanes *c)
 {
-    lanes out[9];
-    EQUATIONS(schedule, EVERY_LANE, p, c, out);
-    return (core_schedule){out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7], out[8]};
+    core_schedule plan;
+    EQUATIONS(schedule, EVERY_LANE, p, c, (lanes *)&plan);
+    return plan;
 }
 
 /* A whole number of the schedule; the conversion to a signed integer is one instruction. */
@@ -119,7 +130,7 @@ static inline int32_t core_count(lanes number)
 /* Number of DAC values in the line. */
 static inline size_t core_values(const core_schedule *plan)
 {
-    return (size_t)core_count(plan->samples) + 2;
+    return (size_t)core_count(plan->delay_samples) + 2;
 }
 
 static inline size_t core_line_length(const core_schedule *plan)
@@ -164,7 +175,6 @@ static inline void core_inputs_of(const lanes *in, const lanes *motion_loads, co
 static inline void core_outputs(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
                                 const core_plant *x, const core_schedule *plan, const core_inputs *in, lanes *out)
 {
-    (void)which;
     EQUATIONS(outputs, which, p, c, CORE_PLANT_OF(x), s->active, s->line[core_values(plan) - 1],
               CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command CORE_LOADS_OF(in), in->supply,
               in->enable CORE_ACTING_OF(in), out);
@@ -190,7 +200,7 @@ static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask 
 {
     lanes_mask moving = lanes_within(which, lanes_greater(left, lanes_set(0.0)));
     for (int i = 0; i < CORE_MOST_EVENTS && lanes_any(moving); ++i) {
-        lanes apart[CORE_PLANT + 1], *moved = LANES > 1 ? apart : x->x; /* the other lanes keep their states */
+        lanes out[CORE_PLANT + 1], *moved = LANES > 1 ? out : x->x; /* the other lanes keep their states */
         EQUATIONS(step, moving, p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply,
                   in->enable CORE_ACTING_OF(in), left, moved);
         for (int k = 0; LANES > 1 && k < CORE_PLANT; ++k) x->x[k] = lanes_where(moving, moved[k], x->x[k]);
@@ -258,7 +268,6 @@ static inline void core_sample(const lanes *p, const lanes *c, lanes_mask which,
     lanes out[1 + CORE_SAMPLED], command = in->command;
     const core_plant *x = &s->plant;
     const size_t line = core_values(plan), late = (size_t)core_count(plan->late_commands);
-    (void)which;
     if (late) {
         command = s->line[line];
         core_push(s->line + line, late, in->command);
@@ -276,7 +285,7 @@ static inline lanes core_begun(const core_state *s, const core_schedule *plan)
     lanes within = position * plan->h_before;
     if (s->time.position >= core_count(plan->before))
         within = plan->arrival + (position - plan->before) * plan->h_after;
-    return lanes_set((double)s->time.period) * plan->period + within;
+    return lanes_set((double)s->time.period) * plan->sample_time + within;
 }
 
 /* Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part. Returns the lanes
@@ -321,7 +330,7 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
     const int lead = lanes_lead(which);
     /* Most hosts step from sample to sample. */
     lanes at[3] = {lanes_set((double)(s->time.period + 1)), lanes_set(0.0), lanes_set(0.0)};
-    const lanes_mask near = lanes_less_equal(lanes_fabs(lanes_set(end) - at[0] * plan->period), plan->slack);
+    const lanes_mask near = lanes_less_equal(lanes_fabs(lanes_set(end) - at[0] * plan->sample_time), plan->slack);
     if (lanes_any(lanes_but(which, near))) {
         lanes located[3];
         EQUATIONS(locate, which, p, c, lanes_set(end), located);

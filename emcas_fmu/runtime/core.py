@@ -1,6 +1,6 @@
 """Samples, delay buffers and ticks of one actuator. Standard library only: this file is embedded in the FMU.
 
-core.h is the same in C, function by function. The state is that at the beginning of a tick
+core.h is the same in C. The state is that at the beginning of a tick
 (:mod:`emcas_fmu.runtime.schedule`). At a communication point inside a tick the outputs come from a tentative step, so
 that the trajectory does not depend on the host's step sizes.
 """

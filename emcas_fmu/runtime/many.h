@@ -79,12 +79,12 @@ API size_t batch_group_size(size_t line)
     return offsetof(group, state.line) + line * sizeof(lanes);
 }
 
-/* Compute the values and schedules of actuators from their `parameters`, `apart` [doubles] from one to the next. The
+/* Compute the values and schedules of actuators from their `parameters`, `stride` [doubles] from one to the next. The
  * period of an actuator whose parameters break a limit or rule is NaN. */
-API void batch_prepare(size_t count, const double *parameters, size_t apart, double *values, double *schedules)
+API void batch_prepare(size_t count, const double *parameters, size_t stride, double *values, double *schedules)
 {
     for (size_t i = 0; i < count; ++i) {
-        const double *p = parameters + i * apart;
+        const double *p = parameters + i * stride;
         double *to = values + i * VALUES;
         schedules[i * PLAN] = NAN;
         if (!rules_hold(p)) continue;
@@ -98,10 +98,10 @@ static group_step prepared(const lanes *values, double end)
 {
     group_step g = {.p = values, .c = values + MODEL_PARAMETERS, .end = end, .together = EVERY_LANE};
     g.plan = core_scheduled(g.p, g.c);
-    const lanes counts[] = {g.plan.before, g.plan.after, g.plan.samples, g.plan.late_commands};
+    const lanes counts[] = {g.plan.before, g.plan.after, g.plan.delay_samples, g.plan.late_commands};
     for (int i = 0; i < 4; ++i) g.together = lanes_both(g.together, lanes_alike(counts[i], 0));
     for (int l = 0; l < LANES; ++l) {
-        const size_t line = (size_t)lanes_of(g.plan.samples + g.plan.late_commands, l) + 2;
+        const size_t line = (size_t)lanes_of(g.plan.delay_samples + g.plan.late_commands, l) + 2;
         if (line > g.line) g.line = line;
     }
     return g;
@@ -124,12 +124,12 @@ static void spread_lane(lanes *to, int lane, const lanes *from, size_t count)
     for (size_t i = 0; i < count; ++i) to[i] = lanes_set(lanes_of(from[i], lane));
 }
 
-/* Copy a state by one of both, but for its time, with `line` values of the delay buffer. */
+/* Copy a state by one of both, but for its time: `line` values of the delay buffer, and the part if `partial`. */
 static void copy_state(void (*copy)(lanes *, int, const lanes *, size_t), core_state *to, int lane,
-                       const core_state *from, size_t line)
+                       const core_state *from, size_t line, bool partial)
 {
     enum { ALWAYS = (offsetof(core_state, line) - offsetof(core_state, sampled)) / sizeof(lanes) };
-    copy((lanes *)&to->part, lane, (const lanes *)&from->part, sizeof to->part / sizeof(lanes));
+    if (partial) copy((lanes *)&to->part, lane, (const lanes *)&from->part, sizeof to->part / sizeof(lanes));
     copy(to->sampled, lane, from->sampled, ALWAYS + line);
 }
 
@@ -161,10 +161,10 @@ static core_result alone(const group_step *g, const core_state *before, group *a
     core_inputs inputs;
     spread_lane(values, lane, g->p, VALUES);
     spread_lane((lanes *)&inputs, lane, (const lanes *)in, INPUTS);
-    copy_state(spread_lane, &state, lane, before, g->line);
     state.time = at->times[lane];
+    copy_state(spread_lane, &state, lane, before, g->line, state.time.partial);
     const core_result result = core_run(values, values + MODEL_PARAMETERS, &state, g->end, &inputs, NULL, outputs);
-    copy_state(copy_lane, &at->state, lane, &state, g->line);
+    copy_state(copy_lane, &at->state, lane, &state, g->line, state.time.partial);
     at->times[lane] = state.time;
     copy_lane(out, lane, outputs, MODEL_OUTPUTS);
     return result;

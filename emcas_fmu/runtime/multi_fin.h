@@ -1,4 +1,6 @@
-/* FINS fins that share one supply line: multi_fin.py in C, function by function.
+/* FINS fins that share one supply line: multi_fin.py in C.
+ *
+ * `multi_fin_x` is the method x of MultiFin, `line_x` its _x. states.h checks stored states as MultiFin.unsound does.
  *
  * The line is stiff if the first of its parameters is 0; each fin then runs as it would alone. A single fin, and fins
  * without a supply, always do. Otherwise all fins stop at the instants of the line, which are multiples of its update

@@ -1,4 +1,4 @@
-/* One actuator as the single lane of vector.h: its lanes are a number, and it is always among the lanes that move. */
+/* One actuator as the single lane of vector.h: its lanes are a number. */
 #ifndef EMCAS_SCALAR_H
 #define EMCAS_SCALAR_H
 
@@ -12,8 +12,8 @@ enum { LANES = 1, LANES_ALL = 1 };
 typedef double lanes;
 typedef bool lanes_mask;
 
-/* A function of the equations, for the lanes `which`. */
-#define EQUATIONS(name, which, ...) kernel_##name(__VA_ARGS__)
+/* A function of the equations; that of one lane computes it whatever `which` is. */
+#define EQUATIONS(name, which, ...) ((void)(which), kernel_##name(__VA_ARGS__))
 #define EVERY_LANE true
 #define NO_LANE false
 #define lanes_finite(x) core_finite(x)
@@ -31,8 +31,8 @@ static inline lanes_mask lanes_equal(lanes a, lanes b) { return a == b; }
 static inline lanes_mask lanes_same(lanes a, lanes b) { return memcmp(&a, &b, sizeof a) == 0; } /* by their bits */
 static inline lanes lanes_where(lanes_mask m, lanes yes, lanes no) { return m ? yes : no; }
 static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return a && b; }
-static inline lanes_mask lanes_within(lanes_mask which, lanes_mask m) { return (void)which, m; }
-static inline lanes_mask lanes_but(lanes_mask which, lanes_mask m) { return (void)which, !m; }
+static inline lanes_mask lanes_within(lanes_mask which, lanes_mask m) { return which && m; }
+static inline lanes_mask lanes_but(lanes_mask which, lanes_mask m) { return which && !m; }
 static inline unsigned lanes_bits(lanes_mask m) { return m; }
 static inline lanes_mask lanes_of_bits(unsigned bits) { return bits & 1u; }
 static inline bool lanes_any(lanes_mask m) { return m; }

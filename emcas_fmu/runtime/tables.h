@@ -18,8 +18,8 @@ typedef struct {
     size_t index, every;
 } output_column;
 
-/* Further results of a run, behind those of core_result; RUN_APART: it did not stay with its group. */
-enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE, RUN_APART };
+/* Further results of a run, behind those of core_result; RUN_ALONE: it did not stay with its group. */
+enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE, RUN_ALONE };
 
 /* Whether an output is kept at a point of time; without a division in the usual case, since divisions are slow. */
 static inline bool kept_at(const output_column *column, size_t k)
@@ -74,7 +74,7 @@ static unsigned end_runs(const run_tables *t, const size_t *run, unsigned which,
 }
 
 /* The runs `run`, in the lanes `which` of a group. Of several lanes, those that do not stay with the others, or whose
- * equations cannot be followed, are left RUN_APART. */
+ * equations cannot be followed, are left RUN_ALONE. */
 static void simulate(const lanes *values, unsigned which, const size_t *run, const run_tables *t)
 {
     group at;
@@ -84,17 +84,17 @@ static void simulate(const lanes *values, unsigned which, const size_t *run, con
     for (int l = 0; t->spring && l < LANES; ++l) set_lane(&stiffness, l, t->spring[run[l]]);
     const group_step g = prepared(values, 0.0);
     start(&at, values, sizeof at);
-    which = end_runs(t, run, which, lanes_bits(g.together), 0, RUN_APART);
+    which = end_runs(t, run, which, lanes_bits(g.together), 0, RUN_ALONE);
     for (size_t k = 0; which && k < t->points; ++k) {
         if (k) {
             const unsigned going = lanes_bits(core_move(g.p, g.c, lanes_of_bits(which), &at.state, &g.plan,
                                                         (double)k * t->step, &inputs, NULL, now, &why));
-            which = end_runs(t, run, which, going, k, LANES > 1 ? RUN_APART : (int)why);
+            which = end_runs(t, run, which, going, k, LANES > 1 ? RUN_ALONE : (int)why);
             if (!which) return;
         }
         if (k % t->held == 0) {
             const unsigned finite = table_row(t->in, run, k / t->held, row);
-            which = end_runs(t, run, which, finite, k, LANES > 1 ? RUN_APART : RUN_INPUT_NOT_FINITE);
+            which = end_runs(t, run, which, finite, k, LANES > 1 ? RUN_ALONE : RUN_INPUT_NOT_FINITE);
             update_motion_loads(&at, &g, row + INPUT_ACCELERATION_X, 0);
             core_inputs_of(row, at.motion_loads, &inputs);
         }
@@ -112,9 +112,9 @@ static void simulate(const lanes *values, unsigned which, const size_t *run, con
 }
 
 /* Simulate whole runs from the start, those listed in `order`, in which neighbours have like schedules. The `values`
- * of the runs are `apart` [doubles] from one run to the next (0: one set for all). Runs with the result RUN_APART have
+ * of the runs are `stride` [doubles] from one run to the next (0: one set for all). Runs with the result RUN_ALONE have
  * to be simulated by a library with one lane. */
-API void batch_simulate(size_t count, const size_t *order, const double *values, size_t apart, const run_tables *t)
+API void batch_simulate(size_t count, const size_t *order, const double *values, size_t stride, const run_tables *t)
 {
     lanes of[VALUES];
     fill(of, values);
@@ -123,7 +123,7 @@ API void batch_simulate(size_t count, const size_t *order, const double *values,
         const size_t full = count - first < LANES ? count - first : LANES;
         for (size_t l = 0; l < LANES; ++l) {
             run[l] = order[first + (l < full ? l : full - 1)];
-            for (size_t i = 0; apart && i < VALUES; ++i) set_lane(&of[i], (int)l, values[run[l] * apart + i]);
+            for (size_t i = 0; stride && i < VALUES; ++i) set_lane(&of[i], (int)l, values[run[l] * stride + i]);
         }
         simulate(of, (1u << full) - 1u, run, t);
     }

@@ -63,6 +63,8 @@ static inline lanes_mask lanes_of_bits(unsigned b)
     const __m256i bit = _mm256_set_epi64x(8, 4, 2, 1);
     return _mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_and_si256(_mm256_set1_epi64x((long long)b), bit), bit));
 }
+#else
+#error "vector.h needs AVX2, or AVX-512 with F and DQ"
 #endif
 
 enum { LANES_ALL = (1 << LANES) - 1 };

@@ -32,9 +32,9 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
             || part->covered < part->origin || part->covered > h)
             return "part of a tick";
     }
-    const double period = (double)core->time.period * plan->period;
+    const double period = (double)core->time.period * plan->sample_time;
     if (now * DBL_EPSILON > plan->slack) return "place in time";
-    if (now < period - plan->slack || now > period + plan->period + plan->slack) return "place in time";
+    if (now < period - plan->slack || now > period + plan->sample_time + plan->slack) return "place in time";
     return NULL;
 }
 
