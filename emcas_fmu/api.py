@@ -78,6 +78,8 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     unit = FmuInterface(len(sets), sets[0].model)
     if line and unit.fins == 1:
         raise EmcasError("simulate: line applies to several fins on one supply; pass their sets, as from fin_sets")
+    if unit.fins > 1 and kernel not in ("auto", "python"):
+        raise EmcasError(f"kernel {kernel}: several fins are computed in Python; leave it out, or build a native FMU")
     if excitation is None:
         excitation = _at_rest(_in("s", stop, _DURATION), _in("s", step, STEP), inputs)
     elif stop is not None or step is not None:

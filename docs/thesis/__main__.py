@@ -45,7 +45,7 @@ class Program(TyperCommand):
 def thesis(
     parameters: common.ParametersOption = None,
     output: Annotated[Path | None, common.page_option(
-        "--output", "-o", what="Page to write; thesis.html unless given, with --only none.")] = None,
+        "--output", "-o", what="Page to write. Default: thesis.html, with --only none.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Only this entry: a figure by its number, a table as in "
                                                         "\"Table 4\" (may be given several times).",
                                                    metavar="ENTRY")] = None,

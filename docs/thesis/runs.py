@@ -52,7 +52,7 @@ class Runs:
         return [size for size in sizes if size <= reach] or [reach]
 
     def conditions(self, command: str, load: str = "none", temperature: float | None = None) -> str:
-        """Return temperature [degC; the set's unless given], command and load in a line."""
+        """Return temperature [degC; None is the set's], command and load in a line."""
         ambient = self.values["friction.temperature"] if temperature is None else temperature
         return f"{ambient:g} °C · command: {command} · load: {load}"
 

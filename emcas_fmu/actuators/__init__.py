@@ -55,14 +55,14 @@ def parts(name: str) -> tuple[str, tuple[str, ...]]:
     """
     actuator, extensions = split(name)
     if actuator in EXTENSIONS:
-        raise EmcasError(f"--model {name}: {actuator} is an extension of an actuator: "
+        raise EmcasError(f"model {name}: {actuator} is an extension of an actuator: "
                          f"{_SEPARATOR.join((NONLINEAR, name))}")
     for extension in extensions:
         if extension not in EXTENSIONS:
-            raise EmcasError(f"--model {name}: there is no extension {extension!r}{hint(extension, EXTENSIONS)}; "
+            raise EmcasError(f"model {name}: there is no extension {extension!r}{hint(extension, EXTENSIONS)}; "
                              f"there is {', '.join(EXTENSIONS)}")
         if extensions.count(extension) > 1:
-            raise EmcasError(f"--model {name}: extension {extension!r} appears twice")
+            raise EmcasError(f"model {name}: extension {extension!r} appears twice")
     return _known(actuator, name), tuple(each for each in EXTENSIONS if each in extensions)
 
 
@@ -76,7 +76,7 @@ def _known(actuator: str, name: str) -> str:
     installed = external.installed()
     if actuator not in installed:
         there_is = (*NAMES, *installed)
-        raise EmcasError(f"--model {name}: there is no actuator {actuator!r}{hint(actuator, there_is)}; there is "
+        raise EmcasError(f"model {name}: there is no actuator {actuator!r}{hint(actuator, there_is)}; there is "
                          f"{', '.join(there_is)}, or a file of yours that ends in .py")
     return actuator
 
@@ -116,7 +116,7 @@ def _extended(actuator: Actuator, extension: Extension, name: str, extensions: t
     for need in extension.needs:
         if need not in actuator.provides and (
                 replacing := [each for each in extensions[:-1] if need in get_extension(each).replaces]):
-            raise EmcasError(f"--model {_SEPARATOR.join((name, *extensions))}: {extension.name} needs {need}, which "
+            raise EmcasError(f"model {_SEPARATOR.join((name, *extensions))}: {extension.name} needs {need}, which "
                              f"{replacing[0]} replaces")
     require(_SEPARATOR.join((name, *extensions)), extension.name, *extension.needs, actuator=actuator)
     return extension.over(actuator)
@@ -128,7 +128,7 @@ def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = No
     for need in needs:
         if need not in chosen.provides:
             having = [each for each in NAMES if get(each).provides.issuperset(needs)]
-            raise EmcasError(f"--model {name}: {purpose} needs {need}; {chosen.name} has none, {', '.join(having)} "
+            raise EmcasError(f"model {name}: {purpose} needs {need}; {chosen.name} has none, {', '.join(having)} "
                              f"{'has' if len(having) == 1 else 'have'}")
 
 

@@ -70,7 +70,7 @@ def load(path: Path) -> Actuator:
     Raises EmcasError with file and line if the file cannot be used.
     """
     if not path.is_file():
-        raise EmcasError(f"{path}: there is no such file; --model needs an actuator's name or a Python file with its "
+        raise EmcasError(f"{path}: there is no such file; a model is an actuator's name, or a Python file with its "
                          "ACTUATOR")
     module = load_module(path)
     actuator = getattr(module, "ACTUATOR", None)

@@ -21,7 +21,7 @@ from ..actuators import NONLINEAR, get
 from ..errors import ArgumentError, EmcasError, unreadable
 from ..fmi.interface import FmuInterface
 from ..motions import FASTEST, KINDS, LEAD_IN, SETTLE, STEP, SWEEP
-from ..reference.cases import CASES, SUPPLY, with_supply
+from ..reference.cases import CASES, SUPPLY, select, with_supply
 from ..simulation import MOST_POINTS, Array
 from ..support.arguments import brief, checked
 
@@ -236,10 +236,7 @@ def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Exc
     Trajectories are compared with true angle and speed fed back (`exact`), performance is measured with the encoder.
     Raises EmcasError, naming the cases.
     """
-    case = {case.name: case for case in CASES}.get(name)
-    if case is None:
-        raise EmcasError(f"there is no case {name}; there is {', '.join(case.name for case in CASES)}")
-    case = with_supply(case, supply)
+    (case,) = select([name], {case.name: with_supply(case, supply) for case in CASES}).values()
     excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
     return excitation if exact else with_encoder(excitation)
 
@@ -321,11 +318,9 @@ def _number(cell: str, line: int) -> float:
 def check_span(what: str, step: float, stop: float) -> None:
     """Raise EmcasError if rows every `step` [s] do not end at `stop` [s], or are too many."""
     if not step <= stop <= MOST_POINTS * step:
-        raise EmcasError(f"{what}: the end at {stop:g} s must be 1 to {MOST_POINTS:g} steps of {step:g} s from 0; "
-                         "see --stop and --interval")
+        raise EmcasError(f"{what}: the end at {stop:g} s must be 1 to {MOST_POINTS:g} steps of {step:g} s from 0")
     if abs(stop / step - round(stop / step)) > 1e-6:
-        raise EmcasError(f"{what}: the end at {stop:g} s is not a whole number of steps of {step:g} s; see --stop and "
-                         "--interval")
+        raise EmcasError(f"{what}: the end at {stop:g} s is not a whole number of steps of {step:g} s")
 
 
 def _sampled(points: Array, time: Array, column: Array) -> Array:

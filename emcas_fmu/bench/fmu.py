@@ -108,7 +108,7 @@ def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError
     """
     named = model_of(name)
     if named is None and model is None:
-        raise error(f"{file}: is named {name}, which does not contain its model; name it with --model, as the FMU was "
+        raise error(f"{file}: is named {name}, which does not contain its model; name that as the FMU was "
                     "built: FILE.py, or a name such as elastic+faults")
     if named is not None and model not in (None, named):
         raise error(f"{file}: is of the model {named}, but {model} is requested; leave the model out, or build the FMU "

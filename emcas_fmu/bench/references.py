@@ -42,8 +42,8 @@ def embedded(root: Path, file: Path, names: Mapping[str, str], model: str) -> tu
             if related.get("type") == EXPERIMENTS and related.get("role") in _INDEPENDENT
             for experiment in parse(path(related)).findall("Experiment"))
     except (ParseError, ValueError, LookupError, TypeError, OSError) as error:
-        raise EmcasError(f"{file}: the references inside cannot be read ({error}); build it again, or name a folder of "
-                         "references with --directory") from error
+        raise EmcasError(f"{file}: the references inside cannot be read ({error}); build it again, or name a "
+                         "directory of references") from error
 
 
 def _stored(experiment: Element, path: Callable[[Element | None], Path], single: Mapping[str, str], model: str,

@@ -34,7 +34,7 @@ def build(
     model: common.ModelOption = NONLINEAR,
     fins: Annotated[int, common.value("Actuators in the FMU, on one supply; with 4 the model is called EMCAS4.",
                                       "N")] = 1,
-    layout: common.LayoutOption = "cross",
+    layout: common.LayoutOption = None,
     fin: common.FinFilesOption = None,
     names: Annotated[str, common.value(
         "Names of variables, as fin[2].fin_angle, or flat, as fin2_fin_angle: for tools that refuse dots and brackets, "
@@ -46,17 +46,18 @@ def build(
                                                 "FILE", "--output", "-o")] = None,
 ) -> None:
     """Build the FMU of a parameter set."""
-    from ..fmi.interface import FmuInterface, fin_files
+    from ..fmi.interface import FmuInterface
     from ..fmi.package import build as build_fmu
     from ..parameters import load_parameters
     from ..studies.overview import shipped_estimates
 
-    target, files = output or Path(f"{FmuInterface(fins, model).model}.fmu"), fin_files(fin or [])
+    target = output or Path(f"{FmuInterface(fins, model).model}.fmu")
+    placement, files = common.placed(fins, layout, fin)
     common.check_outputs(target, inputs=(parameters, files.values()))
     chosen = load_parameters(parameters, model=model)
     with common.work("build") as step:
-        built = build_fmu(chosen, target, backend, platform, cc, step, fins, layout, files, fmi, references, clock,
-                          names)
+        built = build_fmu(chosen, target, backend, platform, cc, step, fins, placement, files, fmi, references,
+                          clock, names)
     common.warn(built.warnings)
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")

@@ -27,11 +27,11 @@ def campaign(
     file: Annotated[Path, typer.Argument(help="What varies, what is done, how often (TOML); see "
                                               "models/campaign.toml.", metavar="FILE")],
     output: Annotated[Path | None, common.value(
-        "Folder of the results; FILE_results beside you unless given. With --only, a CSV file of the sample's signals.",
+        "Folder of the results. Default: FILE_results here. With --only, a CSV file of the sample's signals.",
         "FOLDER", "--output", "-o")] = None,
     fmu: Annotated[Path | None, common.value("Run this FMU instead of the kernel: slower, same figures.",
                                              "FILE.fmu")] = None,
-    fin: Annotated[int | None, common.value("Which fin of an FMU of several; the first unless given.", "N",
+    fin: Annotated[int | None, common.value("Number of the fin in an FMU of several. Default: the first.", "N",
                                             min=1)] = None,
     model: Annotated[str | None, common.model_option(
         "Which actuator, instead of the file's", " Of an FMU it is the FMU's; name it for one of a file of yours.")
@@ -40,20 +40,20 @@ def campaign(
         "Judge every sample's parameters by these requirements (TOML), or by the shipped ones, and give the "
         "probability that each is met; docs/use/requirements.md.", "FILE.toml|shipped")] = None,
     workers: Annotated[int | None, common.value(
-        "Processes; as many as there are processors unless given. 0: in this process, without Dask.", "N",
+        "Number of processes. Default: that of the processors. 0: in this process, without Dask.", "N",
         min=0)] = None,
     scheduler: Annotated[str | None, common.value("Address of a running Dask cluster, instead of processes here.",
                                                   "ADDRESS")] = None,
-    chunk: Annotated[int | None, common.value("Samples in a task and a part of the results; chosen unless given.", "N",
-                                              min=1)] = None,
+    chunk: Annotated[int | None, common.value("Samples in a task and a part of the results. Default: by their "
+                                              "duration.", "N", min=1)] = None,
     only: Annotated[int | None, common.value("Run this one sample here, and print it.", "INDEX")] = None,
     plot: Annotated[Path | None, common.value(
         "With --only, draw the sample's time history: .html, .svg, .png or .pdf. Of several experiments each has a "
         "file, as in FILE_step.html; those of --output too.", "FILE")] = None,
     report: Annotated[Path | None, common.page_option(
-        what="Write the summary page here; summary.html in the folder unless given.")] = None,
+        what="Write the summary page here. Default: summary.html in the folder.")] = None,
     as_json: Annotated[Path | None, common.json_option(
-        "Write the summary here; summary.json in the folder unless given. With --only, the sample.")] = None,
+        "Write the summary here. Default: summary.json in the folder. With --only, the sample.")] = None,
 ) -> None:
     """Run samples over parameters, commands, loads and faults: percentiles, sensitivities, worst samples."""
     from ..studies.campaign.study import load_study

@@ -164,8 +164,8 @@ ParametersOption = Annotated[list[Path] | None, value(
     "Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); overrides any subset of the "
     "defaults. Repeatable: a later file overrides those before it.", "FILE|SET", "--parameters", "-p", callback=_files)]
 FinOption = Annotated[int | None, value("Number of the fin in an FMU of several. Default: the first.", "N")]
-LayoutOption = Annotated[str, value("Placement of several fins: plus has one along body y, cross is half a pitch "
-                                    "further.", "plus|cross")]
+LayoutOption = Annotated[str | None, value("Placement of several fins: plus has one along body y, cross (default) is half "
+                                           "a pitch further.", "plus|cross")]
 FinFilesOption = Annotated[list[str] | None, value(
     "Parameter file of one of several fins, which overrides those of all fins. Repeatable.", "N=FILE")]
 JsonOption = Annotated[Path | None, json_option("Write all figures to this file.")]
@@ -176,6 +176,18 @@ ReportOption = Annotated[Path | None, page_option()]
 RequirementsOption = Annotated[Path | None, value(
     "Requirements (TOML). Default: those of Table 2 and of a flight control's review; docs/use/requirements.md.",
     "FILE.toml", ending=".toml")]
+
+
+def placed(fins: int, layout: str | None, arguments: Iterable[str] | None) -> tuple[str, dict[int, Path]]:
+    """Return the layout of several fins, and the files of single ones by number, from the `arguments` of --fin.
+
+    Raises EmcasError if one fin has a layout or such a file.
+    """
+    from ..fmi.interface import fin_files
+
+    if fins == 1 and (layout or arguments):
+        raise EmcasError("--layout and --fin: are of several fins; add --fins, their number")
+    return layout or "cross", fin_files(list(arguments or ()))
 
 
 def warn(warnings: Iterable[str]) -> None:

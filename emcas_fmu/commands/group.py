@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -60,18 +62,19 @@ def load(name: str, program: str = "") -> Any:
             failures()(getattr(module, name)))
     command = get_command(app)
     command.name = name
-    return without_types(command)
+    return readable(command)
 
 
-def without_types(command: Any) -> Any:
-    """Return a command whose help shows no Python types such as <bool>, <path> or <list[str]>."""
+def readable(command: Any) -> Any:
+    """Return a command whose help wraps at the terminal's width only, and shows no types such as <bool> or <path>."""
+    command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.help or ""))
     for parameter in command.get_params(typer.Context(command)):  # with --help
         if parameter.param_type_name == "argument":
             parameter.display_type_rich = lambda ctx: None  # the help shows its metavar
         elif parameter.metavar is None:
             parameter.metavar = "" if parameter.is_flag else "VALUE"
     for each in getattr(command, "commands", {}).values():
-        without_types(each)
+        readable(each)
     return command
 
 
@@ -176,4 +179,4 @@ class LazyGroup(TyperGroup):
                                   for panel, names in PANELS.items() for name in names}
         shown = TyperGroup(name=self.name, commands=listed, params=self.params, help=self.help,
                            rich_markup_mode=self.rich_markup_mode)
-        without_types(shown).format_help(ctx, formatter)
+        readable(shown).format_help(ctx, formatter)

@@ -23,8 +23,8 @@ def report(
     fin: common.FinOption = None,
     mission: Annotated[Path | None, common.value("Mission profile instead of the synthetic one: CSV of time (s) and "
                                                  "inputs in SI.", "FILE.csv")] = None,
-    load: Annotated[float | None, common.value("Rated hinge moment of the article in N.m; 100, that of Table 2, unless "
-                                               "given.", "MOMENT")] = None,
+    load: Annotated[float | None, common.value("Rated hinge moment of the article in N.m. Default: 100, that of Table "
+                                               "2.", "MOMENT")] = None,
     document: Annotated[str, common.value("Number of the document that the report is.", "TEXT")] = "",
     revision: Annotated[str, common.value("Revision of that document.", "TEXT")] = "",
     date: common.DateOption = "",

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
-from ..fmi.interface import FmuInterface, fin_files, fin_sets, require_shared
+from ..fmi.interface import FmuInterface, fin_sets, require_shared
 from ..motions import LEAD_IN
 from ..parameters import load_parameters
 from ..parameters.schema import In
@@ -41,7 +41,7 @@ def _stepped(step: str, load: str, interval: float, stop: float) -> Excitation:
     degrees, torque = entered(f"--step {step}", step, _STEP), entered(f"--torque {load}", load, _TORQUE)
     check_span("step", interval, stop)
     if stop <= LEAD_IN:
-        raise EmcasError(f"step: it is at {LEAD_IN:g} s, the end at {stop:g} s is before that; see --stop")
+        raise EmcasError(f"step: it is at {LEAD_IN:g} s, the end at {stop:g} s is before that")
     stepped = step_to(radians(degrees), stop - LEAD_IN, step=interval)
     title = f"Step to {degrees:+g} deg" + (f" with {torque:+g} N.m" if torque else "")
     return replace(stepped.holding({LOAD: torque}), title=title)
@@ -65,7 +65,7 @@ def simulate(
     fins: Annotated[int, common.value("Actuators on one supply, all with the same case, step or columns; columns such "
                                       "as fin[2].fin_command are for one. Computed in Python, which is slower.",
                                       "N")] = 1,
-    layout: common.LayoutOption = "cross",
+    layout: common.LayoutOption = None,
     fin: common.FinFilesOption = None,
     stop: Annotated[float | None, common.value("End; 0.5 with --step, else that of the input.", "SECONDS")] = None,
     interval: Annotated[float | None, common.value("Communication step; 0.001, or that of the case.",
@@ -89,13 +89,8 @@ def simulate(
     if [case, input_file, step].count(None) != 2:
         raise EmcasError("give one of --case, --input and --step")
     check_ending(plot)
-    files, unit = fin_files(fin or []), FmuInterface(fins, model)
+    (placement, files), unit = common.placed(fins, layout, fin), FmuInterface(fins, model)
     common.check_outputs(output, plot, as_json, inputs=(parameters, files.values(), input_file))
-    if fins == 1 and files:
-        raise EmcasError(f"--fin {fin[0] if fin else ''}: needs --fins, the number of fins")
-    if fins > 1 and kernel == "compiled":
-        raise EmcasError("--kernel compiled: several fins are computed in Python here; leave --kernel out, or "
-                         "build a native FMU of them")
     for name, value in (("--stop", stop), ("--interval", interval)):
         if value is not None and not 0.0 < value < float("inf"):
             raise EmcasError(f"{name} {value}: must be above 0")
@@ -111,7 +106,7 @@ def simulate(
         raise EmcasError(f"--set {twice[0]}: is set by {chosen.title} already")
     base = load_parameters(parameters, model=model)
     base = base.with_values(base.having(chosen.start_values))
-    sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
+    sets = fin_sets(base, fins, placement, files) if fins > 1 else (base,)
     sets = tuple(changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
     require_shared(sets, "--set")
     common.warn(warning for each in sets for warning in each.warnings)

@@ -21,8 +21,8 @@ EPILOG = common.examples(
 
 def tune(
     study: Annotated[Path | None, typer.Argument(
-        help="Requirements, cases and what may be tuned (TOML); the actuator's in models/tuning, or "
-             "models/tuning.toml, unless given.", metavar="FILE")] = None,
+        help="Requirements, cases and what may be tuned (TOML). Default: the actuator's in models/tuning, "
+             "otherwise models/tuning.toml.", metavar="FILE")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     requirements: common.RequirementsOption = None,
@@ -33,12 +33,12 @@ def tune(
     seed: Annotated[int, common.value("Seed of the random search; the same seed gives the same gains.", "N",
                                       min=0)] = 1,
     generations: Annotated[int, common.value("Generations of the global search.", "N", min=1)] = 12,
-    workers: Annotated[int | None, common.value("Processes; as many as there are processors unless given.", "N",
+    workers: Annotated[int | None, common.value("Number of processes. Default: that of the processors.", "N",
                                                 min=1)] = None,
     journal: Annotated[Path | None, common.value("Keep every evaluation in this file, and go on from what is there.",
                                                  "FILE")] = None,
     pareto: Annotated[list[str] | None, common.value(
-        "Draw what one requirement costs another (give two); the two that conflict most unless given.",
+        "Plot what one requirement costs another (name two). Default: the two that conflict most.",
         "REQUIREMENT")] = None,
 ) -> None:
     """Find controller gains that meet requirements in every case at once, limits, friction and delay included.

@@ -72,13 +72,13 @@ class FmuInterface:
 
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
-            raise EmcasError(f"--fins {self.fins}: an FMU has 1 to {MOST_FINS} fins")
+            raise EmcasError(f"fins {self.fins}: an FMU has 1 to {MOST_FINS} fins")
         if self.spelling not in SPELLINGS:
-            raise EmcasError(f"--names {self.spelling}: there is {' and '.join(SPELLINGS)}")
+            raise EmcasError(f"names {self.spelling}: there is {' and '.join(SPELLINGS)}")
         spelt: dict[str, str] = {}
         for name in self.reference if self.spelling == "flat" else ():
             if spelt.setdefault(flat(name), name) != name:
-                raise EmcasError(f"--names flat: {spelt[flat(name)]} and {name} would both be {flat(name)}; give one "
+                raise EmcasError(f"names flat: {spelt[flat(name)]} and {name} would both be {flat(name)}; give one "
                                  "another name, or build with structured names")
 
     @property
@@ -209,7 +209,7 @@ def azimuths(fins: int, layout: str) -> tuple[float, ...]:
     Raises EmcasError for another layout.
     """
     if layout not in LAYOUTS:
-        raise EmcasError(f"--layout {layout}: there is {' and '.join(LAYOUTS)}")
+        raise EmcasError(f"layout {layout}: there is {' and '.join(LAYOUTS)}")
     space = 360.0 / fins
     return tuple(space * (k + (0.5 if layout == "cross" else 0.0)) for k in range(fins))
 
@@ -239,7 +239,7 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
     angles = azimuths(fins, layout)
     for fin in files:
         if not 1 <= fin <= fins:
-            raise EmcasError(f"--fin {fin}={files[fin]}: the FMU has fins 1 to {fins}")
+            raise EmcasError(f"fin {fin}={files[fin]}: the FMU has fins 1 to {fins}")
     sets = tuple(load_parameters(files.get(fin), base.with_values({AZIMUTH: f"{azimuth} deg"}))
                  for fin, azimuth in enumerate(angles, 1))
     require_shared(sets, ", ".join(map(str, files.values())))

@@ -138,10 +138,10 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
         names = list(dict.fromkeys(by_machine.get(name, name) for name in platforms))
     for name in names:
         if name not in PLATFORMS:
-            raise CompilerError(f"--platform {name}: there is {', '.join(PLATFORMS)}")
+            raise CompilerError(f"platform {name}: there is {', '.join(PLATFORMS)}")
         if cc is not None and (local is None or name != local.name):
-            raise CompilerError(f"--platform {name}: a system compiler (--cc {cc}) builds for "
-                                f"{local.name if local else 'no platform known here'} only; leave --cc out to use zig")
+            raise CompilerError(f"platform {name}: a system compiler (cc {cc}) builds for "
+                                f"{local.name if local else 'no platform known here'} only; leave cc out to use zig")
     return [PLATFORMS[name] for name in names]
 
 

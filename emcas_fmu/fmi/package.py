@@ -89,13 +89,13 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     backend = backend or ("python" if fmi == "2" else "native")
     in_python = backend == "python"
     for refused, reason in (
-            (fmi not in FORMATS, f"--fmi {fmi}: there is {' and '.join(FORMATS)}"),
-            (backend not in BACKENDS, f"--backend {backend}: there is {' and '.join(BACKENDS)}"),
+            (fmi not in FORMATS, f"fmi {fmi}: there is {' and '.join(FORMATS)}"),
+            (backend not in BACKENDS, f"backend {backend}: there is {' and '.join(BACKENDS)}"),
             (in_python and (platforms is not None or cc is not None),
-             "--platform and --cc are for --backend native: the Python back end compiles nothing"),
-            (clock and fmi == "2", "--clock is for --fmi 3: FMI 2.0 has no clocks"),
-            (in_python and fmi != "2", f"--fmi {fmi} is for --backend native: the Python back end exports FMI 2.0"),
-            (fins == 1 and files, "--fin is for an FMU of several fins: add --fins")):
+             "platforms and cc are for backend native: the Python back end compiles nothing"),
+            (clock and fmi == "2", "clock is for fmi 3: FMI 2.0 has no clocks"),
+            (in_python and fmi != "2", f"fmi {fmi} is for backend native: the Python back end exports FMI 2.0"),
+            (fins == 1 and files, "files of single fins are for an FMU of several: set fins")):
         if refused:
             raise BuildError(reason)
     output = Path(output)

@@ -173,7 +173,7 @@ def _require_made_for(made_for: Any, path: Path, model: str) -> None:
         name = path.stem if named_sets().get(path.stem) == path else str(path)
         raise ParameterError(f"{name}: is made for {', '.join(made_for)} ({MADE_FOR}) and not for {model}, where its "
                              "values have no meaning or were measured or tuned for another actuator: leave it out, or "
-                             "choose such a --model")
+                             "choose such a model")
 
 
 def _defaults(model: str) -> ParameterSet:

@@ -7,17 +7,21 @@ digits of a file, so that the simulated input and the stored one are the same nu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
+from ..errors import EmcasError, hint
 from ..motions import KINDS, LEAD_IN, RATED, STEP
 from .events import Value
 from .simulate import Array
 from .vehicle import clip
 
 SIGNIFICANT_DIGITS = 9
+T = TypeVar("T")
 EDGE_RATE = 400.0  # deg/s, faster than the fin, so that the edges still saturate the drive
 SUPPLY = 39.0  # V, of the default actuator
 TOLERANCE = math.radians(0.002)  # a hundredth of the accuracy of Table 2: it must show in no figure judged by that
@@ -107,6 +111,18 @@ def sag(supply: float) -> Case:
 def with_supply(case: Case, supply: float) -> Case:
     """Return a case for an actuator whose supply starts at `supply` [V]: a sag is a share of it."""
     return sag(supply) if case.name == "sag" else case
+
+
+def select(names: Collection[str] | None, known: Mapping[str, T], folder: Path | None = None) -> dict[str, T]:
+    """Return the known cases with these names, in their order; without names all of them.
+
+    Raises EmcasError for a name that no case has; its message begins with the `folder` of the cases.
+    """
+    for name in names or ():
+        if name not in known:
+            raise EmcasError(f"{f'{folder}: ' if folder else ''}there is no case {name}{hint(name, known)}; there is "
+                             f"{', '.join(known)}")
+    return {name: case for name, case in known.items() if not names or name in names}
 
 
 CASES = [

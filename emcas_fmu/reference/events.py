@@ -1,7 +1,14 @@
 """Integration of equations with events by SciPy, from event to event.
 
-An actuator has smooth equations in each of its modes: which bodies slide or stick, which limits hold. A mode ends where
-one of its event margins, functions of the state that are above 0 while it lasts, falls through 0.
+An actuator has smooth equations in each of its modes: which bodies slide or stick, which limits hold. A mode is a named
+tuple of directions and switches. It ends where one of its event margins, functions of the state [SI] that are above 0
+while it lasts, falls through 0; the first such event changes states and fields of the mode, one after the other.
+
+`Event` is a margin with its changes. The others return the events of one field of the mode:
+
+- `switch`: the field is whether a value is above 0.
+- `band`: the field is 0 while a value is within a band, 1 above it, -1 below it.
+- `Body`: the field is the direction in which a body under dry friction slides, 0 while it rests.
 """
 
 from __future__ import annotations
@@ -21,14 +28,14 @@ Value = float | int | bool
 State = list[float]
 Margin = Callable[[State], float]
 Changes = Mapping[int | str, Value | Callable[[State, Any], Value]]
-"""New values of states, by index, and of the mode's fields, by name; a function returns one from the state, after the
+"""New values of states, by index, and of the mode's fields, by name; a function computes one from the state, after the
 changes before it, and the surroundings."""
 
 _MOST_STALLS = 20  # events at one instant, one after the other
 
 
 class Event:
-    """A SciPy event: its `margin` is above 0 while the mode lasts; `changes` are those that it makes."""
+    """A SciPy event: a margin, and the changes that it makes."""
 
     terminal = True
     direction = -1.0
@@ -53,9 +60,9 @@ class Event:
 
 
 class Body(NamedTuple):
-    """A body under dry friction: a field of the mode is the direction in which it slides, 0 while it rests.
+    """A body under dry friction.
 
-    `speed` is its speed against what rubs on it, `rest` the changes, but for that field, where it comes to rest.
+    `speed` is its speed against what rubs on it, `rest` the changes, but for `field`, where it comes to rest.
     `excess` returns the force or torque on it at rest towards a side beyond what friction holds, from state, mode and
     surroundings. At a `stop`, where its angle is so large on either side, it rests.
     """
@@ -89,7 +96,7 @@ class Body(NamedTuple):
 
 
 def band(mode: Any, field: str, value: Margin, low: float, high: float) -> list[Event]:
-    """Return the events of a value that is within a band, above or below it: a field of the mode is 0, 1 or -1."""
+    """Return the events of a value at the ends of a band, from `low` to `high` in its unit."""
     side = getattr(mode, field)
     if side:
         return [Event(lambda y: value(y) - high if side > 0 else low - value(y), {field: 0})]
@@ -97,7 +104,7 @@ def band(mode: Any, field: str, value: Margin, low: float, high: float) -> list[
 
 
 def switch(mode: Any, field: str, value: Margin) -> Event:
-    """Return the event at which a value changes its sign; a field of the mode says whether it is above 0."""
+    """Return the event at which a value changes its sign."""
     above = getattr(mode, field)
     return Event(lambda y: value(y) if above else -value(y), {field: not above})
 

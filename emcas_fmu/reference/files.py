@@ -29,7 +29,7 @@ from ..errors import EmcasError, unreadable
 from ..parameters import ParameterSet, load_parameters, schema, toml
 from ..support.progress import Progress, silent
 from ..support.writing import write_folder
-from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, with_supply
+from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, select, with_supply
 from .events import Value
 from .plant import Plant
 from .simulate import Array
@@ -63,7 +63,7 @@ def simulator(model: str) -> Simulate:
     """Return the independent integration of an actuator. Raises EmcasError without one."""
     actuator = get(model)
     if actuator.reference is None:
-        raise EmcasError(f"--model {model}: the {actuator.name} actuator has no independent reference; nonlinear has "
+        raise EmcasError(f"model {model}: the {actuator.name} actuator has no independent reference; nonlinear has "
                          "one, and a file of yours that names one as `reference`")
     if isinstance(actuator.reference, str):
         module: Any = import_module(actuator.reference)
@@ -243,11 +243,8 @@ def compare(directory: Path, names: Sequence[str] | None = None, progress: Progr
 
 
 def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress) -> Iterator[Case]:
-    available = {case.name: case for case in cases(parameters.model, parameters.values)}
-    if unknown := sorted(set(names or ()).difference(available)):
-        raise EmcasError(f"no such reference case: {', '.join(unknown)}; there are {', '.join(available)}")
-    chosen = [case for name, case in available.items() if not names or name in names]
-    for done, case in enumerate(chosen):
+    chosen = select(names, {case.name: case for case in cases(parameters.model, parameters.values)})
+    for done, case in enumerate(chosen.values()):
         progress(case.name, done, len(chosen))
         yield case
         progress(case.name, done + 1, len(chosen))

@@ -14,7 +14,7 @@ from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..simulation import Array
 from . import files
-from .cases import SIGNIFICANT_DIGITS, sag
+from .cases import SIGNIFICANT_DIGITS, sag, select
 
 Columns = Mapping[str, Array]
 _NEAR = 1e-3  # of a step, the largest error of a time of nine digits
@@ -80,12 +80,11 @@ def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) 
     provenance = files.read_provenance(folder)
     if not provenance:
         raise EmcasError(f"{folder / files.PROVENANCE}: is missing or empty; {remedy}")
-    if unknown := sorted(set(names or ()) - set(provenance)):
-        raise EmcasError(f"{folder}: has no case {', '.join(unknown)}; it has {', '.join(provenance)}")
+    chosen = select(names, provenance, folder)
     if not names and (missing := [name for name in needed if name not in provenance]):
-        raise EmcasError(f"{folder}: has no reference of {', '.join(missing)}; {remedy}, or name the cases to run with "
-                         "--case")
-    return [_case(folder, name, entry, remedy) for name, entry in provenance.items() if not names or name in names]
+        raise EmcasError(f"{folder}: has no reference of {', '.join(missing)}; {remedy}, or name the cases "
+                         "to run")
+    return [_case(folder, name, entry, remedy) for name, entry in chosen.items()]
 
 
 def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Stored:

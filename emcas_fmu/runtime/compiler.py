@@ -199,11 +199,11 @@ def find(cc: str | None = None) -> Compiler:
         try:
             return system(cc)
         except CompilerError as error:
-            raise CompilerError(f"--cc {error}") from error
+            raise CompilerError(f"cc {error}") from error
     compiler = zig()
     if compiler is None:
         raise CompilerError("no C compiler for native FMUs: install one with  pip install 'emcas-fmu[native]'  "
-                            "or name a system compiler with --cc (this platform only)")
+                            "or name a system compiler as cc (this platform only)")
     return compiler
 
 

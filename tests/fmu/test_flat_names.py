@@ -55,7 +55,7 @@ def test_two_names_that_would_be_one_are_refused(monkeypatch: pytest.MonkeyPatch
     assert FmuInterface(1, "second-order").spelt("solver_max.tick") == "solver_max.tick"
     with pytest.raises(EmcasError, match=r"solver\.max_tick and solver_max\.tick would both be solver_max_tick"):
         FmuInterface(1, "second-order", "flat")
-    with pytest.raises(EmcasError, match="--names round: there is structured and flat"):
+    with pytest.raises(EmcasError, match="names round: there is structured and flat"):
         FmuInterface(1, "second-order", "round")
 
 
@@ -194,4 +194,4 @@ def test_commands(built: Mapping[tuple[str, str, int, str], Path], tmp_path: Pat
     assert done.exit_code == 0, done.output
     refused = CliRunner().invoke(app, ["build", "--names", "round", "-o", str(path)])
     assert refused.exit_code == 2
-    assert "--names round: there is structured and flat" in refused.output
+    assert "names round: there is structured and flat" in refused.output

@@ -412,7 +412,7 @@ def test_two_units_linked_into_one_program(native3: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("wanted", "said"), [
-    ({"fmi": "4"}, "there is 2 and 3"), ({"fmi": "3", "backend": "python"}, "native"), ({"clock": True}, "--fmi 3")])
+    ({"fmi": "4"}, "there is 2 and 3"), ({"fmi": "3", "backend": "python"}, "native"), ({"clock": True}, "for fmi 3")])
 def test_what_there_is_not(tmp_path: Path, wanted: Mapping[str, Any], said: str) -> None:
     with pytest.raises(BuildError, match=said):
         build(load_parameters(), tmp_path / "EMCAS.fmu", **wanted)

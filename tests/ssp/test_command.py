@@ -46,7 +46,7 @@ def test_what_could_not_be_checked_is_said(edited: Edit) -> None:
     (["check", "none.ssp"], "none.ssp: cannot be read"),
     (["check", "none.ssp", "--guid", "x", "--fmu", "y"], "--fmu and --guid exclude each other"),
     (["--fmu", "none.fmu"], "none.fmu: cannot be read"),
-    (["--fin", "5=a.toml"], "--fin 5=a.toml: the FMU has fins 1 to 4"),
+    (["--fin", "5=a.toml"], "fin 5=a.toml: the FMU has fins 1 to 4"),
     (["--fin", "second.toml"], "--fin second.toml: expected a fin's number from 1 on and a file"),
     (["--variant", "hot"], "--variant hot: expected NAME=FILE"),
     (["--variant", "nominal=a.toml"], "'nominal' cannot name a variant"),

@@ -224,7 +224,7 @@ def test_what_is_shown_as_its_limit_meets_it(off: float, tmp_path: Path) -> None
     assert (share[0] == "−") is (off > 1e-9)
     assert share not in ("−0 %", "-0 %")
     if not row["met"]:
-        assert "stands at 100 % of its limit" not in verdict(result)
+        assert "is at 100 % of its limit" not in verdict(result)
         assert "no gains were found that meet settling" in verdict(result)
 
 

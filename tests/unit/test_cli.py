@@ -93,12 +93,12 @@ def test_build_and_its_refusals(tmp_path: Path) -> None:
         (("--output", str(tmp_path / "x.zip")), ".fmu"),
         (("--output", str(tmp_path / "none" / "x.fmu")), "no folder"),
         (("--backend", "cobol", "--output", str(target)), "there is python and native"),
-        (("--platform", "linux64", "--output", str(target)), "are for --backend native"),
+        (("--platform", "linux64", "--output", str(target)), "are for backend native"),
         (("--backend", "native", "--platform", "vax", "--output", str(target)), "there is linux64, win64, darwin64"),
         (("--backend", "native", "--cc", "no-such-cc", "--output", str(target)), "there is no such program"),
         (("--backend", "native", "--cc", "false", "--output", str(target)), "does not answer"),
         (("--backend", "native", "--cc", "cc", "--platform", "darwin64", "--output", str(target)),
-         "leave --cc out to use zig"),
+         "leave cc out to use zig"),
         (("--parameters", str(tmp_path / "none.toml"), "--output", str(target)), "none.toml"),
     ):
         refused = emcas("build", *arguments)
@@ -216,6 +216,7 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     (("--step", "1", "--set", "drive.kp=-1"), "error: --set drive.kp = -1.0 V/A: is -1 V/A; it must"),
     (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "has them already"),
     (("--step", "1", "--kernel", "fortran"), "auto, compiled, python"),
+    (("--step", "1", "--layout", "plus"), "add --fins"), (("--case", "stp"), "did you mean step"),
     (("--step", "1", "--torque", "1e300"), "--torque 1e300: must be within -100000 .. 100000 N.m"),
     (("--step", "nan"), "--step nan: is not a finite number"), (("--step", "1e9"), "within -180 .. 180 deg"),
     (("--step", "5 N"), "--step 5 N: the unit N does not measure"),

@@ -81,6 +81,12 @@ def test_help_shows_what_a_value_means_and_no_type(command: tuple[str, ...]) -> 
     assert "<" not in done.output
 
 
+def test_help_breaks_no_line_within_a_paragraph() -> None:
+    done = CliRunner(env={"COLUMNS": "400"}).invoke(app, ["validate", "--help"])
+    (paragraph,) = (line for line in done.output.splitlines() if "Exit code 0" in line)
+    assert "no requirement is judged." in paragraph
+
+
 def test_an_unknown_command_is_refused() -> None:
     refused = CliRunner().invoke(app, ["simulat"])
     assert refused.exit_code == 2

@@ -104,8 +104,9 @@ def test_what_is_refused() -> None:
     unknown: dict[str, Any] = {"fin[3].fin_command": 0.1}
     with pytest.raises(TypeError, match=r"no input 'fin\[3\].fin_command'"):
         simulate_fins([good, good], 0.01, **unknown)
-    for arguments, said in ((("--fin", "2=a.toml"), "needs --fins"), (("--fins", "9"), "1 to 8 fins"),
-                            (("--fins", "2", "--kernel", "compiled"), "computed in Python here"),
+    for arguments, said in ((("--fin", "2=a.toml"), "add --fins"), (("--fins", "9"), "1 to 8 fins"),
+                            (("--fins", "2", "--kernel", "compiled"), "computed in Python"),
+                            (("--fins", "2", "--kernel", "fortran"), "kernel fortran"),
                             (("--fins", "2", "--model", "second-order", "--set", "bus.source_resistance=0.02"),
                              "second-order has no supply"),
                             (("--fins", "2", "--set", "fin[2].drive.supply_voltage=20"), "differs between fins"),

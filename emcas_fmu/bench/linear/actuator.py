@@ -87,7 +87,7 @@ class LinearActuator:
                  model: str = NONLINEAR) -> None:
         self.actuator = actuator = get(model)
         if actuator.derivatives is None:
-            raise EmcasError(f"--model {model}: linear analysis needs derivatives; {actuator.name} declares "
+            raise EmcasError(f"model {model}: linear analysis needs derivatives; {actuator.name} declares "
                              "a step only, declare both")
         limit = values["command.limit"]
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):

@@ -49,14 +49,14 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
     numbers = {v.name: v for v in get(model).file_entries if v.kind == "Real"}
     gains = [v.name for v in numbers.values() if v.variability == "tunable" and v.name.startswith("controller.")]
     if name is None and not gains:
-        raise EmcasError(f"--model {model}: has no controller.* that is tunable; name a parameter with --locus")
+        raise EmcasError(f"model {model}: has no controller.* that is tunable; name a parameter as locus")
     name = gains[0] if name is None else name
     if name not in numbers:
-        raise EmcasError(f"--locus {name!r}: there is no such parameter"
+        raise EmcasError(f"locus {name!r}: there is no such parameter"
                          f"{hint(name, numbers) or '; see emcas parameters'}")
     nominal = float(parameters.values[name])
     if nominal == 0.0:
-        raise EmcasError(f"--locus {name}: is 0 and a locus scales it; give it a value in a parameter file")
+        raise EmcasError(f"locus {name}: is 0 and a locus scales it; give it a value in a parameter file")
 
     def at(value: float) -> LinearActuator:
         return LinearActuator(parameters.with_values({name: value}).values, fin_angle, aero_torque, model)
@@ -74,7 +74,7 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
             poles.append(continuous_poles(closed(value)))
             values.append(value)
     if not _moved(poles):
-        raise EmcasError(f"--locus {name}: moves no pole of the linearised loop; choose a gain"
+        raise EmcasError(f"locus {name}: moves no pole of the linearised loop; choose a gain"
                          + "".join(f" such as {gain}" for gain in gains[:1]))
     ends = []
     for outwards in ([v for v in reversed(values) if v < nominal], [v for v in values if v > nominal]):

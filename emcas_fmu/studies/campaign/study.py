@@ -273,8 +273,8 @@ def _model(path: Path, entry: _Base, chosen: str | None) -> str | None:
         get(model)
         return full_name(model)
     except EmcasError as error:
-        where = f"{path}: base.model = " if chosen is None else "--model "
-        raise CampaignError(where + str(error).removeprefix("--model ")) from error
+        where = f"{path}: base.model = " if chosen is None else "model "
+        raise CampaignError(where + str(error).removeprefix("model ")) from error
 
 
 def _samples(path: Path, campaign: _Campaign, factors: Sequence[Factor]) -> int:

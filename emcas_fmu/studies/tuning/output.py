@@ -75,7 +75,7 @@ def verdict(result: Result) -> str:
                 f"{binding}")
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
     return (f"{so_far}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
-            f"{worst.case}, stands at {beside(100.0 * worst.share, 100.0)} % of its limit; {binding}")
+            f"{worst.case}, is at {beside(100.0 * worst.share, 100.0)} % of its limit; {binding}")
 
 
 def objectives(result: Result) -> str:

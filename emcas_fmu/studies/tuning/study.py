@@ -165,7 +165,7 @@ def shipped_study(base: ParameterSet) -> Study:
             raise
         first, *_ = str(error).splitlines()
         having = [name for name in NAMES if has_shipped_study(load_parameters(model=name))]
-        raise StudyError(f"--model {base.model}: the shipped studies are of {', '.join(having)}, and do not fit "
+        raise StudyError(f"model {base.model}: the shipped studies are of {', '.join(having)}, and do not fit "
                          f"(first: {first}); name a study of this actuator's parameters") from error
 
 

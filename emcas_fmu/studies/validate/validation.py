@@ -32,7 +32,7 @@ DISPLAY: Mapping[str, tuple[float, str]] = {
     "fin_angle": (degrees(1.0), "deg"), "fin_rate": (degrees(1.0), "deg/s"), "motor_current": (1.0, "A"),
     "motor_voltage": (1.0, "V"), "drive_reference": (1.0, "V")}
 RECORDED = (*DISPLAY, "saturated")
-_REMEDY = "make its own with `emcas reference --parameters FILE --directory DIR` and validate with `--directory DIR`"
+_REMEDY = "make its own with `emcas reference --parameters FILE --directory DIR` and validate with this directory"
 
 
 @dataclass(frozen=True)
