@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand
 
 from emcas_fmu.commands import common
-from emcas_fmu.commands.group import check_environment, printing, without_types
+from emcas_fmu.commands.group import check_environment, printing, readable
 
 PROGRAM = ("python", "-m", "docs.thesis")
 
@@ -25,7 +25,7 @@ class Program(TyperCommand):
 
     def __init__(self, *args: Any, **named: Any) -> None:
         super().__init__(*args, **named)
-        without_types(self)
+        readable(self)
 
     def main(self, *args: Any, **named: Any) -> Any:
         """Run it, and end with a line where what it prints cannot be written."""

@@ -15,7 +15,7 @@ from emcas_fmu.extensions.status import STATUS
 from emcas_fmu.figures import plots
 from emcas_fmu.motions import RATED
 from emcas_fmu.reference.linear import LinearModel
-from emcas_fmu.studies.tuning import output as tuning_output
+from emcas_fmu.studies.tuning import pictures as tuning_pictures
 from emcas_fmu.studies.tuning.evaluate import evaluate
 from emcas_fmu.studies.tuning.optimise import tune
 from emcas_fmu.studies.tuning.study import shipped_study
@@ -190,7 +190,7 @@ def search(runs: Runs) -> Shown:
                  generations=_GENERATIONS)
     tests = sorted({test for _, test in steps}, key=lambda test: test.amplitude)
     listed = ", ".join(f"{degrees(test.amplitude):g}°" for test in tests)
-    drawing = tuning_output.responses(tuned, tests)
+    drawing = tuning_pictures.responses(tuned, tests)
     rows = tuple((name, tuned.before.gains[name], value) for name, value in tuned.best.gains.items())
     return Shown(runs.conditions(f"steps to {listed}"), drawing.figure,
                  f"Steps with the set's gains (before) and with those of a short search over Table 18's bounds, "

@@ -8,12 +8,11 @@ from typing import Any
 
 from rich.console import RenderableType
 from rich.markup import escape
-from rich.table import Column
-from rich.table import Table as RichTable
 
 from emcas_fmu import __version__
 from emcas_fmu.bench import writers
 from emcas_fmu.pages import numbers, page
+from emcas_fmu.pages.terminal import table
 
 from .entry import REASONS, Table
 from .study import Outcome, Result
@@ -72,10 +71,9 @@ def write_page(result: Result, path: Path) -> None:
 def summary(result: Result, whole: bool) -> Iterator[RenderableType]:
     """Give the counts of a `whole` run, or each entry with its numbers; then what was not finished."""
     if whole:
-        table = RichTable(Column("entries of the thesis's lists"), Column("", justify="right"))
-        for status, count in result.counts.items():
-            table.add_row(f"not shown: {status}" if status in REASONS else status, str(count))
-        yield table
+        yield table(["entries of the thesis's lists", ">"], (
+            [f"not shown: {status}" if status in REASONS else status, str(count)]
+            for status, count in result.counts.items()))
     else:
         for outcome in result.outcomes:
             yield from _printed(outcome)
@@ -89,8 +87,5 @@ def _printed(outcome: Outcome) -> Iterator[RenderableType]:
     if shown:
         yield escape(f"  {shown.conditions}")
     if shown and shown.table:
-        table = RichTable(*(Column(escape(name), justify="right" if right else "left")
-                            for name, right in zip(shown.table.columns, numeric(shown.table), strict=True)))
-        for row in shown.table.rows:
-            table.add_row(*(escape(cell(value)) for value in row))
-        yield table
+        yield table((">" * right + name for name, right in zip(shown.table.columns, numeric(shown.table), strict=True)),
+                    (map(cell, row) for row in shown.table.rows))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import groupby, zip_longest
+from itertools import groupby
 from math import degrees, isfinite, isnan
 from typing import Any, NamedTuple
 
@@ -15,10 +15,11 @@ import numpy as np
 from junitparser import TestCase
 from rich.console import RenderableType
 from rich.markup import escape
-from rich.table import Column
-from rich.table import Table as RichTable
+from rich.table import Table
+from rich.text import Text
 
 from ..pages.numbers import number
+from ..pages.terminal import table
 from ..support.progress import Progress, silent
 from .measure import BANDWIDTHS, KINDS, measure
 from .requirements import Case, Requirement, Specification
@@ -233,13 +234,17 @@ def summary(about: Identification, heading: str, judged: Sequence[Judged], more:
     yield f"[{color}]{escape(verdict)}[/]"
 
 
-def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
+def summary_table(heading: str, judged: Sequence[Judged]) -> Table:
     """Return requirements as a table for the terminal, with a line between different sources."""
-    table = RichTable(Column(heading, no_wrap=True), *(Column(name, justify="right") for name in (
-        "measured", "required", "margin")), "unit", "")
-    for j, after in zip_longest(judged, judged[1:]):
-        table.add_row(escape(j.name), j.more + number(j.measured), f"{j.sense} {j.limit:g}",
-                      j.more_margin + number(j.margin), j.unit,
-                      "[dim]not judged[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]",
-                      end_section=after is not None and after.source != j.source)
-    return table
+    rows: list[Sequence[str | Text] | None] = []
+    for _, group in groupby(judged, lambda j: j.source):
+        rows += ([j.name, j.more + number(j.measured), f"{j.sense} {j.limit:g}", j.more_margin + number(j.margin),
+                  j.unit, marked(j)] for j in group)
+        rows.append(None)
+    return table([heading, ">measured", ">required", ">margin", "unit", ""], rows, whole=[0])
+
+
+def marked(j: Judged) -> Text:
+    """Return in a word, for the terminal, whether a requirement is met."""
+    return (Text("not judged", "dim") if j.skipped else Text("ok", "green") if j.passed else
+            Text("FAIL", "bold red"))

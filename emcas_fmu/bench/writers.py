@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
-from rich.box import SIMPLE_HEAD
-from rich.table import Column, Table
 
 from ..support.writing import whole, write
 
@@ -61,9 +59,3 @@ def write_junit(name: str, suites: Mapping[str, Iterable[TestCase]], path: Path)
     document.update_statistics()  # type: ignore[no-untyped-call]
     with whole(path) as file:
         document.write(file, pretty=True)
-
-
-def terminal_table(*header: str | Column, title: str = "") -> Table:
-    """Return a table for the terminal with a single line, below its header."""
-    return Table(*header, title=title or None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
-                 pad_edge=False)

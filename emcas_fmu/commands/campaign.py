@@ -47,9 +47,9 @@ def campaign(
     chunk: Annotated[int | None, common.value("Samples in a task and a part of the results. Default: by their "
                                               "duration.", "N", min=1)] = None,
     only: Annotated[int | None, common.value("Run this one sample here, and print it.", "INDEX")] = None,
-    plot: Annotated[Path | None, common.value(
-        "With --only, draw the sample's time history: .html, .svg, .png or .pdf. Of several experiments each has a "
-        "file, as in FILE_step.html; those of --output too.", "FILE")] = None,
+    plot: Annotated[Path | None, common.plot_option(
+        "With --only, plot the sample's time history", " Of several experiments each has a file, as in FILE_step.html; "
+        "those of --output too.")] = None,
     report: Annotated[Path | None, common.page_option(
         what="Write the summary page here. Default: summary.html in the folder.")] = None,
     as_json: Annotated[Path | None, common.json_option(
@@ -141,14 +141,12 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot: Path | None,
          inputs: tuple[Path | None, ...]) -> None:
     """Run one sample in this process; print it, and write its signals and pictures."""
-    from ..figures.plots import check_ending
     from ..pages.numbers import rounded
     from ..studies.campaign.extension_outputs import in_words, observed
     from ..studies.campaign.sample import columns, history, listed, rows
 
     if not 0 <= index < study.samples:
         raise EmcasError(f"--only {index}: samples are numbered from 0 to {study.samples - 1}")
-    check_ending(plot)
     files = {e: [path and (path if len(study.experiments) == 1 else path.with_stem(f"{path.stem}_{e.name}"))
                  for path in (output, plot)] for e in study.experiments}
     written = [path for pair in files.values() for path in pair]

@@ -17,10 +17,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.segment import Segment
-from rich.table import Table
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError, EmcasWarning, in_words, writing
+from ..figures import check_ending
+from ..pages.terminal import table as table
 from ..support.files import as_given
 from ..support.progress import LOG, Progress
 from ..support.writing import try_file, try_folder
@@ -142,6 +143,11 @@ def toml_option(what: str) -> Any:
     return value(what, "FILE", "--output", "-o", ending=".toml")
 
 
+def plot_option(what: str, more: str = "") -> Any:
+    """Return the option --plot; `what` begins its help, `more` ends it."""
+    return value(f"{what}: .html, .svg, .png or .pdf.{more}", "FILE", "--plot", callback=failures()(check_ending))
+
+
 def model_option(what: str, more: str = "") -> Any:
     """Return the option --model; `what` begins its help, `more` ends it."""
     return value(f"{what}: {', '.join(NAMES)}, or a Python file that declares one. Behind it extensions, as in "
@@ -164,8 +170,8 @@ ParametersOption = Annotated[list[Path] | None, value(
     "Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); overrides any subset of the "
     "defaults. Repeatable: a later file overrides those before it.", "FILE|SET", "--parameters", "-p", callback=_files)]
 FinOption = Annotated[int | None, value("Number of the fin in an FMU of several. Default: the first.", "N")]
-LayoutOption = Annotated[str | None, value("Placement of several fins: plus has one along body y, cross (default) is half "
-                                           "a pitch further.", "plus|cross")]
+LayoutOption = Annotated[str | None, value(
+    "Placement of several fins: plus has one along body y, cross (default) is half a pitch further.", "plus|cross")]
 FinFilesOption = Annotated[list[str] | None, value(
     "Parameter file of one of several fins, which overrides those of all fins. Repeatable.", "N=FILE")]
 JsonOption = Annotated[Path | None, json_option("Write all figures to this file.")]
@@ -219,24 +225,6 @@ def open_subject(path: Path | None, model: str | None = None, fin: int | None = 
 def say(line: str) -> None:
     """Print a line of text, which the terminal may wrap."""
     out.print(line, soft_wrap=True)
-
-
-def table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "", whole: int = 0) -> Table:
-    """Return a table of texts and of numbers, which have four digits; None is a dash.
-
-    Columns whose name begins with ">" are aligned to the right, the first `whole` columns have one line. Texts in other
-    columns are not cut short, so that they can be searched for.
-    """
-    from ..pages.numbers import number
-
-    made = Table(title=title or None, title_justify="left")
-    for k, name in enumerate(columns):
-        right = name.startswith(">")
-        made.add_column(escape(name.removeprefix(">")), justify="right" if right else "left", no_wrap=k < whole,
-                        overflow="ellipsis" if right or k < whole else "fold")
-    for row in rows:
-        made.add_row(*(escape(cell) if isinstance(cell, str) else number(cell) for cell in row))
-    return made
 
 
 def write_results(result: Any, *outputs: tuple[Path | None, Callable[[Any, Path], object]]) -> None:

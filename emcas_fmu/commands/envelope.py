@@ -33,7 +33,7 @@ def envelope(
     preload: Annotated[float, common.value("Share of the continuous current, the least there is, that flowed before, "
                                            "for long. 0: from ambient.", "SHARE")] = 0.0,
     output: Annotated[Path | None, common.csv_option("Write the curves to this CSV file, SI.")] = None,
-    plot: Annotated[Path | None, common.value("Draw the envelopes: .html, .svg, .png or .pdf.", "FILE")] = None,
+    plot: Annotated[Path | None, common.plot_option("Plot the envelopes")] = None,
     as_json: Annotated[Path | None, common.json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
@@ -46,10 +46,8 @@ def envelope(
         seconds = quantity(duration, "", "s")
     except UnitError as error:
         raise EmcasError(f"--duration {duration}: {error}") from error
-    from ..figures.plots import check_ending
     from ..studies.analysis import envelope as study
 
-    check_ending(plot)
     chosen = common.parameter_set(parameters, model)
     computed = study.envelope(chosen, seconds, preload)
     figures = _figures(computed)

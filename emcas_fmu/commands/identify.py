@@ -62,7 +62,7 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
     common.write_json(result.document(), as_json)
     common.out.print(common.table(["name", ">value", ">1 sigma", "unit", ">base set"], (
         [e.name, f"{e.value:.6g}", f"{e.sigma:.2g}", e.unit, "" if e.base is None else f"{e.base:.6g}"]
-        for e in result.estimates), result.experiment.title, whole=5))
+        for e in result.estimates), result.experiment.title, whole=range(5)))
     for line in result.notes:
         common.say(escape(line))
     common.print_written(output, report, as_json)

@@ -73,22 +73,19 @@ def simulate(
     kernel: Annotated[str, common.value("compiled, python, or auto: compiled where that pays. The numbers are the "
                                         "same.", "KERNEL")] = "auto",
     output: Annotated[Path | None, common.csv_option("Write every signal to this CSV file.")] = None,
-    plot: Annotated[Path | None, common.value("Draw the response, the actuator's outputs by their units: .html, .svg, "
-                                              ".png or .pdf.", "FILE")] = None,
+    plot: Annotated[Path | None, common.plot_option("Plot the response, the actuator's outputs by their units")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
     from ..api import simulate as run
     from ..bench.conditions import resting_on
     from ..bench.excitation import csv_file, reference_case
-    from ..figures.plots import check_ending
     from ..motions import STEP
     from ..pages.numbers import number
     from ..reference.files import supply_start
 
     if [case, input_file, step].count(None) != 2:
         raise EmcasError("give one of --case, --input and --step")
-    check_ending(plot)
     (placement, files), unit = common.placed(fins, layout, fin), FmuInterface(fins, model)
     common.check_outputs(output, plot, as_json, inputs=(parameters, files.values(), input_file))
     for name, value in (("--stop", stop), ("--interval", interval)):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
 from . import common
 
@@ -87,14 +87,12 @@ def check(
     report = run(ssp, guid, fmu, model)
     common.write_json(report.document(), as_json)
     if report.findings:
-        table = Table("", "where", "what is wrong, and what to do", show_lines=True)
-        table.columns[1].overflow = "fold"  # names are not cut short, so that they can be searched for
-        for finding in sorted(report.findings, key=lambda f: f.level):
-            colour = "red" if finding.level == "error" else "yellow"
-            place = f"{escape(finding.place)}\n[dim]{escape(finding.file)}[/]".strip()
-            table.add_row(f"[{colour}]{finding.level}[/]", place,
-                          f"{escape(finding.message)}\n[dim]{escape(finding.remedy)}[/]")
-        common.out.print(table)
+        rows: list[list[Text] | None] = []
+        for each in sorted(report.findings, key=lambda f: f.level):
+            texts = ([each.place, each.file], [each.message, each.remedy])
+            rows += [Text(each.level, "red" if each.level == "error" else "yellow"),
+                     *(Text(upper + "\n" * bool(upper)).append(lower, "dim") for upper, lower in texts)], None
+        common.out.print(common.table(["", "where", "what is wrong, and what to do"], rows))
     errors, warnings = (f"{len(found)} {name}{'s' * (len(found) != 1)}" for found, name in (
         (report.errors, "error"), (report.warnings, "warning")))
     verdict = f"[bold red]failed[/], {errors}" if report.errors else "[bold green]passed[/]"

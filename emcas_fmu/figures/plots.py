@@ -22,9 +22,10 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, LogFormatterMathtext
 
-from ..errors import EmcasError
 from ..support.writing import whole
+from . import check_ending
 from .curves import INK as INK
 from .curves import curves
 
@@ -33,7 +34,6 @@ from .curves import curves
 BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#e69f00", "#cc79a7"
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 GRAY = "#8a8f98"
-PICTURES = (".html", ".svg", ".png", ".pdf")
 # Matplotlib lays out text with its DejaVu Sans; the others are as wide or narrower, so that no text is cut.
 FONTS = "'DejaVu Sans', Verdana, 'Liberation Sans', Arial, Helvetica, sans-serif"
 COMMAND: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
@@ -104,6 +104,10 @@ def svg(plot: Figure, label: str = "", description: str = "") -> str:
     The figure's layout is fixed from then on.
     """
     text = StringIO()
+    for axis in (axis for axes in plot.axes for axis in (axes.xaxis, axes.yaxis)):
+        if isinstance(axis.get_major_formatter(), LogFormatterMathtext):  # formulas need fonts that may be missing
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(LogFormatter())
     if layout := plot.get_layout_engine():  # matplotlib would render the figure twice to lay it out
         FigureCanvasSVG(plot)  # text sizes are those of SVG
         layout.execute(plot)
@@ -223,12 +227,6 @@ def write(plot: Figure, path: Path) -> None:
     check_ending(path)
     with whole(path) as file:
         plot.savefig(file, format=path.suffix[1:], dpi=150, facecolor="white")
-
-
-def check_ending(path: Path | None) -> None:
-    """Raise EmcasError for a path whose ending is none of `PICTURES`."""
-    if path is not None and path.suffix not in PICTURES:
-        raise EmcasError(f"{path}: a plot ends in {', '.join(PICTURES)}")
 
 
 def shade(axes: Axes, time: Any, active: Any, label: str = "") -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.mathtext import MathTextParser
 
 from emcas_fmu.figures import plots
 from emcas_fmu.figures.curves import curves
@@ -89,3 +90,13 @@ def test_what_has_no_form_as_data_stays_a_picture(kind: str) -> None:
             axes.set_aspect("equal")
         assert curves(made) == ""
         assert plots.picture(made, "", "").svg
+
+
+def test_a_logarithmic_axis_needs_no_fonts_of_formulas(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matplotlib warns of such fonts where they are not installed."""
+    monkeypatch.setattr(MathTextParser, "parse", lambda *_: pytest.fail("a text is a formula"))
+    with plots.style():
+        drawn, (axes,) = plots.column("y")
+        axes.loglog([0.1, 1e5], [1.0, 5.0])
+        text = plots.svg(drawn)
+    assert all(f">{label}</text>" in text for label in ("0.1", "1000", "100000", "2"))

@@ -98,9 +98,13 @@ def test_a_circle_is_found() -> None:
                        other: "if TYPE_CHECKING:\n    from .measure import Test"})
 
 
-def test_the_interface_starts_without_matplotlib_and_scipy() -> None:
-    """They would be half of what the start of every command takes."""
-    program = ("import sys, emcas_fmu.api, emcas_fmu.studies.explore.page; "
-               "print(*sorted({'matplotlib', 'scipy.linalg', 'scipy.stats'} & sys.modules.keys()))")
+@pytest.mark.parametrize(("modules", "heavy"), [
+    ("api, studies.explore.page", "matplotlib scipy.linalg scipy.stats"),
+    ("commands.simulate, commands.campaign, studies.validate.validation_output, studies.baseline.comparison_output, "
+     "studies.baseline.files, studies.tuning.output, studies.tuning.optimise, studies.tuning.study", "matplotlib")])
+def test_commands_start_without_libraries_of_some_results(modules: str, heavy: str) -> None:
+    """They would be half of what the start of every command takes; only pages and plots need Matplotlib."""
+    program = (f"import sys, {', '.join(f'emcas_fmu.{name}' for name in modules.split(', '))}; "
+               f"print(*sorted(set({heavy.split()}) & sys.modules.keys()))")
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""

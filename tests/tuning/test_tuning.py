@@ -34,15 +34,8 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.optimise import Result as Tuned
 from emcas_fmu.studies.tuning.optimise import _evaluated, tune
-from emcas_fmu.studies.tuning.output import (
-    at_bounds,
-    conflict,
-    front,
-    verdict,
-    write_json,
-    write_report,
-    write_tuned,
-)
+from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned
+from emcas_fmu.studies.tuning.pictures import conflict, front
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
 from emcas_fmu.support.files import models_directory
 from tests.campaign.conftest import ODD, replaced

@@ -7,22 +7,25 @@ from dataclasses import asdict
 from itertools import groupby
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from junitparser import TestCase
 from rich.console import RenderableType
 from rich.markup import escape
-from rich.table import Column
+from rich.text import Text
 
 from ... import __version__
 from ...bench import writers
-from ...figures import plots
 from ...pages.page import write_page
+from ...pages.terminal import table
 from ...support.writing import append
 from .comparison import Comparison, Row
 from .files import SCHEMA as BASELINE
 from .model import NEVER, output_units
+
+if TYPE_CHECKING:
+    from ...figures import plots
 
 SCHEMA = "emcas-baseline-check/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
@@ -83,12 +86,8 @@ def summary(comparison: Comparison, everything: bool = False) -> Iterator[Render
     yield escape(f"{about.kind} {about.file}{which}  {about.guid}".rstrip())
     yield escape(f"approved: {' '.join(was[key] for key in ('article', 'file', 'guid') if key in was)}")
     for header, rows in tables(comparison, everything):
-        table = writers.terminal_table(*(
-            Column(name.lstrip(">"), justify="right" if name[0] == ">" else "left", no_wrap=k > 1, overflow="fold")
-            for k, name in enumerate(header)))
-        for row in rows:
-            table.add_row(*(f"[{_STYLES[cell]}]{cell}[/]" if cell in _STYLES else escape(cell) for cell in row))
-        yield table
+        yield table(header, ([Text(cell, _STYLES[cell]) if cell in _STYLES else cell for cell in row] for row in rows),
+                    whole=range(2, len(header)), plain=True)
     for case, why in comparison.response.stopped.items():
         yield f"[bold red]{escape(case)}:[/] {escape(why)}"
     for note in comparison.notes:
@@ -130,8 +129,8 @@ def append_markdown(comparison: Comparison, remedy: str, path: Path, everything:
     """Append a section to a file; several steps of a job write to its summary."""
     file = _cell(comparison.response.identification.file)
     lines = [f"### {'✅' if comparison.passed else '❌'} {file}: {verdict(comparison)}\n"]
-    for table in tables(comparison, everything):
-        lines += markdown(*table), ""
+    for header, rows in tables(comparison, everything):
+        lines += markdown(header, rows), ""
     lines += [f"**{case}** {_cell(why)}\n" for case, why in comparison.response.stopped.items()]
     lines += [] if comparison.passed else [f"{_cell(remedy)}\n"]
     lines += [f"Note: {_cell(note)}\n" for note in comparison.notes]
@@ -151,6 +150,8 @@ def _cell(text: str) -> str:
 
 def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison gives the same bytes."""
+    from ...figures import plots  # with Matplotlib, a third of the start of every command
+
     about = comparison.response.identification
     write_page(path, "studies/baseline/page.html.j2", [about.source], about=about, comparison=comparison,
                verdict=verdict(comparison), remedy=remedy, header=HEADER, cells=cells,
@@ -159,6 +160,8 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
 
 def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
     """Yield the picture of each trajectory, approved and now, with their difference."""
+    from ...figures import plots
+
     limits, units = comparison.baseline.limits, output_units(comparison.baseline.model)
     for case, traces in comparison.response.baseline.traces.items():
         for name, new in traces.items():

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Table
+from rich.text import Text
 
 from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import shown
@@ -19,6 +18,7 @@ from ...figures import plots
 from ...figures.plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing
 from ...pages.page import write_page
 from ...pages.provenance import Source
+from ...pages.terminal import table
 from ...reference.files import parameters_hash
 from .distributions import Factor
 from .experiments import REQUIREMENT, Experiment, lacking
@@ -152,51 +152,42 @@ def tables(summary: Summary) -> Iterator[Table]:
         yield _faults(summary)
 
 
-def _right(*names: str) -> list[Column]:
-    return [Column(name, justify="right") for name in names]
-
-
 def _percentiles(summary: Summary) -> Table:
-    table = Table(Column("figure", no_wrap=True), "unit", *_right(*(f"{p} %" for p in _SHOWN)), "depends most on",
-                  title_justify="left", title="Percentiles over the samples")
-    for s in summary.spreads:
-        if s.name.startswith(f"{REQUIREMENT}."):
-            continue
+    def row(s: Spread) -> list[str]:
         first = s.effects[0] if s.effects else None
-        table.add_row(s.name, shown(s.figure.unit)[0], *(text(s.figure, s.percentiles[p]) for p in _SHOWN),
-                      f"{_short(first.factor)} ({first.rank_correlation:+.2f})" if first and first.sure else "")
-    return table
+        return [s.name, shown(s.figure.unit)[0], *(text(s.figure, s.percentiles[p]) for p in _SHOWN),
+                f"{_short(first.factor)} ({first.rank_correlation:+.2f})" if first and first.sure else ""]
+
+    return table(["figure", "unit", *(f">{p} %" for p in _SHOWN), "depends most on"],
+                 (row(s) for s in summary.spreads if not s.name.startswith(f"{REQUIREMENT}.")),
+                 "Percentiles over the samples", whole=[0])
 
 
 def _requirements(summary: Summary) -> Table:
     """Return the samples that meet each requirement, with the median and the worst percentile of its figure."""
     low, median, high = _SHOWN
-    table = Table(Column("requirement", no_wrap=True), *_right(
-        "required", f"{median} %", f"worst {low} %", "met by", "probability (95 %)"), title_justify="left",
-        title="Samples that meet the requirements", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     *each, together = summary.chances
+    rows: list[Sequence[str | Text] | None] = []
     for chance in each:
         r: Any = chance.requirement
         s = summary.by_name.get(f"{REQUIREMENT}.{r.name}")
         figures = [text(s.figure, s.percentiles[p]) for p in (median, high if r.sign > 0.0 else low)] if s else ["", ""]
-        table.add_row(escape(r.name), f"{SENSES[r.sense]} {r.shown_limit:g} {r.shown[0]}",
-                      *figures, f"{chance.met} of {chance.samples}", str(chance))
-    for j in summary.study.left_out:
-        table.add_row(escape(j.name), f"{j.sense} {j.limit:g} {j.unit}", "", "", "[dim]not judged[/]", "")
-    table.add_section()
-    table.add_row("all that were judged" if summary.study.left_out else "all of them", "", "", "",
-                  f"{together.met} of {together.samples}", str(together))
-    return table
+        rows.append([r.name, f"{SENSES[r.sense]} {r.shown_limit:g} {r.shown[0]}", *figures,
+                     f"{chance.met} of {chance.samples}", str(chance)])
+    rows += ([j.name, f"{j.sense} {j.limit:g} {j.unit}", "", "", Text("not judged", "dim"), ""]
+             for j in summary.study.left_out)
+    last = "all that were judged" if summary.study.left_out else "all of them"
+    rows += None, [last, "", "", "", f"{together.met} of {together.samples}", str(together)]
+    return table(["requirement", ">required", f">{median} %", f">worst {low} %", ">met by", ">probability (95 %)"],
+                 rows, "Samples that meet the requirements", whole=[0], plain=True)
 
 
 def _faults(summary: Summary) -> Table:
-    table = Table(Column("fault, alone", no_wrap=True), "samples", "detected", "after", "before", "by",
-                  title_justify="left", title="Faults, and what the built-in test detected")
     several = len({f.experiment for f in summary.findings}) > 1
-    for f in summary.findings:
-        table.add_row(f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found),
-                      seconds(f.delay), str(f.before), ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n))
-    return table
+    return table(["fault, alone", "samples", "detected", "after", "before", "by"], (
+        [f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found), seconds(f.delay),
+         str(f.before), ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n)] for f in summary.findings),
+        "Faults, and what the built-in test detected", whole=[0])
 
 
 def _short(factor: str) -> str:

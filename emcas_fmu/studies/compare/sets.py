@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 from rich.markup import escape
-from rich.table import Column as Heading
+from rich.text import Text
 
 from ... import __version__
 from ...actuators import NAMES, split
-from ...bench import verdict, writers
+from ...bench import verdict
 from ...bench.measure import Test, excitation
 from ...bench.requirements import load_requirements
 from ...bench.runs import Run
@@ -25,6 +25,7 @@ from ...errors import EmcasError, hint
 from ...figures.plots import COMMAND, Drawing, figure, pictures
 from ...pages import numbers
 from ...pages.page import write_page
+from ...pages.terminal import table
 from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file
 from ...support.progress import Progress, silent
 
@@ -135,14 +136,9 @@ def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requi
 
 def summary(result: Result) -> Iterator[RenderableType]:
     """Yield the figures as a table with a column per set, the parameters that differ, and each set's verdict."""
-    table = writers.terminal_table(
-        Heading("requirement", no_wrap=True), Heading("required", justify="right", no_wrap=True),
-        *(Heading(escape(column.name), justify="right", overflow="fold") for column in result.columns),
-        title="Requirements")
-    for row in result.rows:
-        first = row[0]
-        table.add_row(first.name, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, row))
-    yield table
+    yield table(["requirement", ">required", *(f">{column.name}" for column in result.columns)], (
+        [first.name, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, (first, *others))]
+        for first, *others in result.rows), "Requirements", range(2), plain=True)
     for name, values in result.differing.items() if len(result.models) == 1 else ():
         yield escape(f"{name}: {', '.join(numbers.number(value) for value in values)}")
     for column in result.columns:
@@ -151,10 +147,8 @@ def summary(result: Result) -> Iterator[RenderableType]:
                f"{escape(column.name)}: [bold red]misses {missed or 'everything: nothing was judged'}[/]")
 
 
-def _cell(j: Judged) -> str:
-    if j.skipped:
-        return "[dim]not judged[/]"
-    return f"{j.more}{numbers.number(j.measured)} {'[green]ok[/]' if j.passed else '[bold red]FAIL[/]'}"
+def _cell(j: Judged) -> Text:
+    return verdict.marked(j) if j.skipped else Text(f"{j.more}{numbers.number(j.measured)} ") + verdict.marked(j)
 
 
 def as_dict(result: Result) -> dict[str, Any]:

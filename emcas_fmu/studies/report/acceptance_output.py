@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import RenderableType
-from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Table
 
 from ... import __version__
 from ...bench import verdict, writers
 from ...pages.page import stated, write_page
+from ...pages.terminal import table
 from .acceptance import Result
 from .outcome import Outcome
 from .pictures import pictures
@@ -32,10 +32,9 @@ def _headlines(result: Result) -> Iterator[tuple[Outcome, bool, str, str, str]]:
 
 def _figures(result: Result) -> Table:
     """Return the most important figures as a table."""
-    table = writers.terminal_table("test", "figure", Column("measured", justify="right"), "note")
-    for outcome, first, label, value, note in _headlines(result):
-        table.add_row(outcome.title * first, escape(label), value, note)
-    return table
+    return table(["test", "figure", ">measured", "note"], (
+        [outcome.title * first, label, value, note] for outcome, first, label, value, note in _headlines(result)),
+        plain=True)
 
 
 def summary(result: Result) -> Iterator[RenderableType]:

@@ -13,13 +13,11 @@ from typing import Any
 import fmpy
 from rich.console import RenderableType
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Table
 
 from ...bench import verdict, writers
-from ...figures.plots import pictures
-from ...pages import numbers
 from ...pages.page import write_page
-from .pictures import drawings
+from ...pages.terminal import table
 from .validation import TRAJECTORY_LIMIT, Result
 
 SCHEMA = "emcas-validation/2"
@@ -30,13 +28,10 @@ def _cases(result: Result) -> Table:
     """Return the largest errors of the cases as a table."""
     shown = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
              "motor_voltage": "voltage [V]"}
-    table = writers.terminal_table(
-        Column("case", no_wrap=True), *(Column(escape(each), justify="right", no_wrap=True) for each in shown.values()),
-        title=f"largest error to {result.compared_with}")
-    for case in result.cases:
-        errors = [case.errors.get(name) for name in shown]
-        table.add_row(case.name, *(numbers.number(error.maximum) if error else "–" for error in errors))
-    return table
+    rows = ([case.name, *(case.errors[name].maximum if name in case.errors else None for name in shown)]
+            for case in result.cases)
+    return table(["case", *(f">{each}" for each in shown.values())], rows,
+                 f"largest error to {result.compared_with}", range(1 + len(shown)), plain=True)
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
@@ -81,6 +76,9 @@ def write_junit(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
+    from ...figures.plots import pictures  # with Matplotlib, a third of the start of every command
+    from .pictures import drawings
+
     verdicts = verdict.named(result.criteria, "criterion", "criteria") if result.judged else result.verdict
     write_page(path, "studies/validate/page.html.j2", [result.about.source], result=result, about=result.about,
                trajectory_limit=TRAJECTORY_LIMIT, verdict=verdicts, pictures=pictures(drawings(result)))

@@ -1,0 +1,142 @@
+"""The pictures of a tuning run: responses, the search, and two requirements that conflict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import degrees
+from typing import Any
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from ...bench.measure import Test, response
+from ...bench.subject import ParameterSubject
+from ...figures.plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend, panels
+from .evaluate import HOPELESS, Evaluation
+from .optimise import Result
+
+_LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle": "--"}
+_SHOWN = 1.0  # s, longest response that is plotted: longer than any settling of interest
+_NEAR = 1.6  # times the best objective, up to which evaluations count in the search for a conflict
+
+
+def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
+    """Yield the pictures of a result; the trade-off is that of `pair`, by default of the two that conflict most."""
+    if moves := list(dict.fromkeys(
+            r.test for r in result.study.requirements if r.test and r.test.kind in ("step", "slew"))):
+        yield responses(result, moves)
+    yield search(result)
+    if conflicting := conflict(result.evaluated, pair):
+        yield trade(result, conflicting)
+
+
+def responses(result: Result, moves: Sequence[Test]) -> Drawing:
+    """Plot steps and slews in every case, with the initial and the returned gains."""
+    subject, columns = ParameterSubject(result.study.base), min(len(moves), 2)
+    drawn, grid = panels(len(moves), columns, width=10.0, height=2.6)
+    for axes, test in zip(grid, moves, strict=True):
+        for gains, color, label in ((result.before.gains, GRAY, "before"), (result.best.gains, BLUE, "returned")):
+            for case in result.study.cases:
+                run = response(test, subject, {**case.values, **gains})
+                if run.stopped is not None:
+                    continue
+                time = run.columns["time"] - run.excitation.begin
+                shown = (time > -0.03) & (time <= min(test.duration, _SHOWN))
+                axes.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"][shown]), color=color, linewidth=0.9,
+                          alpha=0.8, label=label)
+        axes.axhline(degrees(test.amplitude), **_LEVEL)
+        load = f", {test.torque:+g} N.m" if test.torque else ""
+        axes.set_title(f"{test.kind} to {degrees(test.amplitude):g} deg{load}")
+        axes.set(xlabel="time [ms]", ylabel="fin angle [deg]")
+        legend(axes, loc="lower right")
+    return Drawing("Responses", drawn, f"Every case ({', '.join(c.name for c in result.study.cases)}), positive "
+                                       "direction, with the gains begun with and those returned.")
+
+
+def search(result: Result) -> Drawing:
+    """Plot the best objective during the search, and the objective over each gain."""
+    names = [t.name for t in result.study.tunables]
+    drawn, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)
+    first, *others = grid.flat
+    first.plot(result.history, color=GRAY)
+    for value, label in ((result.before.objective, "before"), (result.best.objective, "returned")):
+        first.axhline(value, label=label, **{**_LEVEL, "color": VERMILLION if label == "before" else BLUE})
+    first.legend(loc="upper right")
+    first.set(xlabel="generation, then local evaluation", ylabel="best objective", title="Search")
+    objective = np.array([e.objective for e in result.evaluated])
+    top = float(np.quantile(objective, 0.8))
+    for axes, name in zip(others, names, strict=True):
+        gains = np.array([e.gains[name] for e in result.evaluated])
+        axes.semilogx(gains, np.minimum(objective, top), ".", color=GRAY, markersize=2.0)
+        axes.axvline(result.best.gains[name], color=BLUE, linewidth=0.8)
+        axes.set(title=name.removeprefix("controller."), xlabel="value")
+    return Drawing("Search", drawn, f"{len(result.evaluated)} sets of gains. Each dot is one; the line is the set "
+                                    "returned. A gain with a sharp lower edge matters, one with a flat edge does not.")
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """Two requirements and their Pareto front: pairs of shares, the first ascending."""
+
+    first: str
+    second: str
+    correlation: float
+    front: tuple[tuple[float, float], ...]
+
+
+def front(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Return the Pareto front of points, of which small coordinates are good."""
+    best: list[tuple[float, float]] = []
+    for x, y in sorted(set(points)):
+        if not best or y < best[-1][1]:
+            best.append((x, y))
+    return tuple(best)
+
+
+def shares(evaluations: Sequence[Evaluation], first: str, second: str) -> list[tuple[float, float]]:
+    """Return the worst shares of two requirements in each evaluation."""
+    return [(e.by_requirement()[first].share, e.by_requirement()[second].share) for e in evaluations]
+
+
+def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = None) -> Conflict | None:
+    """Return the conflict of a pair of requirements, or of the two that conflict most near the best; None if none do.
+    """
+    if not evaluations:
+        return None
+    best = min(e.objective for e in evaluations)
+    near = [e.by_requirement() for e in evaluations if e.objective <= _NEAR * best]
+    columns = {name: np.array([judgements[name].share for judgements in near]) for name in near[0]}
+    # Figures that hardly vary or do not exist show no conflict.
+    lively = [name for name, column in columns.items() if np.ptp(column) > 0.02 and column.max() < HOPELESS]
+    rated = [(_correlation(columns[first], columns[second]), first, second)
+             for first, second in ([pair] if pair else combinations(lively, 2))]
+    correlation, first, second = min(rated, key=lambda entry: entry[0], default=(0.0, "", ""))
+    if not pair and correlation > -0.3:
+        return None
+    return Conflict(first, second, correlation, front(shares(evaluations, first, second)))
+
+
+def _correlation(first: Any, second: Any) -> float:
+    """Return the rank correlation of two columns; 0 if one is constant."""
+    return float(spearmanr(first, second).statistic) if min(np.ptp(first), np.ptp(second)) > 0.0 else 0.0
+
+
+def trade(result: Result, pair: Conflict) -> Drawing:
+    """Plot the shares of two requirements' limits against each other, with their Pareto front."""
+    drawn, (axes,) = column(f"{pair.second} / limit", x=f"{pair.first} / limit", width=6.0, height=3.6)
+    points = np.array(shares(result.evaluated, pair.first, pair.second))
+    near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]
+    axes.plot(near[:, 0], near[:, 1], ".", color=GRAY, markersize=2.5)
+    inside = [p for p in pair.front if max(p) < 3.0]
+    axes.plot([p[0] for p in inside], [p[1] for p in inside], ".-", color=GREEN, label="none is better in both")
+    best = shares([result.best], pair.first, pair.second)[0]
+    axes.plot(*best, "o", color=BLUE, label="returned")
+    axes.axvline(1.0, **_LEVEL)
+    axes.axhline(1.0, **_LEVEL)
+    axes.legend(loc="upper right")
+    return Drawing(
+        "What one costs the other", drawn,
+        f"{pair.first} and {pair.second} as shares of their limits, worst case each (rank correlation near the "
+        f"best {pair.correlation:.2f}); below and left of the dashed lines both are met.")
