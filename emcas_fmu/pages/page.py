@@ -42,6 +42,7 @@ def css_text(text: str) -> str:
 
 @cache
 def environment() -> Environment:
+    """Return Jinja's environment of the templates, with the filters for numbers, names and units that they use."""
     made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
                        lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,

@@ -168,11 +168,13 @@ class CWriter(Writer):
         return lines
 
     def is_condition(self, statement: Assign) -> bool:
+        """Return whether an operation gives a condition, not a number; a choice does if both values are conditions."""
         if statement.operation == "where":
             return all(self.holds(value) for value in statement.operands[1:])
         return statement.operation in _CONDITIONS
 
     def holds(self, value: Operand) -> bool:
+        """Return whether an operand is a condition."""
         return value.name in self.conditions if isinstance(value, Expr) else isinstance(value, bool)
 
 
