@@ -13,7 +13,8 @@ from .errors import EmcasError
 from .fmi.interface import MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters, require_sound
 from .rules import check_ranges
-from .runtime import codegen, compiled, library
+from .runtime import codegen, compiled, diagnosis, library
+from .runtime.core import Core
 from .variables import Variable
 
 T = TypeVar("T")
@@ -21,6 +22,7 @@ T = TypeVar("T")
 Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
+LONGEST_DIAGNOSIS = 2.0  # [s] simulated over floats to find a line, in up to 20 s
 MOST_POINTS = 10_000_000  # outputs at more points would not fit into memory
 
 
@@ -132,15 +134,23 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
                 spring: Array | float = 0.0) -> compiled.Tables:
     """Return the outputs of many actuators; shapes and units as in :func:`emcas_fmu.runtime.compiled.run_tables`.
 
-    Without a compiled kernel they run in Python, with the same numbers. Raises EmcasError for an unknown `kernel`.
+    Without a compiled kernel they run in Python, with the same numbers. For a user's actuator the error of the first
+    incomplete run names the line of the file. Raises EmcasError for an unknown `kernel`.
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
     count, _, points = compiled.table_shape(sets, inputs, model, held)
     steps = library.milliseconds(count * points, step)
-    if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model)):
-        return compiled.run_tables(sets, inputs, step, outputs, model, held, fine, spring)
-    return _by_python(sets, inputs, step, outputs, model, held, fine, spring)
+    by_machine = kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model))
+    tables = (compiled.run_tables if by_machine else _by_python)(sets, inputs, step, outputs, model, held, fine, spring)
+    run = next((run for run, error in tables.failures.items() if isinstance(error, ArithmeticError)
+                and tables.reached[run] * step < LONGEST_DIAGNOSIS), None)
+    if run is not None and get(model).source is not None:
+        chosen = [column[run % len(column)] if np.ndim(column) == 2 else column for column in inputs]
+        springs = np.broadcast_to(spring, count)
+        again = _by_python(sets[[run % len(sets)]], chosen, step, (), model, held, (), springs[run], diagnosis.core)
+        tables.failures.update({run: again.failures[0]} if again.failures else {})
+    return tables
 
 
 def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None:
@@ -151,7 +161,8 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
 
 
 def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,
-               fine: Collection[str], spring: Array | float) -> compiled.Tables:
+               fine: Collection[str], spring: Array | float,
+               core_of: Callable[..., Core] = codegen.core) -> compiled.Tables:
     actuator = get(model)
     index = {v.name: i for i, v in enumerate(actuator.outputs)}
     count, rows, points = compiled.table_shape(sets, inputs, model, held)
@@ -169,7 +180,7 @@ def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Seque
             failures[run] = error
             continue
         try:
-            core = codegen.core(values, model)
+            core = core_of(values, model)
             now: Any = ()
             acting: Any = ()
             for k in range(points):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import EmcasError, hint, location
 from ..namespace import Record
 from ..ops.base import Ops, Value
+from ..ops.located import LocatedFloat
 from ..physics.loads import LOADS
 from ..variables import Variable
 from . import fin_port
@@ -114,6 +115,7 @@ def complete(function: Callable[..., Any], values: Any, names: Iterable[str], op
     if unknown:
         raise EmcasError(f"{location(function)} {returned}; there is {', '.join(sorted(known))}")
     for name, value in values.items():
-        if value is None or isinstance(value, (str, Sequence, Mapping)) or (isinstance(value, float) and isnan(value)):
+        unknown_number = isinstance(value, float) and isnan(value) and not isinstance(value, LocatedFloat)
+        if value is None or isinstance(value, (str, Sequence, Mapping)) or unknown_number:
             raise EmcasError(f"{location(function)} returns {name} = {value!r}; a number is needed")
     return values

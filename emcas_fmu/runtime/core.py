@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 # A tick has a handful of events at most; with far more the equations cannot be followed.
 MOST_EVENTS = 500
 # The time that a step takes is more than what is left of the tick by rounding only.
-_ROUNDED = 1.0 + 1e-9
+ROUNDED = 1.0 + 1e-9
 TOO_MANY_EVENTS = (f"more than {MOST_EVENTS} events in a tick: step() of the actuator does not get to its end; the "
                    "time that it returns is above 0, and at most h")
 # In one communication step. More is a mistake of the host and would seem to hang.
@@ -267,7 +267,7 @@ class Core:
         for _ in range(MOST_EVENTS):
             moved = step(*plant, *acting, left)
             plant, used = moved[:-1], moved[-1]
-            if left <= used <= left * _ROUNDED:
+            if left <= used <= left * ROUNDED:
                 return plant
             left -= used
         raise ArithmeticError(TOO_MANY_EVENTS)

@@ -48,13 +48,27 @@ class Switched:
     landed: Callable[[Ops, Any, Record, Record, Record, Record, Values], Values]
     begun: Callable[[Ops, Any, Record, Record, Value], tuple[Record, Value]] = lambda ops, p, x, u, h: (x, h)
 
-    def step(self, as_built: Callable[[Ops, Any], Any]) -> Callable[..., tuple[Values, Value]]:
+    def step(self, as_built: Callable[[Ops, Any], Any]) -> SwitchedStep:
         """Return the function `step(ops, p, x, u, h)` of an actuator whose plant has the parameters `as_built`."""
-        def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Values, Value]:
-            moved, used = advance(ops, as_built(ops, p), self, x, u, h)
-            return vars(moved), used
+        return SwitchedStep(self, as_built)
 
-        return step
+
+@dataclass(frozen=True)
+class SwitchedStep:
+    """The function `step(ops, p, x, u, h)` of a system whose parameters are `as_built`."""
+
+    system: Switched
+    as_built: Callable[[Ops, Any], Any]
+
+    def __call__(self, ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Values, Value]:
+        moved, used = advance(ops, self.as_built(ops, p), self.system, x, u, h)
+        return vars(moved), used
+
+    def margins(self, ops: Ops, p: Any, x: Record, u: Record, h: Value) -> Values:
+        """Return the event margins by name at the start of a step."""
+        q = self.as_built(ops, p)
+        x, h = self.system.begun(ops, q, x, u, h)
+        return self.system.margins(ops, q, x, u, self.system.mode(ops, q, x, u, h))
 
 
 def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) -> tuple[Record, Value]:

@@ -172,6 +172,30 @@ def test_the_guid_follows_the_equations(tmp_path: Path) -> None:
     assert len(guids) == 2
 
 
+_DAMPING = "- p.hinge.damping * x.fin_rate"
+
+
+@pytest.mark.parametrize(("kernel", "before", "after", "says"), [
+    ("python", _DAMPING, "- 1e-3 / x.fin_rate", "derivatives(): 0.001 / 0 = inf; divide by a value that is never 0"),
+    ("compiled", _DAMPING, "+ ops.where(x.fin_rate > 1e9, 1.0 / x.fin_rate, 0.0) - 1e-3 / (0.0 * x.fin_rate)",
+     "derivatives(): 0.001 / 0 = inf; divide by a value that is never 0, as in ops.where"),
+    ("python", '"motor_current": x.current', '"motor_current": ops.sqrt(-0.04 - x.current)',
+     "output_values(): sqrt(-0.04) = nan; use ops.sqrt(ops.maximum(x, 0.0))"),
+    ("python", "c.kd * x.fin_rate", "ops.log(x.fin_rate)", "sample(): log("),
+    ("python", '"motor_current": x.current', '"motor_current": 1e308 * (1e308 * x.current)',
+     "= inf; the values have grown without bound"),
+])
+def test_what_is_not_finite(tmp_path: Path, kernel: str, before: str, after: str, says: str) -> None:
+    """Named by the line whose numbers were finite, and not by a division that `where` leaves out."""
+    path = changed(tmp_path, (before, after))
+    if kernel == "compiled" and not library.available(str(path)):
+        pytest.skip("no compiler")
+    line = next(i for i, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if after in text)
+    with pytest.raises(ArithmeticError, match=re.escape(says)) as refused:
+        simulate(load_parameters(model=str(path)).values, 0.05, kernel=kernel, model=str(path), fin_command=0.01)
+    assert re.search(r"at [\d.]+ s: \w+ is -?(inf|nan): " + re.escape(f"{path}, line {line}: "), str(refused.value))
+
+
 def test_a_negative_delay(tmp_path: Path) -> None:
     path = changed(tmp_path, ("    sample=sample,", "    transport_delay=lambda ops, p: -0.001,\n    sample=sample,"))
     with pytest.raises(ParameterError, match=r"drive\.transport_delay = -0\.001 s must be at least 0"):

@@ -1,0 +1,72 @@
+"""Operations on floats by IEEE 754, as in compiled code; a number that is not finite knows where it ceased to be."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from functools import partial
+from math import copysign, inf, isfinite, nan
+from pathlib import Path
+from typing import Any
+
+from ..errors import called_from
+from .base import Value
+from .floats import FLOATS, FloatOps
+
+_FUNCTIONS = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor", "power_of_two", "exponent")
+_OPERATORS = {"add": "+", "sub": "-", "mul": "*", "truediv": "/"}
+
+
+class LocatedFloat(float):
+    """A number whose operations are followed in the file `path`.
+
+    If it is not finite, `origin` is the operation that made it so from finite numbers: file, line, function, numbers.
+    """
+
+    __slots__ = ("origin", "path")
+    origin: str
+    path: Path
+
+
+def located(value: float, path: Path, origin: str = "") -> LocatedFloat:
+    """Return a number whose operations are followed in a file."""
+    number = LocatedFloat(value)
+    number.path, number.origin = path, origin
+    return number
+
+
+class LocatedFloats(FloatOps):
+    """The operations on numbers that are followed in a file."""
+
+    def __init__(self, path: Path) -> None:
+        for name in _FUNCTIONS:
+            setattr(self, name, partial(_result, path, f"{name}({{:g}})", getattr(FLOATS, name)))
+
+
+def _result(path: Path, spelt: str, function: Callable[..., float], *operands: Value) -> LocatedFloat:
+    """Return the result of an operation; `spelt` is the format of its operands in a message."""
+    numbers = [float(x) for x in operands]
+    try:
+        value = function(*numbers)
+    except ZeroDivisionError:
+        value = nan if numbers[0] == 0.0 or numbers[0] != numbers[0] else copysign(inf, numbers[0] * numbers[1])
+    except (ValueError, OverflowError):  # a function outside its domain
+        value = nan
+    if isfinite(value):
+        return located(value, path)
+    before = next((x.origin for x in operands if isinstance(x, LocatedFloat) and x.origin), "")
+    return located(value, path, before or f"{called_from(path)}: {spelt.format(*numbers)} = {value:g}")
+
+
+def _operator(name: str, spelt: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return an operator of a number and another, and that of the other and the number."""
+    function = getattr(operator, name)
+    return (lambda self, *other: _result(self.path, spelt, function, self, *other),
+            lambda self, other: _result(self.path, spelt, function, other, self))
+
+
+for _name, _symbol in _OPERATORS.items():
+    for _method, _operation in zip(("__%s__", "__r%s__"), _operator(_name, f"{{:g}} {_symbol} {{:g}}"), strict=True):
+        setattr(LocatedFloat, _method % _name, _operation)
+for _name in ("neg", "abs"):
+    setattr(LocatedFloat, f"__{_name}__", _operator(_name, f"{_name}({{:g}})")[0])

@@ -1,0 +1,56 @@
+"""A user's actuator over floats, without its traced program: slow, but errors name the line of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import isfinite
+from typing import Any
+
+from ..actuators import get
+from ..actuators.declaration import Actuator
+from ..actuators.external import of_function
+from ..ops.base import Value
+from ..ops.located import LocatedFloats, located
+from . import codegen
+from .core import ROUNDED, Core
+
+# Remedies, by a part of the operation whose result is not finite.
+_REMEDIES = {
+    " / 0 =": "divide by a value that is never 0, as in ops.where(ops.fabs(x) > 1e-9, x, 1e-9)",
+    " / -0 =": "divide by a value that is never 0, as in ops.where(ops.fabs(x) > 1e-9, x, 1e-9)",
+    "sqrt(-": "use ops.sqrt(ops.maximum(x, 0.0))",
+    "log(": "use ops.log(ops.maximum(x, 1e-9))",
+    "": "the values have grown without bound: check the signs of the equations, or lower solver.max_tick",
+}
+
+
+def core(values: Mapping[str, Any], model: str, actuator: Actuator | None = None) -> Core:
+    """Return a core of a user's actuator, or of a copy with changed functions, with these parameters.
+
+    It raises ArithmeticError with file, line and remedy where a value is not finite, or a step takes no time.
+    """
+    actuator = actuator or get(model)
+    assert actuator.source is not None
+    ops, of_file = LocatedFloats(actuator.source), partial(located, path=actuator.source)
+    p = actuator.namespace({name: of_file(value) for name, value in values.items()})
+    states, controllers, sampled = ([s.name for s in each] for each in (
+        actuator.states, actuator.controller_states, actuator.sampled_states))
+    names = {"initial": [*states, *controllers, "measured_fin_angle", *sampled],
+             "sample": ["reference", *controllers, "measured_fin_angle", "limited", *sampled],
+             "step": states, "outputs": [v.name for v in actuator.outputs]}
+
+    def checked(name: str, function: Callable[..., tuple[Value, ...]], *arguments: float) -> tuple[Value, ...]:
+        results = function(ops, p, *map(of_file, arguments))
+        for of_result, value in zip(names.get(name, ()), results, strict=False):
+            if not isfinite(value):
+                origin = getattr(value, "origin", "") or of_function(actuator, name)
+                remedy = next(remedy for part, remedy in _REMEDIES.items() if part in origin)
+                raise ArithmeticError(f"{of_result} is {value:g}: {origin}; {remedy}")
+        if name == "step" and not 0.0 < (used := results[-1]) <= arguments[-1] * ROUNDED:
+            raise ArithmeticError(f"{of_function(actuator, name)} returns a time of {used:g} s for h = "
+                                  f"{arguments[-1]:g} s; it must be above 0, and at most h")
+        return results
+
+    return Core(tuple(partial(checked, name, function) for name, _, function in codegen.functions(actuator)),
+                codegen.sizes(actuator))
