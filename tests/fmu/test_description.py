@@ -19,6 +19,7 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.variables import Variable, real_output
 from tests.actuators.test_declaration import WITH_EXTENSIONS
 from tests.fmu.built import slave_class
+from tests.marks import is_plain, others_slow
 
 
 def kinds() -> Iterator[str]:
@@ -104,7 +105,8 @@ class Running:
 SMALL = {"i2t_load", "slip_power"}
 
 
-@pytest.mark.parametrize("model", [kind for kind in WITH_EXTENSIONS if not kind.startswith("linear")])
+@pytest.mark.parametrize("model", others_slow(
+    [kind for kind in WITH_EXTENSIONS if not kind.startswith("linear")], is_plain))
 def test_nominals_are_of_the_size_of_the_values(model: str) -> None:
     """Within ten times up and down of the largest in a slew against a load; the linear actuator knows no limits."""
     chosen = load_parameters(model=model)
@@ -152,7 +154,7 @@ def drawn(v: Variable, size: float, rng: random.Random) -> Any:
     return size * (rng.choice([0.0, 0.3, 1.0]) if v.minimum == 0.0 else rng.choice([-1.0, 1.0, rng.gauss(0.0, 1.0)]))
 
 
-@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.model)
+@pytest.mark.parametrize("unit", others_slow(UNITS, lambda unit: is_plain(unit.kind)), ids=lambda unit: unit.model)
 def test_outputs_keep_within_their_limits(unit: FmuInterface) -> None:
     """Under random commands, loads, supply and faults, with the shipped parameters and with stops as far as they go."""
     chosen, most = load_parameters(model=unit.kind), 0.0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import fromstring
@@ -33,8 +34,12 @@ from tests.fmu.test_description import kinds
 
 ROOT = Path(__file__).resolve().parents[2]
 WORD = re.compile(r"[a-z]\w*")
-UNITS = [(backend, fmi, fins) for backend, fmi in (("python", "2"), ("native", "2"), ("native", "3"))
-         for fins in (1, 4)]
+# Of each back end and version one.
+QUICK = {("python", "2", 1), ("native", "2", 4), ("native", "3", 4)}
+each_unit = pytest.mark.parametrize("unit", [
+    pytest.param((backend, fmi, fins), marks=() if (backend, fmi, fins) in QUICK else pytest.mark.slow,
+                 id=f"{backend}-{fmi}-{fins}")
+    for backend, fmi in (("python", "2"), ("native", "2"), ("native", "3")) for fins in (1, 4)])
 
 
 @pytest.mark.parametrize("fins", [1, 2, 8])
@@ -61,12 +66,14 @@ def test_two_names_that_would_be_one_are_refused(monkeypatch: pytest.MonkeyPatch
 
 def test_texts_name_what_there_is() -> None:
     """Descriptions, rules' messages and the page: not a name with a dot is left, and nothing else is changed."""
+    names_of: dict[str, set[str]] = defaultdict(set)  # by a text, which many units have: names that it must not have
     for kind in kinds():
         unit = FmuInterface(2, kind, "flat")
-        left = re.compile("|".join(rf"(?<!\w){re.escape(v.name)}(?!\w)" for v in unit.actuator.parameters
-                                   if flat(v.name) != v.name))
+        names = {v.name for v in unit.actuator.parameters if flat(v.name) != v.name}
         for text in (*(v.description for v in unit.variables), *(rule.message for rule in unit.actuator.all_rules)):
-            assert not left.search(unit.respelt(text)), text
+            names_of[unit.respelt(text)] |= names
+    left = re.compile("|".join(rf"(?<!\w){re.escape(name)}(?!\w)" for name in set[str]().union(*names_of.values())))
+    assert [text for text, names in names_of.items() if not names.isdisjoint(left.findall(text))] == []
     unit = FmuInterface(4, "nonlinear+heat", "flat")
     said = "a fin[2].fin.stop_angle of 0.1 N.m; motor.* and friction.table, e.g. friction.table.viscous[0]"
     assert unit.respelt(said) == (
@@ -109,19 +116,18 @@ def test_messages_have_the_names_of_the_variables() -> None:
 
 
 @pytest.fixture(scope="module")
-def built(shipped_unit: Callable[..., Path]) -> Mapping[tuple[str, str, int, str], Path]:
-    """Their files by back end, version of FMI, fins and names."""
-    return {(*unit, names): shipped_unit(backend, fmi=fmi, fins=fins, names=names)
-            for unit in UNITS for backend, fmi, fins in [unit] for names in SPELLINGS}
+def built(shipped_unit: Callable[..., Path]) -> Callable[[str, str, int, str], Path]:
+    """The file of a back end, version of FMI, fins and names."""
+    return lambda backend, fmi, fins, names: shipped_unit(backend, fmi=fmi, fins=fins, names=names)
 
 
 @pytest.mark.fmu
-@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: "-".join(map(str, unit)))
-def test_the_same_bits(built: Mapping[tuple[str, str, int, str], Path], unit: tuple[str, str, int]) -> None:
+@each_unit
+def test_the_same_bits(built: Callable[..., Path], unit: tuple[str, str, int]) -> None:
     """Of every output, in a slew against a load; and the tools find the variables of a fin by their usual names."""
     runs = []
     for key in ((*unit, names) for names in SPELLINGS):
-        with open_subject(built[key], fin=2 if unit[2] > 1 else None) as subject:
+        with open_subject(built(*key), fin=2 if unit[2] > 1 else None) as subject:
             assert isinstance(subject, FmuSubject)
             runs.append(subject.run(reference_case("load_opposing"), {"friction.temperature": 0.0,
                                                                       "friction.table.viscous[2]": 1.3}))
@@ -134,11 +140,9 @@ def test_the_same_bits(built: Mapping[tuple[str, str, int, str], Path], unit: tu
 
 
 @pytest.mark.fmu
-@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: "-".join(map(str, unit)))
-def test_nothing_in_the_archive_has_other_names(built: Mapping[tuple[str, str, int, str], Path],
-                                                unit: tuple[str, str, int]) -> None:
-    flat_one = (*unit, "flat")
-    path = built[flat_one]
+@each_unit
+def test_nothing_in_the_archive_has_other_names(built: Callable[..., Path], unit: tuple[str, str, int]) -> None:
+    path = built(*unit, "flat")
     assert validate_fmu(str(path)) == []
     with zipfile.ZipFile(path) as archive:
         root = fromstring(archive.read("modelDescription.xml"))
@@ -159,8 +163,8 @@ def test_nothing_in_the_archive_has_other_names(built: Mapping[tuple[str, str, i
 
 
 @pytest.mark.fmu
-def test_messages_of_the_native_unit(built: Mapping[tuple[str, str, int, str], Path]) -> None:
-    with open_subject(built["native", "2", 4, "flat"], fin=3) as subject:
+def test_messages_of_the_native_unit(built: Callable[..., Path]) -> None:
+    with open_subject(built("native", "2", 4, "flat"), fin=3) as subject:
         assert isinstance(subject, FmuSubject)
         messages: list[str] = []
         instance = subject.fmu.instance(lambda *arguments: messages.append(arguments[4].decode()))
@@ -185,11 +189,11 @@ def test_an_actuator_of_the_user_s(tmp_path: Path) -> None:
 
 
 @pytest.mark.fmu
-def test_commands(built: Mapping[tuple[str, str, int, str], Path], tmp_path: Path) -> None:
+def test_commands(built: Callable[..., Path], tmp_path: Path) -> None:
     path = tmp_path / "EMCAS.fmu"
     done = CliRunner().invoke(app, ["build", "--names", "flat", "-o", str(path)])
     assert done.exit_code == 0, done.output
-    assert path.read_bytes() == built["python", "2", 1, "flat"].read_bytes()
+    assert path.read_bytes() == built("python", "2", 1, "flat").read_bytes()
     done = CliRunner().invoke(app, ["validate", str(path), "--case", "step_plus20"])
     assert done.exit_code == 0, done.output
     refused = CliRunner().invoke(app, ["build", "--names", "round", "-o", str(path)])

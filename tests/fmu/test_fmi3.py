@@ -60,8 +60,9 @@ def unit2(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Fmu:
     return unpacked(native, tmp_path_factory.mktemp("two"))
 
 
-@pytest.fixture(scope="module", params=[("nonlinear", 4), (FAULTS, 1), ("nonlinear+faults", 2)],
-                ids=["four fins", "faults", "two fins with faults"])
+@pytest.fixture(scope="module", params=[
+    pytest.param(("nonlinear", 4), id="four fins"), pytest.param((FAULTS, 1), id="faults"),
+    pytest.param(("nonlinear+faults", 2), id="two fins with faults", marks=pytest.mark.slow)])
 def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Fmu, Fmu]:
     """A unit in FMI 3.0 (the file, and unpacked) and in FMI 2.0."""
     model, fins = request.param

@@ -17,6 +17,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.codegen import initial_values
 from emcas_fmu.variables import Variable
 from tests.fmu.built import slave_class
+from tests.marks import others_slow
 
 UNITS = [FmuInterface(1, kind) for kind in (
     "nonlinear", "second-order", "ristanovic", "elastic+heat+homing+faults", "nonlinear+supply", "worm-gear",
@@ -75,8 +76,8 @@ def places(unit: FmuInterface, started: Any, rng: random.Random) -> Iterator[dic
     yield values
 
 
-@pytest.mark.parametrize("unit", [pytest.param(unit, marks=[pytest.mark.slow] if unit.fins == 4 else [])
-                                  for unit in UNITS], ids=lambda unit: unit.model)
+@pytest.mark.parametrize("unit", others_slow(UNITS, lambda unit: unit.fins == 1 and "faults" not in unit.kind),
+                         ids=lambda unit: unit.model)
 def test_what_reacts_is_listed_and_what_lists_anything_reacts(unit: FmuInterface) -> None:
     started, rng = Starting(unit), random.Random(16)
     reacts: dict[str, set[str]] = {v.name: set() for v in unit.outputs}

@@ -25,6 +25,9 @@ from emcas_fmu.reference.files import parameters_hash
 from emcas_fmu.runtime import compiler
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
+from .built import both
+
+ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.fmu
 
 
@@ -138,7 +141,7 @@ def test_built_in_another_process_the_same_bytes(fmu: Path, tmp_path: Path) -> N
     import os
 
     environment = {**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo",
-                   "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+                   "PYTHONPATH": str(ROOT)}
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, env=environment)
     assert (tmp_path / "c.fmu").read_bytes() == fmu.read_bytes()
 
@@ -259,20 +262,14 @@ def test_other_pythonfmu_units_in_the_same_process(fmu: Path, tmp_path: Path) ->
     assert abs(first - 0.1) < abs(slow_angle - 0.1)
 
 
-@pytest.mark.parametrize("backend", ["python", "native"])
-def test_docstrings_that_python_leaves_out_are_in_the_unit(tmp_path: Path, backend: str) -> None:
+def test_docstrings_that_python_leaves_out_are_in_the_unit(tmp_path: Path) -> None:
     """The equations are those of the source, whatever the interpreter keeps of it."""
-    code = ("import sys; from emcas_fmu.fmi.package import build; from emcas_fmu.parameters import load_parameters; "
-            "build(load_parameters(), sys.argv[1], sys.argv[2], platforms=sys.argv[3:] or None, references=False)")
-    local = compiler.local_platform()
-    assert local is not None
-    made = []
-    for option in ("-B", "-OO"):
-        path = tmp_path / f"unit{option}.fmu"
-        subprocess.run([sys.executable, option, "-c", code, path, backend,
-                        *([local.name] if backend == "native" else [])], check=True)
-        made.append(path.read_bytes())
-    assert made[0] == made[1]
+    code = ("import sys; from pathlib import Path; from emcas_fmu.parameters import load_parameters; "
+            "from tests.fmu.built import both; both(load_parameters(), Path(sys.argv[1]))")
+    (tmp_path / "without").mkdir()
+    subprocess.run([sys.executable, "-OO", "-c", code, tmp_path / "without"], cwd=ROOT, check=True)
+    for path in both(load_parameters(), tmp_path).values():
+        assert path.read_bytes() == (tmp_path / "without" / path.name).read_bytes()
 
 
 def test_the_unit_carries_of_pythonfmu_what_a_slave_needs(fmu: Path) -> None:

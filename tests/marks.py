@@ -1,0 +1,25 @@
+"""Which cases of a test the README's line runs; the others, each as the test has it, run with `-m slow`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import pytest
+
+from emcas_fmu.actuators import NONLINEAR
+
+
+def others_slow(cases: Iterable[Any], quick: Callable[[Any], bool]) -> list[Any]:
+    """Return cases for `parametrize`, marked slow where `quick` does not hold; a tuple has several arguments."""
+    return [case if quick(case) else pytest.param(*(case if isinstance(case, tuple) else (case,)),
+                                                  marks=pytest.mark.slow) for case in cases]
+
+
+def is_plain(model: str) -> bool:
+    """Return whether a model is an actuator without extensions, or the default actuator with some.
+
+    These together have each actuator and each extension once.
+    """
+    actuator, *extensions = model.split("+")
+    return actuator == NONLINEAR or not extensions
