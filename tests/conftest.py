@@ -15,6 +15,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from collections.abc import Callable, Iterator, Mapping
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,9 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 from lark import Lark
+from matplotlib.figure import Figure
 
+from emcas_fmu.figures import plots
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import library
@@ -65,6 +68,21 @@ def _names_parsed_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Lark, "parse", once)
         yield
+
+
+@pytest.fixture
+def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves the pictures of pages empty: they are plotted, but not laid out and written, a third of a second each.
+
+    Modules use it whose tests are of what a page says; of each page a test marked `drawn` has the pictures.
+    """
+    if request.node.get_closest_marker("drawn"):
+        return
+
+    def empty(_: Figure, label: str = "", __: str = "") -> str:
+        return f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 1 1"></svg>'
+
+    monkeypatch.setattr(plots, "svg", empty)
 
 
 @pytest.fixture(scope="session")

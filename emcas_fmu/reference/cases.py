@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -55,9 +56,16 @@ class Case:
     step: float = STEP  # s, distance of the rows
 
     def inputs(self) -> Columns:
-        """Return `time` and the input columns of the case."""
+        """Return `time` and the input columns of the case; the columns cannot be written to."""
+        return dict(self._inputs)
+
+    @cached_property
+    def _inputs(self) -> Columns:
         time = stored(np.arange(round(self.stop_time / self.step) + 1) * self.step)
-        return {"time": time} | {name: stored(column) for name, column in self.build(time).items()}
+        columns = {"time": time} | {name: stored(column) for name, column in self.build(time).items()}
+        for column in columns.values():
+            column.flags.writeable = False  # it is shared by all callers
+        return columns
 
 
 def _levels(*points: tuple[float, float]) -> Callable[[Array], Columns]:

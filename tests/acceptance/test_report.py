@@ -31,7 +31,7 @@ from emcas_fmu.studies.report.acceptance_output import as_dict, write_report
 
 from ..bench.subjects import FIN_PORT, Broken, Play
 
-pytestmark = pytest.mark.acceptance
+pytestmark = [pytest.mark.acceptance, pytest.mark.usefixtures("undrawn")]
 
 
 def emcas(*arguments: object) -> Done:
@@ -154,6 +154,7 @@ class _Page(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.drawn
 def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     text = page(shipped, tmp_path)
@@ -193,6 +194,7 @@ def test_a_revision_ends_no_style_sheet(shipped: Result, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.drawn
 def test_command_writes_the_same_bytes_and_no_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     (tmp_path / "my_actuator.toml").write_text('[command]\nlimit = "15 deg"\n', encoding="utf-8")
@@ -339,6 +341,7 @@ def _handing(subject: Subject) -> Iterator[Subject]:
     yield subject
 
 
+@pytest.mark.drawn
 def test_article_that_stops_is_a_failure_and_not_a_crash(tmp_path: Path) -> None:
     found = carry_out(Broken(), specification=loaded(tmp_path))
     assert not found.passed
@@ -361,6 +364,7 @@ def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.Mo
     assert set(TESTS) <= failed
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("entry", [{"controller.position.kp": 0.0, "controller.position.ki": 0.0},
                                    {"friction.fin_coulomb": 9e3}], ids=["dead", "stuck"])
 def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float], tmp_path: Path) -> None:
@@ -433,6 +437,7 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, sk
     assert as_dict(found)["methods"]["mission"]["not_applicable"]["energy_drawn_j"].endswith("supply_power")
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("model", [
     "second-order", *(pytest.param(name, marks=pytest.mark.slow) for name in (*NAMES, "elastic+stribeck+heat+faults")
                       if name not in (NONLINEAR, "second-order"))])

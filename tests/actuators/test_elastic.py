@@ -18,6 +18,7 @@ from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.modes import load_rod, thesis_modes
 from tests.default_actuator import THESIS_LOOPS
+from tests.marks import others_slow
 from tests.simulation import nested
 
 from .line import DRY, HINGE, MODEL, RIGID, SMOOTH, at_motor, run_of, values_of
@@ -153,15 +154,14 @@ _IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_d
 
 
 _TICK_CASES: Any = (
-    (5e-5, 0.05, -30.0, {}, 4e-4), (0.0, 0.05, -30.0, {}, 4e-4), (5e-5, 0.3, 10.0, {}, 1e-3),
+    (5e-5, 0.05, 0.0, {}, 8e-4), (5e-5, 0.05, -30.0, {}, 4e-4), (0.0, 0.05, -30.0, {}, 4e-4), (5e-5, 0.3, 10.0, {}, 1e-3),
     (3e-4, 0.3, 10.0, {}, 5e-3), (5e-5, 0.3, 0.0, {}, 6e-3))
 
 
 # deg, twice what is measured: 0.0002, 0.0004, 0.0002, 0.0005, 0.0022 and 0.0028. Unloaded the fin crosses its gap on
 # the way; in a wide one it bounces, and each flank it meets enlarges what the last has left.
 @pytest.mark.parametrize(("gap", "command", "torque", "hinge", "most"), [
-    (5e-5, 0.3, 10.0, HINGE, 4e-4), (5e-5, 0.05, 0.0, {}, 8e-4), *(
-        pytest.param(*case, marks=pytest.mark.slow) for case in _TICK_CASES)])
+    (5e-5, 0.3, 10.0, HINGE, 4e-4), *others_slow(_TICK_CASES, lambda _: False)])
 def test_default_tick_against_an_independent_integration(gap: float, command: float, torque: float,
                                                          hinge: Mapping[str, float], most: float) -> None:
     values = values_of({**_IDEAL, **hinge, "drive_line.backlash": gap})
@@ -195,6 +195,7 @@ def test_unloaded_steps_converge_to_second_order(step: float, most: float) -> No
     assert np.polyfit(np.log([4.0, 2.0, 1.0]), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.2), errors
 
 
+@pytest.mark.slow
 def test_convergence_is_of_second_order() -> None:
     """Through flanks met and left and limits of voltage; no dry friction, which the reference softens."""
     values = values_of({**_IDEAL, **DRY})

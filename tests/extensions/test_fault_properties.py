@@ -17,6 +17,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import codegen
 from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
+from tests.marks import others_slow
 
 from .fault_runs import gust, wave
 
@@ -33,7 +34,8 @@ _sizes = st.fixed_dictionaries({
 RIGID, ELASTIC = 4e3, 2e5
 
 
-@pytest.mark.parametrize("model", ["nonlinear", "elastic", "second-order", "ristanovic", "ozkan"])
+@pytest.mark.parametrize("model", others_slow(
+    ["nonlinear", "elastic", "second-order", "ristanovic", "ozkan"], lambda model: model not in ("elastic", "ozkan")))
 @settings(derandomize=True, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(windows=_windows, sizes=_sizes, command=st.floats(-0.4, 0.4), load=st.floats(-150.0, 150.0),
        enabled=st.sampled_from([True, True, True, False]))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 from ..docs.recipes import ROOT
 from ..docs.test_tables import script
 
 
+@pytest.mark.slow
 def test_not_stale() -> None:
     tables, maker = script("make_tables"), script("make_friction")
     text = (ROOT / "docs/model/friction.md").read_text(encoding="utf-8")

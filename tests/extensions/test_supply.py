@@ -22,6 +22,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import course, supply
 from emcas_fmu.simulation import simulate, simulate_fins
+from tests.marks import others_slow
 
 from .supply_reference import driven
 
@@ -51,6 +52,8 @@ def run_of(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inpu
 _ohms = st.floats(-3.0, 1.0).map(lambda x: 10.0**x)
 
 
+# Where the slope is constant Radau's error is none, and its next step is sought by dividing by it.
+@pytest.mark.filterwarnings("ignore:(divide by zero|invalid value):RuntimeWarning")
 @settings(derandomize=True, max_examples=60)
 @given(begin=st.floats(1.0, 80.0), source=st.floats(0.0, 80.0), chopper=st.floats(1.0, 80.0),
        load=st.floats(-200.0, 200.0), feeding=_ohms, braking=_ohms, one_way=st.booleans(),
@@ -225,9 +228,9 @@ def test_energy_is_kept() -> None:
 # -- with the actuator ------------------------------------------------------------
 
 
-@pytest.mark.parametrize("changes", [
+@pytest.mark.parametrize("changes", others_slow([
     {}, {"supply.one_way": False, "supply.source_resistance": 0.15},
-    {"supply.capacitance": 5e-4, "supply.chopper_resistance": 0.5}])
+    {"supply.capacitance": 5e-4, "supply.chopper_resistance": 0.5}], lambda changes: "supply.one_way" in changes))
 def test_against_an_independent_integration(changes: Mapping[str, Any]) -> None:
     """Without a loop a jump of 60 A at rest leaves the plain actuator 0.006 deg off at a tick of 0.25 ms."""
     values = values_of({**BACK, **changes, "solver.max_tick": 1e-4})

@@ -17,6 +17,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.codegen import inputs_at_rest
 from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
+from tests.marks import others_slow
 
 # Values with which an option does nothing; LuGre's bristles and a DC link have none.
 NEUTRAL: Mapping[str, Mapping[str, Any]] = {
@@ -54,8 +55,9 @@ def run(model: str, overrides: Mapping[str, Any], kernel: str = "python") -> Map
 LARGEST = pytest.param("elastic+stribeck+efficiency+heat+homing+supply+faults", marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize("model", [
-    pytest.param(name, marks=pytest.mark.slow if name == "worm-gear-elastic" else ()) for name in NAMES])
+# An elastic line with every option takes seconds to trace.
+@pytest.mark.parametrize("model", others_slow(
+    NAMES, lambda name: name not in ("elastic", "habibi", "worm-gear", "worm-gear-elastic")))
 def test_neutral_options_change_nothing(model: str) -> None:
     """All at once, to the bit, in everything the plain model puts out."""
     options = fitting(model, tuple(NEUTRAL))

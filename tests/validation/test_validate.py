@@ -31,6 +31,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
+from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.studies.validate.validation import RECORDED, CaseResult, validate
 from emcas_fmu.studies.validate.validation import Result as Validation
 from emcas_fmu.studies.validate.validation_output import as_dict, summary, write_junit, write_report
@@ -39,7 +40,7 @@ from emcas_fmu.support.files import models_directory
 from ..bench.subjects import FIN_PORT, Play
 from ..own_actuator.example import MODEL as DIRECT_DRIVE
 
-pytestmark = pytest.mark.acceptance
+pytestmark = [pytest.mark.acceptance, pytest.mark.usefixtures("undrawn")]
 
 REFERENCE = models_directory() / "reference"
 
@@ -119,6 +120,7 @@ def test_junit_has_a_test_case_for_each_criterion(whole: Validation, tmp_path: P
 
 
 @pytest.mark.slow
+@pytest.mark.drawn
 def test_report_is_one_page_that_repeats(whole: Validation, tmp_path: Path) -> None:
     for name in ("a.html", "b.html"):
         write_report(whole, tmp_path / name)
@@ -324,8 +326,11 @@ def test_fins_are_judged_each_by_its_own(tmp_path: Path) -> None:
         assert (done.exit_code, judged(document), document["reference_inside"]) == (0, ["fins"], True)
 
 
+@pytest.mark.drawn
 def test_a_record_is_not_called_independent(tmp_path: Path) -> None:
-    unit = build(load_parameters(model="second-order"), tmp_path / "EMCAS_second_order.fmu").path
+    local = local_platform()
+    assert local is not None
+    unit = build(load_parameters(model="second-order"), tmp_path / "EMCAS_second_order.fmu", "native", [local.name]).path
     _, document = validated(tmp_path, unit, "--report", tmp_path / "out.html")
     assert judged(document) == ["step_and_load"]
     assert {"rest", "loaded_rate", "repeatable"} <= set(judged(document, "requirements"))
@@ -446,6 +451,7 @@ def test_damaged_archive_is_refused(fmu: Path, tmp_path: Path) -> None:
     assert "cannot be unpacked" in done.stderr.replace("\n", " ")
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("model", [
     pytest.param(name, marks=() if name == "second-order" else pytest.mark.slow)
     for name in (*NAMES, "nonlinear+lugre+heat") if name != NONLINEAR])
@@ -517,6 +523,7 @@ def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
     assert any(note.startswith(said) for note in found.notes)
 
 
+@pytest.mark.drawn
 def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     found = validate(Play(half=1e-6, there=FIN_PORT))
     assert list(found.cases[0].errors) == ["fin_angle", "fin_rate"]
