@@ -72,17 +72,17 @@ def _names_parsed_once() -> Iterator[None]:
 
 @pytest.fixture
 def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leaves the pictures of pages empty: they are plotted, but not laid out and written, a third of a second each.
+    """For modules whose tests are of what a page says; of each page a test marked `drawn` has the pictures."""
+    if not request.node.get_closest_marker("drawn"):
+        leave_undrawn(monkeypatch)
 
-    Modules use it whose tests are of what a page says; of each page a test marked `drawn` has the pictures.
-    """
-    if request.node.get_closest_marker("drawn"):
-        return
 
+def leave_undrawn(patch: pytest.MonkeyPatch) -> None:
+    """Leave the pictures of pages empty: they are plotted, but not laid out and written, a third of a second each."""
     def empty(_: Figure, label: str = "", __: str = "") -> str:
         return f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 1 1"></svg>'
 
-    monkeypatch.setattr(plots, "svg", empty)
+    patch.setattr(plots, "svg", empty)
 
 
 @pytest.fixture(scope="session")

@@ -21,6 +21,8 @@ from emcas_fmu.studies.analysis.sweep import _RESOLVED
 from emcas_fmu.studies.baseline.model import DIGITS
 from emcas_fmu.studies.tuning import optimise
 
+from ..conftest import leave_undrawn
+
 pytestmark = [pytest.mark.acceptance]
 
 # Name: test, figure, limit. The limits are far from what is measured, so that no page needs more digits.
@@ -102,6 +104,7 @@ def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         return ["--json", out[command][0], page, out[command][1]]
 
     with pytest.MonkeyPatch.context() as patch:
+        leave_undrawn(patch)
         patch.setattr(optimise, "_POPULATION", 4)
         patch.setattr(optimise, "_LOCAL", 1)
         said = {"validate": _run("validate", *article, *mine, *files("validate")),

@@ -153,6 +153,7 @@ def test_failures_by_reason(summarised: Summarised) -> None:
     assert (found.done, found.failed, len(found.spreads[0].values)) == (100, 3, 97)
 
 
+@pytest.mark.drawn
 def test_page_and_json(summarised: Summarised, tmp_path: Path) -> None:
     status = ["failed" if i == 4 else "ok" for i in range(100)]
     times = [nan if i == 3 else 0.05 + i / 1000 for i in range(100)]

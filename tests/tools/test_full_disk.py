@@ -18,6 +18,7 @@ from emcas_fmu.reference import files
 from emcas_fmu.runtime import library
 from emcas_fmu.studies.baseline import comparison
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 OLD = b"# what was there\n"
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
 CAMPAIGN = """
@@ -32,6 +33,16 @@ sd = "3 %"
 kind = "step"
 amplitude = "5 deg"
 duration = "0.3 s"
+"""
+STUDY = """
+[tunables]
+"second_order.natural_frequency" = { lower = "150 rad/s", upper = "250 rad/s" }
+[cases.nominal]
+[[requirements]]
+name = "rise"
+test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
+figure = "rise_time"
+maximum = "20 ms"
 """
 SMALL = "--model second-order"
 # What writes each output: small runs, which are carried out. A baseline and an archive to check are made before.
@@ -54,7 +65,7 @@ RUNS = {
 SLOW = {
     f"report {SMALL}": ("-o x.html", "--json x.json", "--junit x.xml"),
     f"explore {SMALL}": ("-o x.html",),
-    "tune --generations 1 --workers 1": ("-o x.toml", "--report x.html", "--json x.json"),
+    f"tune study.toml {SMALL} --generations 1 --workers 1": ("-o x.toml", "--report x.html", "--json x.json"),
 }
 FOLDERS = {
     f"baseline record {SMALL} --fresh -o x": ("baseline.toml", "step.csv"),
@@ -76,6 +87,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             done = CliRunner().invoke(app, command.split())
             assert done.exit_code == 0, done.output
     (folder / "campaign.toml").write_text(CAMPAIGN)
+    (folder / "study.toml").write_text(STUDY)
     return folder
 
 

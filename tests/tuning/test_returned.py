@@ -24,6 +24,7 @@ from emcas_fmu.studies.tuning.output import objectives, rows, verdict, write_jso
 from emcas_fmu.studies.tuning.study import Study, load_study
 from tests.own_actuator.example import MODEL
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 Judge = Callable[[Study, Sequence[Mapping[str, float]]], list[Evaluation]]
 STEPS = """
 [cases.nominal]
@@ -228,6 +229,7 @@ def test_what_is_shown_as_its_limit_meets_it(off: float, tmp_path: Path) -> None
         assert "no gains were found that meet settling" in verdict(result)
 
 
+@pytest.mark.drawn
 def test_page_and_json_have_the_gains_and_the_objective_that_are_returned(tmp_path: Path) -> None:
     study = study_of("nonlinear", PAIR[:1], tmp_path, {})
     result, page, document = shown(study, 0.9 * study.requirements[0].limit, tmp_path)
