@@ -218,9 +218,14 @@ class Tracer:
 
     def emit(self, operation: str, *operands: Value) -> Expr:
         """Return the value of an operation, which is recorded unless it has been computed before."""
-        fixed = all(operand.fixed for operand in operands if isinstance(operand, Expr))
-        key = (operation, *(operand.name if isinstance(operand, Expr) else (type(operand), repr(operand))
-                            for operand in operands))
+        fixed, names = True, list[Any]()
+        for operand in operands:
+            if isinstance(operand, Expr):
+                fixed = fixed and operand.fixed
+                names.append(operand.name)
+            else:
+                names.append((type(operand), repr(operand)))
+        key = (operation, *names)
         scope = self._first if fixed else self._scope
         computed = scope.find(key)
         if computed is not None:

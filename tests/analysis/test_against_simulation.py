@@ -18,6 +18,7 @@ from emcas_fmu.studies.analysis import sweep
 from emcas_fmu.studies.analysis.capability import steady_rate
 from emcas_fmu.studies.analysis.steps import compare
 from tests.default_actuator import namespace
+from tests.marks import others_slow
 
 from .conftest import LOOP, boundary, without_friction
 
@@ -129,7 +130,8 @@ def test_bandwidth_falls_with_amplitude_where_limits_act(values: Values) -> None
     assert np.max(made[-1].active[:, slow]) == 0.0
 
 
-@pytest.mark.parametrize("model", ["nonlinear", "elastic", "worm-gear", "electrohydraulic"])
+@pytest.mark.parametrize("model", others_slow(
+    ["nonlinear", "elastic", "worm-gear", "electrohydraulic"], lambda model: model not in ("elastic", "worm-gear")))
 def test_bandwidth_is_that_of_sines_close_together(model: str) -> None:
     """Sines of whole periods in 4 s, a quarter of a hertz apart, each run by itself."""
     amplitude, period = radians(3.5), 1e-3

@@ -50,7 +50,7 @@ def test_a_finer_tick_leaves_most_of_every_limit(shipped: Path) -> None:
 
 
 @pytest.mark.fmu
-@pytest.mark.parametrize("backend", ["python", "native"])
+@pytest.mark.parametrize("backend", [pytest.param("python", marks=pytest.mark.slow), "native"])
 def test_an_fmu_gives_the_figures_of_its_parameters(shipped: Path, units: Mapping[str, Path], tmp_path: Path,
                                                     backend: str) -> None:
     """Both compute the same bits, so what is written of them is the same text, figures and trajectories."""

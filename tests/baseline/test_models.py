@@ -13,6 +13,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.baseline.comparison import TEMPLATE
 from emcas_fmu.studies.baseline.files import read, read_plan
 
+from ..marks import others_slow
 from .conftest import SHORT, check, edit, record
 
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
@@ -28,7 +29,7 @@ def base(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(("model", "electrical", "cases"), [
     ("second-order", False, {"cold", "supply_sag"}), (DIRECT_DRIVE, True, {"cold"}),
-    ("elastic+heat+homing+faults", True, set())])
+    pytest.param("elastic+heat+homing+faults", True, set(), marks=pytest.mark.slow)])
 def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool, cases: set[str]) -> None:
     """What an actuator lacks is left out with the reason; a change of what it has is drift."""
     (base / "actuator.toml").write_text("homing.required = false\n" if "homing" in model else "")
@@ -74,7 +75,7 @@ def test_what_only_another_actuator_has_is_named(base: Path) -> None:
 
 
 @pytest.mark.fmu
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", others_slow(MODELS, lambda model: "+" not in model))
 def test_an_fmu_is_checked_by_the_baseline_of_its_parameters(base: Path, model: str) -> None:
     (base / "baseline").mkdir()
     text = SHORT.replace('"0.5 ms"', '"0 ms"').replace('"1 %"', '"0.1 %"').replace('"0.05 deg"', '"0.001 deg"')

@@ -10,9 +10,6 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from emcas_fmu.fmi.package import build
-from emcas_fmu.parameters import load_parameters
-
 from .conftest import unpack
 from .host import FMI_HEADERS, HERE, STRICT, run, table, tool
 
@@ -21,15 +18,15 @@ Sealed = Callable[..., dict[str, str]]
 
 
 @pytest.fixture(scope="module", params=["fmi2-1", "fmi2-4", "fmi3-1", "fmi3-4"])
-def sealed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Sealed:
+def sealed(request: pytest.FixtureRequest, shipped_unit: Callable[..., Path],
+           tmp_path_factory: pytest.TempPathFactory, linux: None) -> Sealed:
     """Runs the steps of an FMU of a version and number of fins, with a forbidden call if requested."""
     version, fins = request.param[3], int(request.param[-1])
     folder, gcc = tmp_path_factory.mktemp("sealed"), tool("gcc", "gcc")
     if fins == 1:
         unpacked: Path = request.getfixturevalue("native" if version == "2" else "unpacked3")
     else:
-        unpacked = unpack(build(load_parameters(), folder / "EMCAS4.fmu", "native", cc=gcc, fins=fins, fmi=version,
-                                references=False).path, folder / "unpacked")
+        unpacked = unpack(shipped_unit(fins=fins, fmi=version), folder / "unpacked")
     (library,) = (unpacked / "binaries" / ("linux64" if version == "2" else "x86_64-linux")).iterdir()
     host = folder / "host"
     done = subprocess.run([gcc, *STRICT, "-O1", *(["-DFMI3"] if version == "3" else []), f"-I{FMI_HEADERS}",

@@ -116,6 +116,7 @@ def test_a_speed_that_turns_while_the_current_does_is_placed(share: float, posit
         assert error < 0.5 * TOLERANCE, (case.name, degrees(error))
 
 
+@pytest.mark.slow
 def test_the_small_motor_follows_the_independent_integration() -> None:
     unit = with_gain({**SMALL, "controller.position.kp": 40.0}, 0.8)
     error = np.abs(angle(CASES["step"], unit) - by_itself(CASES["step"], unit)).max()

@@ -99,7 +99,7 @@ _segments = st.lists(st.fixed_dictionaries({
     "restore": st.booleans(), "tuned": st.sampled_from([None, None, *_TUNED])}), min_size=1, max_size=8)
 
 
-@settings(derandomize=True, max_examples=400,
+@settings(derandomize=True, max_examples=150,
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(changes=_parameters, flags=_flags, segments=_segments)
 def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes: dict[str, float],

@@ -15,6 +15,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.reference.simulate import simulate as reference
 from emcas_fmu.simulation import simulate
+from tests.marks import others_slow
 
 LOOPS = {
     "controller.position.setpoint_weight": 0.92, "controller.position.velocity_feedforward": 0.4,
@@ -40,8 +41,8 @@ def changed(changes: Mapping[str, Any], model: str = "nonlinear") -> Mapping[str
     return load_parameters(model=model).with_values({"encoder.enabled": False, **changes}).values
 
 
-@pytest.mark.parametrize("case", [
-    pytest.param(case, marks=pytest.mark.slow if case in ("loops", "observer", "as built") else ()) for case in CASES])
+@pytest.mark.parametrize("case", others_slow(
+    CASES, lambda case: case in ("feedforward of a slow bus", "observer as built")))
 def test_independent_integration_agrees(case: str) -> None:
     values = changed({**CASES[case], "fin.start_angle": math.radians(8.0)})
     time = np.arange(1101) * 1e-3

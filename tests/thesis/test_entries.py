@@ -260,7 +260,7 @@ def test_what_a_set_does_not_allow_is_told_and_the_rest_shown(tmp_path: Path) ->
     assert "sweep at least 5 deg" in (tmp_path / "t.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", ["3.27", "3.31"])
+@pytest.mark.parametrize("name", ["3.27", pytest.param("3.31", marks=pytest.mark.slow)])
 def test_friction_that_the_rig_cannot_overcome_is_said_in_a_line(name: str, tmp_path: Path) -> None:
     (tmp_path / "stuck.toml").write_text('[friction]\nfin_coulomb = "1000 N*m"\n', encoding="utf-8")
     done = emcas("--only", name, "-p", str(tmp_path / "stuck.toml"))

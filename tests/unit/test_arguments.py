@@ -16,6 +16,7 @@ import pytest
 import emcas_fmu
 from emcas_fmu import Batch, EmcasError, excitations, load_parameters, simulate
 from emcas_fmu.studies.tuning import optimise
+from tests.marks import others_slow
 
 BASE = load_parameters()
 STEP = excitations.step_to(0.1, 0.05)
@@ -110,7 +111,7 @@ def _call(name: str, arguments: dict[str, Any]) -> Any:
 
 
 @pytest.mark.kernel("nonlinear")
-@pytest.mark.parametrize("name", SOUND)
+@pytest.mark.parametrize("name", others_slow(SOUND, lambda name: name != "analyse"))
 @pytest.mark.filterwarnings("ignore::RuntimeWarning", "ignore::UserWarning")  # where 1e308 overflows, and is clipped
 def test_nasty_arguments(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An argument that is anything at all gives a result or an EmcasError of one line, in bounded time."""

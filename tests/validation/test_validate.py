@@ -330,7 +330,8 @@ def test_fins_are_judged_each_by_its_own(tmp_path: Path) -> None:
 def test_a_record_is_not_called_independent(tmp_path: Path) -> None:
     local = local_platform()
     assert local is not None
-    unit = build(load_parameters(model="second-order"), tmp_path / "EMCAS_second_order.fmu", "native", [local.name]).path
+    parameters = load_parameters(model="second-order")
+    unit = build(parameters, tmp_path / "EMCAS_second_order.fmu", "native", [local.name]).path
     _, document = validated(tmp_path, unit, "--report", tmp_path / "out.html")
     assert judged(document) == ["step_and_load"]
     assert {"rest", "loaded_rate", "repeatable"} <= set(judged(document, "requirements"))
