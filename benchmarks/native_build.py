@@ -21,7 +21,7 @@ from fmpy import extract
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.fmi.description import to_bytes
 from emcas_fmu.fmi.format import FORMATS
-from emcas_fmu.fmi.interface import SINGLE, start_values
+from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.model_description import model_description
 
 FLAGS = ("-O2", "-std=c11", "-ffp-contract=off", "-Wall", "-Wextra")
@@ -40,7 +40,7 @@ def _number(value: Any) -> str:
 
 def header(values: Mapping[str, Any]) -> str:
     """C header of value references (VR_...) and parameters (P_..., SI; polynomials as initialisers)."""
-    lines = [f"#define VR_{_identifier(v.name)} {i}" for i, v in enumerate(SINGLE.variables)
+    lines = [f"#define VR_{_identifier(v.name)} {i}" for i, v in enumerate(FmuInterface(1).variables)
              if v.causality != "parameter"]
     arrays: dict[str, list[str]] = {}
     for v in get(NONLINEAR).file_entries:
@@ -83,7 +83,7 @@ def packed(values: Mapping[str, Any], library: Path) -> Path:
 
     Without the parameters, which are compiled in: hosts that keep account of every variable are faster for it.
     """
-    root = model_description(FORMATS["2"], SINGLE, start_values(SINGLE, [values]), YARDSTICK)
+    root = model_description(FORMATS["2"], FmuInterface(1), start_values(FmuInterface(1), [values]), YARDSTICK)
     simulation = root.find("CoSimulation")
     assert simulation is not None
     simulation.set("modelIdentifier", YARDSTICK)

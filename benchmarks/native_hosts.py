@@ -26,12 +26,12 @@ from pathlib import Path
 import numpy as np
 from fmpy import extract, instantiate_fmu, read_model_description, simulate_fmu
 
-from emcas_fmu.fmi.interface import SINGLE
+from emcas_fmu.fmi.interface import FmuInterface
 
 STEP, STEPS, PERIOD = 1e-3, 2000, 500  # s; steps of a round; steps of a period of the signals
 INPUTS = ("fin_command", "aero_torque")
 OUTPUTS = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "hinge_torque", "supply_power")
-REFERENCE = {v.name: i for i, v in enumerate(SINGLE.variables)}
+REFERENCE = {v.name: i for i, v in enumerate(FmuInterface(1).variables)}
 
 Round = Callable[[], None]
 Times = list[tuple[float, float]]

@@ -82,8 +82,7 @@ def real_input(name: str, unit: str, description: str, *, minimum: float = -inf,
                sheet: str = "") -> Variable:
     """Declare a continuous input.
 
-    `unit` is the unit of limits, nominal and start value. The start value is `start` or the parameter-file entry
-    `key`.
+    `unit` is the unit of limits, nominal and start value. The start value is `start` or the parameter-file entry `key`.
     """
     return Variable(name, "Real", "input", "continuous", unit, description, minimum, maximum, nominal, start, key,
                     sheet=sheet)

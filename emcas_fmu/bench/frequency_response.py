@@ -75,11 +75,10 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
 
     H1 (Bendat & Piersol, "Random Data", 4th ed., section 6.2) weights each segment by the command's power in it. The
     harmonics of a nonlinear response occur while the sweep is at other frequencies and cancel: the result is the
-    fundamental, the describing function at the amplitude of the sweep.
-    The response is first shifted back by its lag, which would bias the estimate (ibid., section 11.3).
-    Frequencies that the command does not excite are left out. Near the ends of a sweep the estimate is poor
-    where the sweep lasts less than half a segment. One sweep of 12 s from 0.5 to 30 Hz gives a second-order
-    system with delay to 1.5 % from 0.5 to 22 Hz, and to 5 % at 24 Hz.
+    fundamental, the describing function at the amplitude of the sweep. The response is first shifted back by its lag,
+    which would bias the estimate (ibid., section 11.3). Frequencies that the command does not excite are left out. Near
+    the ends of a sweep the estimate is poor where the sweep lasts less than half a segment. One sweep of 12 s from 0.5
+    to 30 Hz gives a second-order system with delay to 1.5 % from 0.5 to 22 Hz, and to 5 % at 24 Hz.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     lag = max(int(np.argmax(scipy.signal.correlate(response, command))) - (len(command) - 1), 0)

@@ -61,8 +61,7 @@ def _arguments(subject: Path | None, model: str | None, fin: int | None, paramet
                shown: Callable[[str], str] = str) -> list[str]:
     """Return the arguments that name an actuator, for a command that is written into a result."""
     return [*([shown(as_given(subject))] if subject else []), *common.option("--model", model and shown(model)),
-            *common.option("--fin", fin), *(argument for file in parameters or () for argument in
-                                            ("--parameters", shown(as_given(file))))]
+            *common.option("--fin", fin), *common.parameter_arguments(parameters, shown)]
 
 
 @app.command(epilog=common.examples(

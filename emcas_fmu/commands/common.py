@@ -133,14 +133,9 @@ def json_option(what: str) -> Any:
     return value(what, "FILE", "--json", ending=".json")
 
 
-def csv_option(what: str) -> Any:
-    """Return the option --output for a table."""
-    return value(what, "FILE", "--output", "-o", ending=".csv")
-
-
-def toml_option(what: str) -> Any:
-    """Return the option --output for a parameter file."""
-    return value(what, "FILE", "--output", "-o", ending=".toml")
+def output_option(what: str, ending: str = ".toml") -> Any:
+    """Return the option --output for a parameter file, or a file of another ending."""
+    return value(what, "FILE", "--output", "-o", ending=ending)
 
 
 def plot_option(what: str, more: str = "") -> Any:
@@ -256,9 +251,9 @@ def print_written(*paths: Path | None) -> None:
         say(f"written {escape(str(path))}")
 
 
-def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
-    """Return the arguments that name parameter files, for a command that is written into a result."""
-    return [argument for file in files or () for argument in ("--parameters", as_given(file))]
+def parameter_arguments(files: Iterable[Path] | None, shown: Callable[[str], str] = str) -> list[str]:
+    """Return the arguments that name parameter files, as `shown`, for a command that is written into a result."""
+    return [argument for file in files or () for argument in ("--parameters", shown(as_given(file)))]
 
 
 def option(name: str, value: object, default: object = None) -> list[str]:

@@ -32,7 +32,7 @@ def envelope(
     duration: Annotated[str, common.value("How long the short-term torque is wanted, with its unit.", "TIME")] = "10 s",
     preload: Annotated[float, common.value("Share of the continuous current, the least there is, that flowed before, "
                                            "for long. 0: from ambient.", "SHARE")] = 0.0,
-    output: Annotated[Path | None, common.csv_option("Write the curves to this CSV file, SI.")] = None,
+    output: Annotated[Path | None, common.output_option("Write the curves to this CSV file, SI.", ".csv")] = None,
     plot: Annotated[Path | None, common.plot_option("Plot the envelopes")] = None,
     as_json: Annotated[Path | None, common.json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:

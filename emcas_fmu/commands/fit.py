@@ -20,7 +20,7 @@ EPILOG = common.examples("fit", "", "-p my_actuator.toml --output my_second_orde
 def fit(
     parameters: common.ParametersOption = None,
     model: Annotated[str, common.value("Only the nonlinear actuator is fitted.", "NAME")] = NONLINEAR,
-    output: Annotated[Path | None, common.toml_option("Write a parameter file of the second-order model.")] = None,
+    output: Annotated[Path | None, common.output_option("Write a parameter file of the second-order model.")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
     """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""

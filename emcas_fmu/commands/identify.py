@@ -38,7 +38,7 @@ _EXPERIMENTS = {
 }
 
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV files of measurements.", metavar="FILE...")]
-OutputOption = Annotated[Path | None, common.toml_option(
+OutputOption = Annotated[Path | None, common.output_option(
     "Write a parameter file: the identified values and what --parameters already changed.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich", epilog=EPILOG,

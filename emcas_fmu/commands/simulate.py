@@ -72,7 +72,7 @@ def simulate(
                                                    "SECONDS")] = None,
     kernel: Annotated[str, common.value("compiled, python, or auto: compiled where that pays. The numbers are the "
                                         "same.", "KERNEL")] = "auto",
-    output: Annotated[Path | None, common.csv_option("Write every signal to this CSV file.")] = None,
+    output: Annotated[Path | None, common.output_option("Write every signal to this CSV file.", ".csv")] = None,
     plot: Annotated[Path | None, common.plot_option("Plot the response, the actuator's outputs by their units")] = None,
     as_json: common.JsonOption = None,
 ) -> None:

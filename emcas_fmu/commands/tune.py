@@ -26,7 +26,7 @@ def tune(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     requirements: common.RequirementsOption = None,
-    output: Annotated[Path | None, common.toml_option(
+    output: Annotated[Path | None, common.output_option(
         "Write a parameter file: the gains and what --parameters already changed.")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,

@@ -37,8 +37,7 @@ def validate(
 
     Exit code 0: all that was judged is met, or with --case the actuator has no reference and it ran (JSON: passed is
     null); 1: a criterion is not met, or nothing was judged: a case did not run to its end, or the references are of
-    other parameters; 2: it cannot be carried out.
-    In a gate leave --case out: with it no requirement is judged.
+    other parameters; 2: it cannot be carried out. In a gate leave --case out: with it no requirement is judged.
     """
     from ..api import validate as run
     from ..studies.validate.validation_output import as_dict, summary, write_junit, write_report

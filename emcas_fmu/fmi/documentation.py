@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from textwrap import dedent
-from types import ModuleType
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -86,6 +85,7 @@ def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
     from .figures import response_pictures  # with Matplotlib, a third of the start of every command
 
     equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
+    docstrings = (ast.get_docstring(ast.parse(inspect.getsource(each))) for each in equations)  # modules have none: -OO
     tables = [(title, _rows(interface, causality, sets, fmi)) for title, causality in (
         ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))]
     text = page("fmi/documentation.html.j2", made=repeatable(*sets), prose=_typeset, actuator=interface.actuator,
@@ -93,13 +93,8 @@ def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
                 parameters=parameters_in_words(interface, sets), line=interface.line, backend=backend, fmi=fmi,
                 platforms=platforms, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
                 pictures=response_pictures(sets[0]),
-                equations=[list(_blocks(text)) for text in map(_docstring, equations) if text])
+                equations=[list(_blocks(text)) for text in filter(None, docstrings)])
     return interface.respelt(text)
-
-
-def _docstring(module: ModuleType) -> str | None:
-    """Return a module's docstring from its source: with -OO the module has none."""
-    return ast.get_docstring(ast.parse(inspect.getsource(module)))
 
 
 def _license(package: str) -> str:

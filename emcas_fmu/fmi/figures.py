@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from math import radians
 
@@ -10,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..figures.plots import INK, Picture, figure, style, svg
+from ..motions import STEP
 from ..parameters import ParameterSet, are_defaults
 from ..reference import files
 from ..simulation import simulate
@@ -19,17 +19,14 @@ _AMPLITUDES = (1.0, 5.0, 10.0, 20.0)  # deg
 _START, _STOP = 0.05, 0.4  # s
 
 
-def _step_to(level: float) -> Callable[[float], float]:
-    return lambda t: level if t > _START - 1e-9 else 0.0
-
-
 def _steps(parameters: ParameterSet) -> Figure:
     shipped = are_defaults(parameters)
     plot, ((axes,),) = figure(1, height=4.0, width=8.0)
     axes.set(xlabel="time [ms]", ylabel="fin angle [deg]")
+    stepped = np.arange(round(_STOP / STEP) + 1) * STEP > _START - 1e-9
     for amplitude, side, color in [(a, s, f"C{i}") for i, a in enumerate(_AMPLITUDES) for s in (1, -1)]:
         result = simulate(parameters.values, _STOP, kernel="python", model=parameters.model,
-                          fin_command=_step_to(radians(amplitude * side)))
+                          fin_command=radians(amplitude * side) * stepped)
         axes.plot(result["time"] * 1e3, np.degrees(result["fin_angle"]), color=color,
                   label=f"±{amplitude:g}°" if side > 0 else None)
         sign = "plus" if side > 0 else "minus"

@@ -200,9 +200,6 @@ class FmuInterface:
                      for fin in range(self.fins))
 
 
-SINGLE = FmuInterface(1)
-
-
 def azimuths(fins: int, layout: str) -> tuple[float, ...]:
     """Return azimuths [deg] of equally spaced fins: the first on body y (``plus``) or half a space further (``cross``).
 

@@ -12,9 +12,8 @@ Thunk = Callable[[], tuple[Value, ...]]
 class Ops(Protocol):
     """Operations in addition to ``+ - * /`` and ``< <= > >=``, which the values have.
 
-    Functions from `sin` to `maximum` are those of mathematics, with angles in rad.
-    Conditions are bool, boolean arrays or symbols; they are combined by `both`,
-    `either` and `negate` because ``and``, ``or`` and ``not`` cannot be traced.
+    Functions from `sin` to `maximum` are those of mathematics, with angles in rad. Conditions are bool, boolean arrays
+    or symbols; they are combined by `both`, `either` and `negate` because ``and``, ``or`` and ``not`` cannot be traced.
     """
 
     def sin(self, x: Value) -> Value: ...

@@ -35,38 +35,14 @@ class FloatOps:
     floor = _of_number(lambda x: float(math.floor(x)))
     power_of_two = _of_number(lambda k: math.ldexp(1.0, int(k)) if k == k else k)
     exponent = _of_number(lambda x: float(math.frexp(x)[1] - 1))
-
-    @staticmethod
-    def minimum(a: Value, b: Value) -> Value:
-        return a if _real(a) < _real(b) else b
-
-    @staticmethod
-    def maximum(a: Value, b: Value) -> Value:
-        return a if _real(a) > _real(b) else b
-
-    @staticmethod
-    def clip(x: Value, low: Value, high: Value) -> Value:
-        return low if _real(x) < _real(low) else high if x > _real(high) else x
-
-    @staticmethod
-    def equal(a: Value, b: Value) -> Value:
-        return _real(a) == _real(b)
-
-    @staticmethod
-    def both(a: Value, b: Value) -> Value:
-        return a and b
-
-    @staticmethod
-    def either(a: Value, b: Value) -> Value:
-        return a or b
-
-    @staticmethod
-    def negate(a: Value) -> Value:
-        return not _real(a)
-
-    @staticmethod
-    def where(condition: Value, yes: Value, no: Value) -> Value:
-        return yes if _real(condition) else no
+    minimum = staticmethod(lambda a, b: a if _real(a) < _real(b) else b)
+    maximum = staticmethod(lambda a, b: a if _real(a) > _real(b) else b)
+    clip = staticmethod(lambda x, low, high: low if _real(x) < _real(low) else high if x > _real(high) else x)
+    equal = staticmethod(lambda a, b: _real(a) == _real(b))
+    both = staticmethod(lambda a, b: a and b)
+    either = staticmethod(lambda a, b: a or b)
+    negate = staticmethod(lambda a: not _real(a))
+    where = staticmethod(lambda condition, yes, no: yes if _real(condition) else no)
 
     @staticmethod
     def branch(condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:

@@ -30,14 +30,8 @@ class SymbolOps:
     both = staticmethod(ca.logic_and)
     either = staticmethod(ca.logic_or)
     negate = staticmethod(ca.logic_not)
-
-    @staticmethod
-    def equal(a: Value, b: Value) -> Value:
-        return ca.eq(a, b)
-
-    @staticmethod
-    def where(condition: Value, yes: Value, no: Value) -> Value:
-        return ca.if_else(condition, yes, no)
+    equal = staticmethod(ca.eq)
+    where = staticmethod(ca.if_else)
 
     @staticmethod
     def clip(x: Value, low: Value, high: Value) -> Value:

@@ -2,11 +2,10 @@
 
     C_m = k_C(T) max(sum_n c_n (fin_angle/20 deg)^n, 0)        b_m = k_b(T) b
 
-with coefficients c_n and b of the direction of motion. At rest friction is whatever
-holds the motor there, up to C_m: it sticks exactly. Section 3.3 measures both at 24
-and -6 degC and fits sixth-order polynomials of the fin angle per direction. The ratios
-k_C and k_b to the friction at 24 degC are tables over temperature, ``friction.table.*``:
-linear between their points, held beyond the first and the last.
+with coefficients c_n and b of the direction of motion. At rest friction is whatever holds the motor there, up to C_m:
+it sticks exactly. Section 3.3 measures both at 24 and -6 degC and fits sixth-order polynomials of the fin angle per
+direction. The ratios k_C and k_b to the friction at 24 degC are tables over temperature, ``friction.table.*``: linear
+between their points, held beyond the first and the last.
 
 With :mod:`emcas_fmu.extensions.stribeck` C_m falls with the speed w:
 

@@ -198,7 +198,7 @@ static inline const core_inputs *core_at(const core_inputs *in, const core_ramp 
 static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
                                      core_plant *x, const core_inputs *in, lanes left)
 {
-    lanes_mask moving = lanes_within(which, lanes_greater(left, lanes_set(0.0)));
+    lanes_mask moving = lanes_both(which, lanes_greater(left, lanes_set(0.0)));
     for (int i = 0; i < CORE_MOST_EVENTS && lanes_any(moving); ++i) {
         lanes out[CORE_PLANT + 1], *moved = LANES > 1 ? out : x->x; /* the other lanes keep their states */
         EQUATIONS(step, moving, p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply,
@@ -339,7 +339,7 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
     const double periods = lanes_of(at[0], lead);
     *why = CORE_TOO_MANY_TICKS;
     if (!((periods - (double)s->time.period) * ticks <= CORE_MOST_TICKS)) return NO_LANE;
-    lanes_mask moving = lanes_within(which, lanes_both(lanes_alike(at[0], lead), lanes_alike(at[1], lead)));
+    lanes_mask moving = lanes_both(which, lanes_both(lanes_alike(at[0], lead), lanes_alike(at[1], lead)));
     int64_t period = (int64_t)(periods > -1.0 ? periods : -1.0); /* any time before the start is like the start */
     int32_t position = (int32_t)lanes_of(at[1], lead);
     lanes rest = at[2];
@@ -364,7 +364,7 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
     }
     const core_plant *reached = &s->plant; /* not the copy, for which the processor would wait */
     s->tentative = s->plant;
-    const lanes_mask inside = lanes_within(moving, lanes_greater(rest, lanes_set(0.0)));
+    const lanes_mask inside = lanes_both(moving, lanes_greater(rest, lanes_set(0.0)));
     if (lanes_any(inside)) {
         moving = core_tick(p, c, inside, s, plan, in, ramp, rest, false);
         if (!lanes_any(moving)) return NO_LANE;
@@ -373,7 +373,7 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
     core_inputs final;
     core_outputs(p, c, moving, s, reached, plan, core_at(in, ramp, lanes_set(end), &final), out);
     *why = CORE_NOT_FINITE;
-    return lanes_within(moving, lanes_finite(core_sum(s->sampled, CORE_SAMPLED) + core_sum(reached->x, CORE_PLANT)
+    return lanes_both(moving, lanes_finite(core_sum(s->sampled, CORE_SAMPLED) + core_sum(reached->x, CORE_PLANT)
                                              + core_sum(out, MODEL_OUTPUTS)));
 }
 

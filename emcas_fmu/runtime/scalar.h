@@ -31,8 +31,7 @@ static inline lanes_mask lanes_equal(lanes a, lanes b) { return a == b; }
 static inline lanes_mask lanes_same(lanes a, lanes b) { return memcmp(&a, &b, sizeof a) == 0; } /* by their bits */
 static inline lanes lanes_where(lanes_mask m, lanes yes, lanes no) { return m ? yes : no; }
 static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return a && b; }
-static inline lanes_mask lanes_within(lanes_mask which, lanes_mask m) { return which && m; }
-static inline lanes_mask lanes_but(lanes_mask which, lanes_mask m) { return which && !m; }
+static inline lanes_mask lanes_but(lanes_mask a, lanes_mask b) { return a && !b; }
 static inline unsigned lanes_bits(lanes_mask m) { return m; }
 static inline lanes_mask lanes_of_bits(unsigned bits) { return bits & 1u; }
 static inline bool lanes_any(lanes_mask m) { return m; }

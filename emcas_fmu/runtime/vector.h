@@ -84,7 +84,6 @@ static inline lanes_mask lanes_where_mask(lanes_mask m, lanes_mask yes, lanes_ma
 {
     return lanes_either(lanes_both(m, yes), lanes_but(no, m));
 }
-static inline lanes_mask lanes_within(lanes_mask which, lanes_mask m) { return lanes_both(which, m); }
 static inline bool lanes_any(lanes_mask m) { return lanes_bits(m) != 0; }
 static inline bool lanes_every(lanes_mask m) { return lanes_bits(m) == LANES_ALL; }
 static inline int lanes_lead(lanes_mask which) { return __builtin_ctz(lanes_bits(which)); } /* at least one */

@@ -12,7 +12,7 @@ import pytest
 from fmpy import extract, instantiate_fmu, read_model_description
 
 from emcas_fmu.fmi.description import initial_dependencies
-from emcas_fmu.fmi.interface import SINGLE, FmuInterface, fin_sets, start_values
+from emcas_fmu.fmi.interface import FmuInterface, fin_sets, start_values
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.codegen import initial_values
 from emcas_fmu.variables import Variable
@@ -109,16 +109,16 @@ def test_a_built_unit_has_the_same_outputs_before_and_after_the_end_of_initializ
     description = read_model_description(folder)
     references = {v.name: (v.type, v.valueReference) for v in description.modelVariables}
     instance = instantiate_fmu(folder, description, "CoSimulation")
-    started = Starting(SINGLE)
+    started = Starting(FmuInterface(1))
 
     def outputs() -> dict[str, Any]:
         return {v.name: getattr(instance, f"get{kind}")([reference])[0]
-                for v in SINGLE.outputs for kind, reference in [references[v.name]]}
+                for v in FmuInterface(1).outputs for kind, reference in [references[v.name]]}
 
-    for values in places(SINGLE, started, random.Random(17)):
+    for values in places(FmuInterface(1), started, random.Random(17)):
         instance.setupExperiment(startTime=0.0)
         instance.enterInitializationMode()
-        for v in (*SINGLE.inputs, *SINGLE.parameters):
+        for v in (*FmuInterface(1).inputs, *FmuInterface(1).parameters):
             kind, reference = references[v.name]
             getattr(instance, f"set{kind}")([reference], [values[v.name]])
         before = outputs()

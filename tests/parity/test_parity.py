@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import fin_port
 from emcas_fmu.fmi.fmi2.slave import Slave
-from emcas_fmu.fmi.interface import SINGLE
+from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
 from emcas_fmu.support.files import models_directory
@@ -40,7 +40,7 @@ def library(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Fmu:
 
 @pytest.fixture(scope="module")
 def slave_class(values: Mapping[str, Any]) -> type[Slave]:
-    return local_class(SINGLE, [values])
+    return local_class(FmuInterface(1), [values])
 
 
 @pytest.mark.acceptance

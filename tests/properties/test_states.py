@@ -15,14 +15,14 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.fmi.fmi2.slave import Slave
-from emcas_fmu.fmi.interface import SINGLE, FmuInterface
+from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import load_parameters
 
 from ..fmu.built import slave_class
 
 STEP, STEPS = 0.7e-3, 20  # no multiple of a tick: the state is taken inside one
 PATIENCE = 10  # s, of a restore and two steps, which take milliseconds
-UNITS = (SINGLE, FmuInterface(2))
+UNITS = (FmuInterface(1), FmuInterface(2))
 
 _numbers = st.one_of(st.floats(), st.integers(), st.sampled_from(
     [1e300, -1e300, 1e19, 5e-324, 10**400, 2**53, 2**63, -1, 0, 1, 0.5, 50, True, float("nan"), float("inf")]))

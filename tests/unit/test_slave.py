@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pythonfmu.enums import Fmi2Status
 
-from emcas_fmu.fmi.interface import SINGLE
+from emcas_fmu.fmi.interface import FmuInterface
 from tests.default_actuator import VARIABLES
 from tests.fmu.built import slave_class
 
@@ -18,7 +18,7 @@ INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
 
 @pytest.fixture
 def slave(values: Mapping[str, Any]) -> Any:
-    made = slave_class(SINGLE, [values])(instance_name="fin")
+    made = slave_class(FmuInterface(1), [values])(instance_name="fin")
     made.setup_experiment(0.0)
     made.enter_initialization_mode()
     made.exit_initialization_mode()

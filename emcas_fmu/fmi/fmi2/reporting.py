@@ -2,18 +2,15 @@
 
 Standard library and pythonfmu's base class only: it is embedded in the FMU.
 
-The wrapper that loads the slave turns any Python exception into fmi2Fatal and then
-releases the instance twice, so no exception may leave the slave. The wrapper can return
-fmi2Discard from fmi2DoStep and only fmi2OK elsewhere.
+The wrapper that loads the slave turns any Python exception into fmi2Fatal and then releases the instance twice, so no
+exception may leave the slave. The wrapper can return fmi2Discard from fmi2DoStep and only fmi2OK elsewhere.
 
-A reference that is unknown, or of another type, is logged as an error where it is read
-or written, and does not affect the steps: a read returns NaN, 0 or false, a write is
-ignored. As the caller gets fmi2OK, the write is also reported on standard error.
-Any other call that must be refused is logged and remembered, and the next fmi2DoStep
-is discarded with the state unchanged: repeatedly while the cause lasts (a refused parameter, a
-non-finite input), otherwise once (a write to an output or to a parameter that is
-fixed by now, a call out of order, an interrupt from the keyboard). An interrupt that
-Python delivers between a call and its first line cannot be caught here.
+A reference that is unknown, or of another type, is logged as an error where it is read or written, and does not affect
+the steps: a read returns NaN, 0 or false, a write is ignored. As the caller gets fmi2OK, the write is also reported on
+standard error. Any other call that must be refused is logged and remembered, and the next fmi2DoStep is discarded with
+the state unchanged: repeatedly while the cause lasts (a refused parameter, a non-finite input), otherwise once (a write
+to an output or to a parameter that is fixed by now, a call out of order, an interrupt from the keyboard). An interrupt
+that Python delivers between a call and its first line cannot be caught here.
 """
 
 from __future__ import annotations

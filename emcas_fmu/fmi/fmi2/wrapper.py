@@ -13,9 +13,8 @@ _kept: list[Mapping[str, Any]] = []
 def keep(namespace: Mapping[str, Any]) -> None:
     """Hold one more reference to a module's namespace, and release the wrapper's state when the process ends.
 
-    The wrapper executes the entry module at every instantiation and afterwards drops a
-    borrowed reference to its namespace; without this the namespace would be freed
-    while later instances use it.
+    The wrapper executes the entry module at every instantiation and afterwards drops a borrowed reference to its
+    namespace; without this the namespace would be freed while later instances use it.
     """
     if not _kept and sys.platform == "linux":
         atexit.register(_release_wrapper, str(namespace.get("__file__", "")))

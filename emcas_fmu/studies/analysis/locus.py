@@ -42,8 +42,7 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
     """Return the poles at `fin_angle` [rad] under `aero_torque` [N.m] over a parameter, by default the first gain.
 
     Its values are a tenth to ten times that of the set. Values outside its limits, or for which the operating point
-    does not exist, are omitted. Raises EmcasError for a name that is not a number of the set, is zero or moves no
-    pole.
+    does not exist, are omitted. Raises EmcasError for a name that is not a number of the set, is zero or moves no pole.
     """
     model = parameters.model
     numbers = {v.name: v for v in get(model).file_entries if v.kind == "Real"}

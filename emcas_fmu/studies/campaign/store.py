@@ -10,7 +10,7 @@ import json
 import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -59,7 +59,7 @@ def _judged(specification: Specification) -> dict[str, Any]:
     return document
 
 
-class Store:
+class Store(AbstractContextManager["Store"]):
     """The results of a campaign in a folder, which is made if it does not exist and locked until `close`.
 
     Raises CampaignError if the folder contains another campaign, naming the differences, cannot be read, or another
@@ -92,9 +92,6 @@ class Store:
         if self._lock.is_locked:
             (self.folder / OWNER).unlink(missing_ok=True)
             self._lock.release()
-
-    def __enter__(self) -> Store:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -42,11 +42,6 @@ class Sweep(NamedTuple):
     difference: Array
 
 
-def _per_angle(p: Any) -> float:
-    """Return the nut's travel per fin angle [m/rad] at fin angle 0."""
-    return float(p.kinematics.moment_arm / np.cos(p.kinematics.initial_angle) ** 2)
-
-
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     """Identify the backlash at the fin. Raises RecordError."""
     records = EXPERIMENT.read(paths)
@@ -62,12 +57,13 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     require(gap >= -3.0 * sigma, f"the backlash comes out as {degrees(gap):.3g} deg, below 0: the direct angle leads "
             "the motor's; check the columns' signs, that they are sampled at the same instants, and that the motor "
             "drives the fin in both directions (a load may hold it against one side)")
+    travel = p.kinematics.moment_arm / np.cos(p.kinematics.initial_angle) ** 2  # m/rad, of the nut at fin angle 0
     notes = [
         f"{len(sweeps)} sweeps over {degrees(min(float(s.fin.min()) for s in sweeps)):.3g} to "
         f"{degrees(max(float(s.fin.max()) for s in sweeps)):.3g} deg; the first {degrees(_CLEAR):g} deg after each "
         "reversal are left out.",
         f"The nonlinear actuator has no backlash, so no parameter is written. In elastic and habibi it is "
-        f"drive_line.backlash = {1e3 * max(gap, 0.0) * _per_angle(p):.2g} mm.",
+        f"drive_line.backlash = {1e3 * max(gap, 0.0) * travel:.2g} mm.",
         f"Zero of one encoder against the other: {degrees(float(fit.values[1])):.3g} deg; part of it may be half "
         "a count.",
     ]

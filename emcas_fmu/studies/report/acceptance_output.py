@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import RenderableType
-from rich.table import Table
 
 from ... import __version__
 from ...bench import verdict, writers
@@ -30,18 +29,13 @@ def _headlines(result: Result) -> Iterator[tuple[Outcome, bool, str, str, str]]:
             yield outcome, not k, label, value, "estimate" * bool(outcome.estimate)
 
 
-def _figures(result: Result) -> Table:
-    """Return the most important figures as a table."""
-    return table(["test", "figure", ">measured", "note"], (
-        [outcome.title * first, label, value, note] for outcome, first, label, value, note in _headlines(result)),
-        plain=True)
-
-
 def summary(result: Result) -> Iterator[RenderableType]:
     """Yield the requirements as a table, then the most important figures, notes and the verdict."""
     notes = [f"{outcome.title}: {note}" for outcome in result.outcomes.values()
              for note in ([f"not finished: {outcome.stopped}"] if outcome.stopped else outcome.remarks)]
-    return verdict.summary(result.about, "requirement", result.judged, [_figures(result)], notes, result.passed,
+    figures = table(["test", "figure", ">measured", "note"], (
+        [outcome.title * first, *texts] for outcome, first, *texts in _headlines(result)), plain=True)
+    return verdict.summary(result.about, "requirement", result.judged, [figures], notes, result.passed,
                            "; ".join(result.verdict))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -31,20 +30,17 @@ def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
 
 def summary(result: Result) -> Table:
     """Return a table of the requirements with the tuned gains, each in its worst case."""
+    gains = ", ".join(f"{name} = {gain(value)}" for name, value in result.best.gains.items())
     return table(["requirement", "case", ">measured", ">limit", ">margin", ""], (
         [row["requirement"], row["case"], with_unit(row["measured"], row["unit"], row["limit"]),
          f"{'≤' if row['sense'] == 'maximum' else '≥'} {with_unit(row['limit'], row['unit'])}",
          percent(row["margin"]), "ok" if row["met"] else "MISSED"] for row in rows(result, result.best)),
-        f"{'Gains begun with' if result.unimproved else 'Tuned gains'}: {_listed(result.best.gains)}", range(2, 5))
+        f"{'Gains begun with' if result.unimproved else 'Tuned gains'}: {gains}", range(2, 5))
 
 
 def gain(value: float) -> str:
     """Return a gain as it is written to a file."""
     return f"{value:.12g}"
-
-
-def _listed(gains: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} = {gain(value)}" for name, value in gains.items())
 
 
 def verdict(result: Result) -> str:
