@@ -13,7 +13,7 @@ from .errors import EmcasError
 from .fmi.interface import MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters, require_sound
 from .rules import check_ranges
-from .runtime import codegen, compiled, diagnosis, library
+from .runtime import codegen, compiled, diagnosis, library, trial
 from .runtime.core import Core
 from .variables import Variable
 
@@ -139,10 +139,14 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
-    count, _, points = compiled.table_shape(sets, inputs, model, held)
+    count, rows, points = compiled.table_shape(sets, inputs, model, held)
     steps = library.milliseconds(count * points, step)
     by_machine = kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model))
-    tables = (compiled.run_tables if by_machine else _by_python)(sets, inputs, step, outputs, model, held, fine, spring)
+    run_tables = compiled.run_tables if by_machine else _by_python
+    if len(sets) and rows:
+        trial.try_out(model, sets[0], [float(np.ravel(column)[0]) for column in inputs],
+                      500 if by_machine else 100, run_tables, _by_python)
+    tables = run_tables(sets, inputs, step, outputs, model, held, fine, spring)
     run = next((run for run, error in tables.failures.items() if isinstance(error, ArithmeticError)
                 and tables.reached[run] * step < LONGEST_DIAGNOSIS), None)
     if run is not None and get(model).source is not None:

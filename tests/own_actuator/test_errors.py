@@ -196,6 +196,63 @@ def test_what_is_not_finite(tmp_path: Path, kernel: str, before: str, after: str
     assert re.search(r"at [\d.]+ s: \w+ is -?(inf|nan): " + re.escape(f"{path}, line {line}: "), str(refused.value))
 
 
+@pytest.mark.parametrize(("before", "after", "says"), [
+    (_SPRING, _SPRING.replace("-", "+"), "the states grow without bound while disabled, e-fold in 1.61 s"),
+    ("p.motor.torque_constant * x.current + load", "-p.motor.torque_constant * x.current + load",
+     "the states grow without bound while disabled, e-fold in 0.00262 s"),
+    (_DAMPING, _DAMPING.replace("-", "+"), "d(fin_rate)/dt rises with fin_rate, by 3.33 1/s: it drives itself"),
+    ('"reference": ops.where(inputs.enable, voltage', '"reference": ops.where(inputs.enable, -voltage',
+     "fin_angle grows from 0.5 to 25 deg while enabled"),
+    (_DAMPING, _DAMPING, ""),
+])
+def test_signs(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, after: str, says: str) -> None:
+    """Wrong ones are seen from rest, without command and load, at the first simulation, once."""
+    path = changed(tmp_path, (before, after))
+    for _ in range(2):
+        simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    warnings = [record.getMessage() for record in caplog.records]
+    assert len(warnings) == bool(says)
+    if says:
+        assert f"{path}: from rest, without command and load, {says}" in warnings[0]
+        assert warnings[0].endswith("; check the signs of stiffness, damping, motor torque and control")
+
+
+_SWITCHED = """
+def mode(ops, p, x, u, h):
+    return Record(held=ops.both(ops.fabs(x.fin_angle) >= fin_port.stop_edge(p), x.fin_angle * x.fin_rate >= 0.0))
+
+
+def rates(ops, p, x, u, m):
+    return derivatives(ops, p, x, u)
+
+
+def margins(ops, p, x, u, m):
+    return {"stop": ops.where(m.held, 1.0, MARGIN)}
+
+
+def landed(ops, p, begin, x, u, m, events):
+    return {"fin_rate": ops.where(ops.either(m.held, events["stop"]), 0.0, x.fin_rate)}
+
+
+def output_values"""
+
+
+@pytest.mark.parametrize(("margin", "sound"), [("p.fin.stop_angle - ops.fabs(x.fin_angle)", True),
+                                               ("ops.fabs(x.fin_angle) - p.fin.stop_angle", False)])
+def test_an_inverted_margin(tmp_path: Path, margin: str, sound: bool) -> None:
+    path = changed(tmp_path, ("\ndef output_values", _SWITCHED.replace("MARGIN", margin)),
+                   ("    derivatives=derivatives,", "    step=SYSTEM.step(lambda ops, p: p),"),
+                   ("ACTUATOR = Actuator(", "SYSTEM = Switched(mode, rates, margins, landed)\nACTUATOR = Actuator("),
+                   ("from emcas_fmu.variables", "from emcas_fmu.namespace import Record\n"
+                    "from emcas_fmu.steppers.events import Switched\nfrom emcas_fmu.variables"))
+    values = load_parameters(model=str(path)).values
+    if sound:
+        assert simulate(values, 0.002, kernel="python", model=str(path))["fin_angle"][-1] == 0.0
+        return
+    with pytest.raises(EmcasError, match=r"mine\.py, line \d+: margins\(\): stop = -0\.43\d* is below 0 in 10 steps"):
+        simulate(values, 0.002, kernel="python", model=str(path))
+
+
 def test_a_negative_delay(tmp_path: Path) -> None:
     path = changed(tmp_path, ("    sample=sample,", "    transport_delay=lambda ops, p: -0.001,\n    sample=sample,"))
     with pytest.raises(ParameterError, match=r"drive\.transport_delay = -0\.001 s must be at least 0"):

@@ -1,0 +1,135 @@
+"""The trial of a user's actuator before its first simulation: signs and event margins that are hardly meant."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+from ..actuators import fin_port, get
+from ..actuators.declaration import Actuator
+from ..actuators.positional import identifier
+from ..errors import EmcasError, location
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..ops.located import LocatedFloats, located
+from ..parameters import check_parameters
+from ..physics.loads import LOADS
+from ..steppers.events import SwitchedStep
+from ..support.progress import warn
+from . import diagnosis
+from .compiled import Array, Tables
+
+_INTERVAL = 1e-3  # of points of time [s]
+_STEP = 50  # points of a step to half the largest command
+# Where the fin is released [share of the stop angle], and the ratio of distances from which on it moves away.
+_OFF, _AWAY = 0.02, 5.0
+# A margin that is below this at the start of so many steps in a row is not about to be lost: an event would be there.
+_BELOW, _IN_A_ROW = -1e-9, 10
+# Difference of a state, to find its effect on its derivative; and the latter's rounding.
+_DIFFERENCE, _ROUNDING = 1e-6, 1e-8
+_GROWTH = 0.05  # [1/s] of a mode; less is rounding of the Jacobian
+
+Run = Callable[..., Tables]
+_tried: set[str] = set()
+
+
+def try_out(model: str, row: Array, inputs: Sequence[float], points: int, run: Run, by_floats: Run) -> None:
+    """Warn, once in a process, of a user's actuator that is unstable at rest.
+
+    `row` are its parameters, and `inputs` a row of its inputs, SI, of which the supply and the further ones are used. A
+    fin off centre is released for `points` of time, 1 ms apart.
+    `run` simulates as :func:`.compiled.run_tables`, and so does `by_floats` with a function that makes a core as a last
+    argument. Raises EmcasError for an event margin that is below 0 while its mode holds.
+    """
+    actuator = get(model)
+    if actuator.source is None or model in _tried:
+        return
+    values = dict(zip((v.name for v in actuator.parameters), row.tolist(), strict=True))
+    if check_parameters(values, model):
+        return
+    _tried.add(model)
+    at_rest = dict(zip((v.name for v in actuator.inputs), inputs, strict=True))
+    at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.MOTION)), 0.0)
+    if isinstance(actuator.step, SwitchedStep):
+        stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
+        core = partial(diagnosis.core, actuator=_watched(actuator, actuator.step))
+        _run(by_floats, model, [values], stepping, _STEP, core)
+    if seen := _unstable(actuator, values, at_rest) or _moves_away(values, at_rest, points, partial(_run, run, model)):
+        warn(f"{actuator.source}: from rest, without command and load, {seen}; check the signs of stiffness, damping, "
+             "motor torque and control")
+
+
+def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mapping[str, float], points: int,
+         *core: Any) -> Tables:
+    rows, columns = np.array([list(values.values()) for values in sets]), [np.full(points, x) for x in inputs.values()]
+    return run(rows, columns, _INTERVAL, ("fin_angle",), model, 1, (), 0.0, *core)
+
+
+def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
+    """Return a copy whose step raises EmcasError for an event margin that stays below 0."""
+    below: Counter[str] = Counter()
+
+    def watched(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Mapping[str, Value], Value]:
+        for name, margin in step.margins(ops, p, x, u, h).items():
+            below[name] = below[name] + 1 if margin < _BELOW else 0
+            if below[name] == _IN_A_ROW:
+                raise EmcasError(f"{location(step.system.margins)}: {name} = {margin:.3g} is below 0 in {_IN_A_ROW} "
+                                 "steps in a row; a margin is above 0 while its mode holds, and 0 at the event: change "
+                                 "its sign, or the mode")
+        return step(ops, p, x, u, h)
+
+    return replace(actuator, step=watched)
+
+
+def _unstable(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]) -> str:
+    """Return in words a state that grows by the derivatives at rest while disabled; "" if there is none."""
+    if actuator.derivatives is None or actuator.source is None:
+        return ""
+    ops, of_file = LocatedFloats(actuator.source), partial(located, path=actuator.source)
+    p = actuator.namespace({name: of_file(value) for name, value in values.items()})
+    start, names = actuator.start(ops, p, of_file(0.0), of_file(0.0)), [s.name for s in actuator.states]
+    acting = {**{s.name: start[s.name] for s in actuator.sampled_states}, **dict.fromkeys((*LOADS, "reference"), 0.0),
+              "supply": inputs[actuator.supply.input.name] if actuator.supply else 0.0,
+              **{identifier(v.name): inputs[v.name] for v in actuator.acting_inputs}}
+    u = Record(**{name: of_file(value) for name, value in acting.items()}, enabled=False, rated_current_limit=None)
+
+    def rates(at: Array) -> Array:
+        found = actuator.rates(ops, p, Record(**dict(zip(names, map(of_file, at.tolist()), strict=True))), u)
+        return np.array([float(found[name]) for name in names])
+
+    x = np.array([float(start[name]) for name in names])
+    differences, before = np.diag(_DIFFERENCE * (1.0 + np.abs(x))), rates(x)
+    after = np.stack([rates(x + difference) for difference in differences], axis=1)
+    if not np.isfinite([before, *after.T]).all():
+        return ""  # the simulation says where
+    changes = after - before[:, np.newaxis]
+    changes[np.abs(changes) <= _ROUNDING * (np.abs(after) + np.abs(before[:, np.newaxis]))] = 0.0
+    jacobian = changes / np.diag(differences)
+    for name, own in zip(names, np.diag(jacobian), strict=True):
+        if own > 0.0:
+            return f"d({name})/dt rises with {name}, by {own:.3g} 1/s: it drives itself"
+    growth, modes = np.linalg.eig(jacobian)
+    fastest = int(np.argmax(growth.real))
+    if growth[fastest].real <= _GROWTH:
+        return ""
+    most = names[int(np.argmax(np.abs(modes[:, fastest])))]
+    return f"the states grow without bound while disabled, e-fold in {1.0 / growth[fastest].real:.3g} s, most {most}"
+
+
+def _moves_away(values: Mapping[str, Any], inputs: Mapping[str, float], points: int, run: Run) -> str:
+    """Return in words that a fin that is released beside its centre does not stay near it; "" if it does."""
+    off = _OFF * values["fin.stop_angle"]
+    for enable, drive in ((0.0, "disabled"), (1.0, "enabled")):
+        # The distance of two fins: that they go to one side together is a preload.
+        sets = [{**values, "fin.start_angle": angle} for angle in (off, -off)]
+        tables = run(sets, {**inputs, fin_port.ENABLE.name: enable}, points)
+        apart = np.abs(np.subtract(*tables.columns["fin_angle"])) / 2.0
+        if (farthest := float(np.max(apart, where=np.isfinite(apart), initial=0.0))) > _AWAY * off:
+            return f"fin_angle grows from {degrees(off):.2g} to {degrees(farthest):.2g} deg while {drive}"
+    return ""
