@@ -6,9 +6,9 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
     initial(ops, p, start)       states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``
     sample(ops, p, x, inputs)    outputs of the sampled controllers, every controller.sample_time
     step(ops, p, x, u, h)        the plant's states after `h` [s] or at the first event, and the time until then; or
-    derivatives(ops, p, x, u)    d/dt of the states where the equations are smooth: enabled, without dry friction, gaps
-                                 and limits. Linear analysis uses these (:mod:`emcas_fmu.bench.linear.actuator`), and
-                                 so does stepping if there is no `step` (:mod:`emcas_fmu.steppers.smooth`)
+    derivatives(ops, p, x, u)    d/dt of the states: enabled, without dry friction, gaps and events. Linear analysis
+                                 uses these (:mod:`emcas_fmu.bench.linear.actuator`), and so does stepping if there is
+                                 no `step` (:mod:`emcas_fmu.steppers.smooth`)
     output_values(ops, p, x, u)  every output
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).

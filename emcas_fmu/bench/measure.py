@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from ..actuators import capabilities
+from ..errors import EmcasError
 from ..motions import MOTIONS, SETTLE, STEP
-from ..parameters import ParameterError, ParameterSet
+from ..parameters import ParameterSet
 from ..simulation import Array
 from ..support import extras
 from .excitation import COMMAND, LOAD, Excitation, sine, slew_to, times
@@ -38,7 +39,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 BANDWIDTHS = 2.0, 60.0  # Hz, between which a bandwidth is looked for
 GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval between two neighbours is bisected
 BISECTIONS = 6  # to 2 parts in 1000
-_LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and a number of points that gives margins to 1e-6
+_LOOP_LOWEST, _LOOP_POINTS = 0.05, 200  # Hz, and a number of points that gives margins to 1e-6
 CYCLES, FITTED = 4.0, 0.15  # fitted cycles of a sine, and their least duration in s
 TRANSIENT = (2.0, 0.1)  # cycles before them, and their least duration in s
 USE, REST = 6.0, 4.0  # s of the history of use and of the rest after it, four time constants of the integral
@@ -96,7 +97,7 @@ def obstacle(test: Test, figure: str, subject: Subject) -> str:
         lacks = capabilities.POSITION_LOOP not in subject.actuator.provides
         if lacks:
             return f"margins need {capabilities.POSITION_LOOP}, which this actuator does not have"
-        return extras.absent("analysis", "margins need", "control", "casadi")
+        return extras.absent("analysis", "margins need", "control", "casadi") or _unlinear(subject.parameters)
     if test.supply != 1.0 and subject.supply is None:
         return "this actuator has no supply"
     return subject.lacking(FIGURES[figure].needs)
@@ -339,17 +340,27 @@ def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
 # -- linear ----------------------------------------------------------------------
 
 
+@lru_cache(maxsize=16)
+def _unlinear(parameters: ParameterSet) -> str:
+    from .linear.actuator import obstacle
+
+    return obstacle(parameters)
+
+
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
-    """Return the margins of the loop broken at the drive's reference; nan where the closed loop is unstable."""
+    """Return the margins of the loop broken at the drive's reference.
+
+    They are nan where the closed loop is unstable, or where the actuator cannot rest.
+    """
     from .linear.actuator import LinearActuator, sound
     from .linear.frequency import highest, margins
 
     plain = sound(parameters)
     try:
         linear = LinearActuator({**plain.values, **plain.having(changes)}, model=plain.model)
-    except (ParameterError, ArithmeticError):
+    except (EmcasError, ArithmeticError):
         return dict.fromkeys(_MARGINS, nan)
-    if not linear.stable:
+    if linear.idle or not linear.stable:
         return dict.fromkeys(_MARGINS, nan)
     loop = linear.loop("reference")
     broken = margins(loop, np.geomspace(_LOOP_LOWEST, highest(loop), _LOOP_POINTS))

@@ -60,7 +60,7 @@ FIGURES: Mapping[str, Figure] = {
     "peak_angle": Figure("rad", "largest magnitude of the fin angle"),
     "bandwidth_3db": Figure("Hz", "lowest frequency where the fundamental is 3 dB down", bad=-1.0),
     "bandwidth_90deg": Figure("Hz", "lowest frequency where the fundamental lags 90 deg", bad=-1.0),
-    "gain_margin": Figure("dB", "of the loop broken at the drive's reference", (), -1.0),
+    "gain_margin": Figure("dB", "the smaller of up and down, of the loop broken at the drive's reference", (), -1.0),
     "phase_margin": Figure("rad", "of the loop broken at the drive's reference", (), -1.0),
     "delay_margin": Figure("s", "further delay of the loop broken at the drive's reference", (), -1.0),
     "peak_gain": Figure("dB", "largest gain of the fundamental within the frequencies looked at"),

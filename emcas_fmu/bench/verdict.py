@@ -174,7 +174,7 @@ def _why(r: Requirement, measured: float) -> str:
     """Return in words why a figure has no value."""
     kind = r.test.kind if r.test else ""
     if kind == "linear":
-        return "the loop is unstable when closed"
+        return "the loop is unstable when closed, or the actuator cannot rest at 0"
     if not isnan(measured):
         return "it is not there by the end"
     if kind == "sine":

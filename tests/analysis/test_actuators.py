@@ -295,8 +295,9 @@ def test_a_mode_that_nothing_shows_is_left_out_and_told(tmp_path: Path) -> None:
 
 
 def test_a_mode_at_one_that_shows_is_no_stable_one(tmp_path: Path) -> None:
-    parameters = load_parameters(model=DIRECT_DRIVE).with_values(
-        {"controller.kp": 0.0, "controller.ki": 0.0, "spring.stiffness": 0.0})
+    """Only the command and the rate act on the fin, which nothing brings back."""
+    model = str(changed(tmp_path, ("c.setpoint_weight * command - x.fin_angle", "command")))
+    parameters = load_parameters(model=model).with_values({"controller.ki": 0.0, "spring.stiffness": 0.0})
     with pytest.raises(EmcasError, match=r"unstable \(a mode neither decays nor grows\)"):
         analyse(parameters)
 

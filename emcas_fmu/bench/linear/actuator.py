@@ -6,10 +6,10 @@ matrix exponentials, split where the delayed reference reaches the drive; the de
 and transport delay are therefore exact, without a rational approximation (Astroem & Wittenmark, "Computer-Controlled
 Systems", 3rd ed., section 2.6).
 
-The linear model has no limits, gaps or quantisation, and no dry friction or compensation of it. The command is read at
-every sample. The model has the command's latency and, with the encoder enabled, the speed from the difference of two
-samples. Of the extensions, heat sets the motor's temperatures at the start; faults and homing are left out; those of
-friction and the screw have no effect, since they are not smooth at rest.
+The linear model has limits as at the operating point, no gaps or quantisation, and no dry friction or compensation of
+it. The command is read at every sample. The model has the command's latency and, with the encoder enabled, the speed
+from the difference of two samples. Of the extensions, heat sets the motor's temperatures at the start; faults and
+homing are left out; those of friction and the screw have no effect, since they are not smooth at rest.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ import numpy as np
 from ...actuators import NONLINEAR, capabilities, get, parts, require
 from ...control import command as bus
 from ...errors import EmcasError
-from ...namespace import Record, with_values
+from ...namespace import with_values
 from ...ops.floats import FLOATS
+from ...ops.symbols import Linearised
 from ...parameters import ParameterSet
 from ...physics import kinematics
 from ...runtime.schedule import schedule
-from .plant import linear_plant, solve
-from .smooth import Equations, gains_of, traced
-from .systems import Array, System, cleared, decays, delay_line, measured, moving, shown, wire
+from .plant import LinearPlant, UnsmoothError, linear_plant, solve
+from .smooth import gains_of, traced
+from .systems import Array, System, cleared, decays, delay_line, measured, moving, reaches, shown, wire
 
 LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE, "position": capabilities.CASCADE,
          "reference": capabilities.POSITION_LOOP}
@@ -43,7 +44,14 @@ _LEFT_OUT = ("homing", "faults")
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
 # The controllers' command is the one on the bus; its latency is a separate block, in no loop.
 _AT_ONCE = {"command.latency": 0.0, "command.resolution": 0.0, "command.update_time": 0.0}
-_REST = 1e-6  # largest rate at rest, as a share of the reference's effect on the states
+_MOST_GROWTH = 100.0  # logarithm of the largest growth of a mode within a sample
+_CONTROLLERS = ("the controllers do not react to a small deviation at rest (a dead band, switch or gain of 0 in "
+                "`sample`)")
+_PLANT = "the fin does not react to a small reference at rest (a dead band, switch or reached limit in `derivatives`)"
+
+
+class NotLinearError(EmcasError):
+    """An actuator has no linear model at rest."""
 
 
 @dataclass(frozen=True)
@@ -75,20 +83,32 @@ def sound(parameters: ParameterSet) -> ParameterSet:
     return ParameterSet(tuple(e for e in parameters.entries if e.variable.name in names), model)
 
 
+def obstacle(parameters: ParameterSet) -> str:
+    """Return in words why an actuator with a sampled position loop has no margins at 0; empty if it has."""
+    plain = sound(parameters)
+    try:
+        return LinearActuator(plain.values, model=plain.model).idle
+    except NotLinearError as error:
+        return str(error)
+    except (EmcasError, ArithmeticError):  # its margins have no value
+        return ""
+
+
 class LinearActuator:
     """The linearised actuator of flat parameter `values` in SI, at rest at `fin_angle` [rad] under `aero_torque` [N.m].
 
     ``continuous`` is the plant, ``plant`` the plant at the samples with the delay, ``controller`` the sampled
     controllers. ``rest`` are the plant's states at rest, ``loops`` the names of its LOOPS. Sampled states keep their
-    start values while the states at rest are computed. Raises EmcasError if the actuator cannot rest there.
+    start values while the states at rest are computed. Raises EmcasError if the actuator cannot rest there, or if it
+    has no linear model.
     """
 
     def __init__(self, values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
                  model: str = NONLINEAR) -> None:
         self.actuator = actuator = get(model)
         if actuator.derivatives is None:
-            raise EmcasError(f"model {model}: linear analysis needs derivatives; {actuator.name} declares "
-                             "a step only, declare both")
+            raise NotLinearError(f"model {model}: linear analysis needs derivatives; {actuator.name} declares "
+                                 "a step only, declare both")
         limit = values["command.limit"]
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):
             raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; give an angle within "
@@ -100,7 +120,6 @@ class LinearActuator:
         self.period = float(p.controller.sample_time)
         self.loops = tuple(name for name, need in LOOPS.items() if need in actuator.provides)
         self._at, self.model = (fin_angle, aero_torque), model
-        self._equations = Equations(actuator, self.values, self.p, fin_angle)
         gains = gains_of(actuator, self.values)
         fixed = tuple((name, value) for name, value in self.values.items() if name not in gains)
         self._traced, self._gains = traced(model, fixed, tuple(gains), fin_angle), tuple(gains.values())
@@ -112,41 +131,67 @@ class LinearActuator:
 
         Gains that do not affect the plant share the result.
         """
-        equations, (fin_angle, aero_torque) = self._equations, self._at
-        start, count = self._traced.start(self._gains).tolist(), len(equations.states)
+        start, count = self._traced.start(self._gains).tolist(), len(self._traced.states)
         self._kept = start[count:]
-        held = self._kept[len(self._kept) - len(equations.sampled):]
-        overload = EmcasError(f"{self._where} no reference within the drive's limits holds it; give a smaller torque")
-        try:
-            plant = linear_plant(self._traced, tuple(start[:count]), tuple(held),
-                                 self._gains if self._traced.plant_varies else (1.0,) * len(self._gains),
-                                 fin_angle, aero_torque)
-        except ArithmeticError as error:
-            raise overload from error
+        plant = self._plant_at_rest((*start[:count], 0.0))
         self.rest, self.continuous, self._voltage = plant.states, plant.continuous, plant.voltage
-        self.point = self._resting(plant.reference, *plant.outputs[1:])
-        x = Record(**dict(zip(equations.states, map(float, self.rest), strict=True)))
-        limited = self.actuator.rates(FLOATS, self.p, x, equations.acting(plant.reference, aero_torque, held)).values()
-        if not max(plant.residual, *map(abs, limited)) <= _REST * plant.scale:
-            raise overload
+        self.point = self._resting(plant)
         plan = schedule(FLOATS, self.p, self.actuator)
+        if np.max(plant.continuous.poles().real, initial=0.0) * self.period > _MOST_GROWTH:
+            raise EmcasError(f"{self._where} a mode of the plant grows beyond all numbers within a sample; check the "
+                             "signs in `derivatives`")
         self.plant = plant.sampled(self.period, int(plan.delay_samples), float(plan.arrival))
+
+    def _plant_at_rest(self, begin: tuple[float, ...]) -> LinearPlant:
+        """Return the plant at rest, from states and a reference to begin at. Raises EmcasError if it cannot rest."""
+        plant = self._rest(self._traced.plant, begin)
+        if plant and not plant.moves and not self._exceeded(plant):
+            return plant
+        # Without limits it rests beyond one, which is named, or near the rest within them.
+        free = self._rest(self._traced.unlimited, begin)
+        if free and not free.moves:
+            if exceeded := self._exceeded(free):
+                raise EmcasError(f"{self._where} holding it needs {exceeded}; give a smaller torque")
+            plant = self._rest(self._traced.plant, (*free.states, free.reference))
+            if plant and not plant.moves:
+                return plant
+        elif free and not self._moves(free.continuous):
+            raise NotLinearError(self._deaf(_PLANT))
+        moves = f" ({plant.moves} does not become 0)" if plant else ""
+        raise EmcasError(f"{self._where} no reference within the drive's limits holds it{moves}; give a smaller torque")
+
+    def _rest(self, equations: Linearised, begin: tuple[float, ...]) -> LinearPlant | None:
+        """Return the plant at rest, from states and a reference to begin at; None if it is not finite on the way.
+
+        Raises EmcasError for equations without a finite value or slope.
+        """
+        held = tuple(self._kept[len(self._kept) - len(self._traced.sampled):])
+        gains = self._gains if self._traced.plant_varies else (1.0,) * len(self._gains)
+        try:
+            return linear_plant(equations, self._traced.states, self._traced.sampled, begin, held, gains, *self._at)
+        except UnsmoothError as error:
+            raise EmcasError(f"{self._where} {error}; make `derivatives` smooth there") from error
+        except ArithmeticError:
+            return None
 
     @property
     def _where(self) -> str:
         return f"operating point {degrees(self._at[0]):g} deg under {self._at[1]:g} N.m:"
 
-    def _resting(self, *solved: float) -> OperatingPoint:
-        """Return the operating point. Raises EmcasError if a limit prevents it."""
-        provides, (fin_angle, aero_torque) = self.actuator.provides, self._at
-        reference, motor, current, voltage = (cleared(float(x), 1e-12) for x in solved)
-        for capability, name, needed, unit in (
-                (capabilities.CURRENT_LIMIT, "drive.current_limit", current, "A"),
-                (capabilities.VOLTAGE_LIMIT, "drive.supply_voltage", voltage, "V"),
-                (capabilities.REFERENCE_LIMIT, "drive.reference_limit", reference, "V")):
-            if capability in provides and abs(needed) >= (limit := self.values[name]):
-                raise EmcasError(f"{self._where} holding it needs {abs(needed):.4g} {unit}, {name} is {limit:g} "
-                                 f"{unit}; give a smaller torque")
+    def _exceeded(self, plant: LinearPlant) -> str:
+        """Return in words the limit that a rest reaches; empty if it reaches none."""
+        solved = {"drive.current_limit": (capabilities.CURRENT_LIMIT, plant.outputs[2], "A"),
+                  "drive.supply_voltage": (capabilities.VOLTAGE_LIMIT, plant.outputs[3], "V"),
+                  "drive.reference_limit": (capabilities.REFERENCE_LIMIT, plant.reference, "V")}
+        return next((f"{abs(needed):.4g} {unit}, {name} is {self.values[name]:g} {unit}"
+                     for name, (capability, needed, unit) in solved.items()
+                     if capability in self.actuator.provides and abs(needed) >= self.values[name]), "")
+
+    def _resting(self, plant: LinearPlant) -> OperatingPoint:
+        """Return the operating point."""
+        (fin_angle, aero_torque), provides = self._at, self.actuator.provides
+        reference, motor, current, voltage = (
+            cleared(float(x), 1e-12) for x in (plant.reference, *plant.outputs[1:]))
         ratio = nan
         if capabilities.SCREW_DRIVE in provides:
             built = self.actuator.plant_parameters(FLOATS, self.p)
@@ -160,7 +205,11 @@ class LinearActuator:
         still = np.append(np.eye(count), np.zeros((1, count)), axis=0)
 
         def at(kept: Array, command: float) -> tuple[Array, Array]:
-            return self._traced.controllers([*kept, *rest, command], self._gains)
+            values, slopes = self._traced.controllers([*kept, *rest, command], self._gains)
+            if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
+                raise EmcasError(f"{self._where} the controllers have no finite value or slope, as a root of 0 has "
+                                 "none; make `sample` smooth there")
+            return values, slopes
 
         start = np.array(self._kept)
         # The command at which the controllers hold the fin angle. It differs from it if their plant parameters deviate.
@@ -248,6 +297,24 @@ class LinearActuator:
         """The name of the reference in sentences; of an actuator without a drive it may be a valve's opening."""
         drive = any(v.name == "drive_reference" for v in self.actuator.outputs)
         return "the drive's reference" if drive else "the reference"
+
+    @property
+    def idle(self) -> str:
+        """The reason why the fin does not react to a small change of the command; empty if it does."""
+        if not reaches(self.controller, ["command"], self._acting):
+            return self._deaf(_CONTROLLERS)
+        return "" if self._moves(self.continuous) else self._deaf(_PLANT)
+
+    @property
+    def _acting(self) -> list[str]:
+        return ["reference", *self._traced.sampled]
+
+    def _moves(self, plant: System) -> bool:
+        return reaches(plant, self._acting, ["fin_angle"])
+
+    def _deaf(self, what: str) -> str:
+        return (f"{self._where} {what}: linear figures are not available; see its responses (emcas report), or set the "
+                "dead band to 0")
 
     @property
     def stable(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, nan, pi
+from math import inf, log10, nan, pi
 
 import control as ct
 import numpy as np
@@ -13,6 +13,7 @@ from .systems import Array, System
 
 LOWEST = 1e-3  # Hz
 _PER_DECADE = 500
+_AT_A_POLE = 1e-6  # distance within which poles are at an end of the frequencies; rounding splits a double one by 1e-8
 
 
 def frequencies(highest: float, lowest: float = LOWEST) -> Array:
@@ -61,41 +62,64 @@ class Margins:
     """Stability margins of a loop that is stable when closed.
 
     ``gain`` [1] is the factor by which the loop's gain may grow, at ``phase_crossover`` [Hz]; ``reduction`` [1] is the
-    factor to which it may fall (0: any). ``phase`` [rad] is the phase margin, at ``gain_crossover`` [Hz]. ``delay`` [s]
-    is the largest additional delay; another crossover than that of the phase may limit it. ``modulus`` [1] is the
-    smallest distance of the loop to -1. A margin without a limit is inf, its frequency nan.
+    factor to which it may fall (0: any), at ``reduction_crossover`` [Hz]. ``phase`` [rad] is the phase margin, at
+    ``gain_crossover`` [Hz]. ``delay`` [s] is the largest additional delay; another crossover than that of the phase may
+    limit it. ``modulus`` [1] is the smallest distance of the loop to -1. A margin without a limit is inf, its frequency
+    nan.
     """
 
     gain: float
     phase_crossover: float
     reduction: float
+    reduction_crossover: float
     phase: float
     gain_crossover: float
     delay: float
     modulus: float
 
     @property
+    def up_db(self) -> float:
+        """Gain margin upwards [dB]."""
+        return 20.0 * log10(self.gain)
+
+    @property
+    def down_db(self) -> float:
+        """Gain margin downwards [dB], above 0."""
+        return -20.0 * log10(self.reduction) if self.reduction else inf
+
+    @property
     def gain_db(self) -> float:
-        """Gain margin [dB]."""
-        return 20.0 * float(np.log10(self.gain))
+        """Gain margin [dB]: the smaller one of both directions."""
+        return min(self.up_db, self.down_db)
 
 
 def margins(loop: System, grid: Array | None = None) -> Margins:
     """Return the margins of a loop transfer function L, by its exact frequency response.
 
-    python-control locates the crossovers between the frequencies [Hz] of `grid`, by default a fine one, with splines.
+    python-control locates the crossovers between the frequencies [Hz] of `grid`, by default a fine one, with splines. A
+    loop may also cross the negative real axis at its ends: at 0 Hz, and if sampled at half the sample rate.
     """
     grid = frequencies(highest(loop)) if grid is None else grid
     response = evaluate(loop, grid)
     gains, lags, _, at_180, at_one, _ = ct.stability_margins(
         (np.abs(response), np.degrees(np.angle(response)), 2.0 * pi * grid), returnall=True)
     phases = np.radians(lags)
-    # The first crossing as the gain grows, and as the phase lags or leads.
-    gain, at_gain = min(((g, at) for g, at in zip(gains, at_180, strict=True) if g > 1.0), default=(inf, nan))
+    crossings = [*zip(gains, at_180 / (2.0 * pi), strict=True), *_ends(loop)]
+    # The first crossing as the gain grows or falls, and as the phase lags or leads.
+    gain, at_gain = min(((g, at) for g, at in crossings if g > 1.0), default=(inf, nan))
+    reduction, at_reduction = max(((g, at) for g, at in crossings if g < 1.0), default=(0.0, nan))
     phase, at_phase = min(zip(phases, at_one, strict=True), key=lambda pair: abs(pair[0]), default=(inf, nan))
     return Margins(
-        gain=float(gain), phase_crossover=float(at_gain) / (2.0 * pi),
-        reduction=float(np.max(gains[gains < 1.0], initial=0.0)),
+        gain=float(gain), phase_crossover=float(at_gain),
+        reduction=float(reduction), reduction_crossover=float(at_reduction),
         phase=float(phase), gain_crossover=float(at_phase) / (2.0 * pi),
         delay=float(np.min(np.remainder(phases, 2.0 * pi) / at_one, initial=inf)),
         modulus=float(np.min(np.abs(1.0 + response))))
+
+
+def _ends(loop: System) -> list[tuple[float, float]]:
+    """Return gain margins [1], with their frequencies [Hz], of a loop whose response is negative at an end."""
+    ends = [(1.0 if loop.dt else 0.0, 0.0), *([(-1.0, 0.5 / float(loop.dt))] if loop.dt else [])]
+    poles = loop.poles()
+    values = [(complex(loop(at)).real, hertz) for at, hertz in ends if np.all(np.abs(poles - at) > _AT_A_POLE)]
+    return [(-1.0 / value, hertz) for value, hertz in values if value < 0.0]

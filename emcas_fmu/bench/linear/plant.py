@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import control as ct
 import numpy as np
 
-from .smooth import OUTPUTS, Traced
+from ...ops.symbols import Linearised
+from .smooth import OUTPUTS
 from .systems import Array, System, measured
 from .systems import sampled as sampled_plant
 
 _ITERATIONS = 30
+_REST = 1e-6  # largest rate at rest, as a share of the reference's effect on the states
+
+
+class UnsmoothError(ArithmeticError):
+    """Equations have no finite value or slope; the message names the first."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearPlant:
     """A plant at rest, linearised there.
 
-    ``states`` are its states at rest, ``reference`` holds it there, ``outputs`` are OUTPUTS. ``residual`` is the
-    largest remaining rate of a state, ``scale`` the effect of the reference on the rates. ``continuous`` is the
+    ``states`` are its states at rest, ``reference`` holds it there, ``outputs`` are OUTPUTS. If it does not rest, since
+    no reference holds it there, ``moves`` is the equation that is not satisfied, otherwise empty. ``continuous`` is the
     linearised plant, ``voltage`` the derivative of the motor voltage with respect to its states.
     """
 
     states: Array
     reference: float
     outputs: Array
-    residual: float
-    scale: float
+    moves: str
     continuous: System
     voltage: Array
 
@@ -40,44 +45,63 @@ class LinearPlant:
 
 
 @lru_cache(maxsize=64)
-def linear_plant(traced: Traced, start: tuple[float, ...], held: tuple[float, ...], gains: tuple[float, ...],
-                 fin_angle: float, aero_torque: float) -> LinearPlant:
+def linear_plant(equations: Linearised, names: tuple[str, ...], sampled: tuple[str, ...], begin: tuple[float, ...],
+                 held: tuple[float, ...], gains: tuple[float, ...], fin_angle: float, aero_torque: float
+                 ) -> LinearPlant:
     """Return a plant at rest at a fin angle [rad] under a hinge moment [N.m].
 
-    The iteration begins at the states `start`; the sampled states are `held`. Raises ArithmeticError if values are not
-    finite.
+    `equations` are those of :class:`.smooth.Traced`, `names` and `sampled` the names of states and sampled states. The
+    iteration begins at the states and the reference `begin`; the sampled states are `held`. Raises UnsmoothError if a
+    value there or a slope is not finite, and ArithmeticError if a later value is not.
     """
-    count, begin = len(start), np.array(start)
-    names = traced.states
+    count, states, reference = len(names), np.array(begin[:-1]), begin[-1]
+    called = (*(f"d/dt of {name}" for name in names), "the error of fin_angle")
 
-    def at(states: Array, reference: float) -> tuple[Array, Array]:
-        return traced.plant([*states, reference, aero_torque, *held], gains)
+    def at(x: Array, reference: float) -> tuple[Array, Array]:
+        values, slopes = equations([*x, reference, aero_torque, *held], gains)
+        if beyond := _not_finite(values, called):
+            raise ArithmeticError(f"{beyond} is not finite")
+        if steep := _not_finite(slopes, called):
+            raise UnsmoothError(f"{steep} has no finite slope, as a root of 0 has none")
+        return values, slopes
 
     # States with zero rates, such as an integral without gain, are not modes; those with equal rates are one mode.
-    rows = [tuple(row) for row in at(begin, 0.0)[1][:count]]
+    fin = count + OUTPUTS.index("fin_angle")
+    try:
+        rates, slopes = at(states, reference)
+    except ArithmeticError as error:
+        raise UnsmoothError(error) from error
+    rows = [(float(rate), *row) for rate, row in zip(rates[:count], slopes, strict=False)]
     groups = {row: [i for i, other in enumerate(rows) if other == row] for row in rows if any(row)}
-    spread = np.array([[float(i in group) for group in groups.values()] for i in range(count)])
+    spread = np.array([[float(i in group) for group in groups.values()] for i in range(count)]).reshape(count, -1)
     used = [group[0] for group in groups.values()]
-    size, fin = len(used), count + OUTPUTS.index("fin_angle")
+    size = len(used)
 
     def balance(unknown: Array) -> tuple[Array, Array]:
-        values, slopes = at(begin + spread @ unknown[:size], unknown[size])
+        values, slopes = at(states + spread @ unknown[:size], unknown[size])
         rows = [*used, fin]
         return (values[rows] - np.append(np.zeros(size), fin_angle),
                 np.column_stack([slopes[rows, :count] @ spread, slopes[rows, count]]))
 
-    solution = solve(balance, np.zeros(size + 1))
-    reference, rest = float(solution[size]), begin + spread @ solution[:size]
+    solution = solve(balance, np.append(np.zeros(size), reference))
     residual, slopes = balance(solution)
-    scale = np.max(np.abs(slopes[:size, size])) * max(abs(reference), 1.0)
+    scale = np.max(np.abs(slopes[:size, size]), initial=0.0) * max(abs(solution[size]), 1.0)
+    reference, rest = float(solution[size]), states + spread @ solution[:size]
     values, slopes = at(rest, reference)
     c = np.vstack([spread, slopes[fin, :count] @ spread])
-    inputs = ["reference", "aero_torque", *traced.sampled]
+    inputs = ["reference", "aero_torque", *sampled]
     continuous = ct.ss(
         slopes[used, :count] @ spread, slopes[used, count:], c, np.zeros((count + 1, len(inputs))), inputs=inputs,
         outputs=[*map(measured, names), "fin_angle"], states=[names[i] for i in used])
-    return LinearPlant(rest, reference, values[count:], float(np.max(np.abs(residual))), float(scale), continuous,
+    worst = int(np.argmax(np.abs(residual)))
+    moves = "" if abs(residual[worst]) <= _REST * scale else [*(called[i] for i in used), called[-1]][worst]
+    return LinearPlant(rest, reference, values[count:], moves, continuous,
                        slopes[count + OUTPUTS.index("motor_voltage"), :count] @ spread)
+
+
+def _not_finite(rows: Array, names: Sequence[str]) -> str:
+    """Return the name of the first row that is not finite; empty if all named ones are."""
+    return next((name for name, row in zip(names, rows, strict=False) if not np.isfinite(row).all()), "")
 
 
 def solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Array:

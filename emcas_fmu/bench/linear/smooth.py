@@ -1,4 +1,6 @@
-"""An actuator's equations without quantisation and limits, as functions with exact Jacobians.
+"""An actuator's equations without quantisation, as functions with exact Jacobians.
+
+A limit stays a limit: at rest within it, it has the slope of its argument, beyond it none.
 
 They are traced once for all values of the gains: searches and root loci change these a thousand times.
 """
@@ -6,7 +8,7 @@ They are traced once for all values of the gains: searches and root loci change 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache, partial
 from math import nan
 from typing import Any
 
@@ -28,7 +30,7 @@ _GAIN = "gain"
 
 
 class _Fine(SymbolOps):
-    """Symbols without quantisation and limits: no rounding to counts, and no clipping of variables."""
+    """Symbols without quantisation, and at a limit with the slope inside it."""
 
     @staticmethod
     def floor(x: Value) -> Value:
@@ -36,21 +38,33 @@ class _Fine(SymbolOps):
 
     @staticmethod
     def clip(x: Value, low: Value, high: Value) -> Value:
-        moves = isinstance(x, ca.SX) and any(not each.name().startswith(_GAIN) for each in ca.symvar(x))
-        return x if moves else SymbolOps.clip(x, low, high)
+        return SymbolOps.where(x < low, low, SymbolOps.where(x > high, high, x))
 
 
-FINE = _Fine()
+class _Unlimited(_Fine):
+    """The same without limits, or without those at one value."""
+
+    def __init__(self, limit: float | None = None) -> None:
+        self._limit = limit
+
+    def clip(self, x: Value, low: Value, high: Value) -> Value:  # type: ignore[override]  # static there
+        left_out = self._limit is None or (isinstance(high, float) and high == self._limit)
+        return x if left_out else _Fine.clip(x, low, high)
+
+
+FINE, UNLIMITED = _Fine(), _Unlimited()
 
 
 class Equations:
     """Plant and sampled controllers as functions of states and inputs.
 
-    `p` are the parameters with the flat `values`, numbers or symbols; the command is `fin_angle` [rad].
+    `p` are the parameters with the flat `values`, numbers or symbols; the command is `fin_angle` [rad]. The range of
+    commands has no limits, since a fin at its end is at rest like any other.
     """
 
     def __init__(self, actuator: Actuator, values: Mapping[str, Any], p: Any, fin_angle: float) -> None:
         self._actuator, self._values, self._p, self._at = actuator, values, p, fin_angle
+        self._command_ops = _Unlimited(float(values["command.limit"]))
         self.states = [s.name for s in actuator.states]
         self.sampled = [s.name for s in actuator.sampled_states]
         self.kept = [*(s.name for s in actuator.controller_states), *self.sampled]
@@ -72,16 +86,16 @@ class Equations:
             limited=0.0, **{identifier(v.name): self._started(v) for v in self._actuator.acting_inputs},
             **dict(zip(self.sampled, sampled, strict=True)))
 
-    def plant(self, *arguments: Value) -> list[Value]:
-        """Return the states' rates and OUTPUTS.
+    def plant(self, *arguments: Value, ops: Any = FINE) -> list[Value]:
+        """Return the states' rates and OUTPUTS; with UNLIMITED as `ops` those without limits.
 
         `arguments` are the states, the reference, the hinge moment [N.m] and the sampled states.
         """
         x = Record(**dict(zip(self.states, arguments, strict=False)))
         reference, aero_torque, *sampled = arguments[len(self.states):]
         u = self.acting(reference, aero_torque, sampled)
-        outputs = self._actuator.output_values(FINE, self._p, x, u)
-        return [*self._actuator.rates(FINE, self._p, x, u).values(), *(outputs.get(name, nan) for name in OUTPUTS)]
+        outputs = self._actuator.output_values(ops, self._p, x, u)
+        return [*self._actuator.rates(ops, self._p, x, u).values(), *(outputs.get(name, nan) for name in OUTPUTS)]
 
     def controllers(self, *arguments: Value) -> list[Value]:
         """Return controller states after a sample, the reference, the measured angle [rad] and the sampled states.
@@ -89,11 +103,12 @@ class Equations:
         `arguments` are the controllers' states before the sample, the plant's states and the command [rad].
         """
         *values, command = arguments
+        ops = self._command_ops
         state = Record(**dict(zip((*self.kept, *self.states), values, strict=True)))
-        inputs = Record(command=command, position=self._actuator.position(FINE, self._p, state), supply=self._supply,
+        inputs = Record(command=command, position=self._actuator.position(ops, self._p, state), supply=self._supply,
                         enable=True, encoder_offset=None,
                         **{identifier(v.name): self._started(v) for v in self._actuator.further_inputs})
-        after = self._actuator.commanded(FINE, self._p, state, inputs)
+        after = self._actuator.commanded(ops, self._p, state, inputs)
         return [after[name] for name in (*self.kept, "reference", "measured_fin_angle", *self.sampled)]
 
 
@@ -109,12 +124,18 @@ class Traced:
         equations = Equations(actuator, values, actuator.namespace(values), fin_angle)
         begun = equations.start()
         self._start = ca.Function("start", [opened], [ca.vertcat(*begun)])
-        self.states, self.sampled = equations.states, equations.sampled
+        self.states, self.sampled = tuple(equations.states), tuple(equations.sampled)
         count, sampled = len(self.states), len(self.sampled)
         self.plant = Linearised(equations.plant, count + 2 + sampled, opened)
+        self._unlimited = partial(Linearised, partial(equations.plant, ops=UNLIMITED), count + 2 + sampled, opened)
         self.controllers = Linearised(equations.controllers, len(equations.kept) + count + 1, opened)
         of_plant = ca.SX(ca.vertcat(*begun[:count], *begun[len(begun) - sampled:]))
         self.plant_varies = self.plant.varies or bool(ca.depends_on(of_plant, opened))
+
+    @cached_property
+    def unlimited(self) -> Linearised:
+        """The plant without limits."""
+        return self._unlimited()
 
     def start(self, gains: Sequence[float]) -> Array:
         """Return the result of :meth:`Equations.start`."""

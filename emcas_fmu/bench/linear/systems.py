@@ -79,6 +79,16 @@ def sampled(plant: System, period: float, whole: int, rest: float) -> System:
     return ct.ss(a, b, c, plant.D, period, inputs=plant.input_labels, outputs=plant.output_labels)
 
 
+def reaches(system: System, inputs: Sequence[str], outputs: Sequence[str]) -> bool:
+    """Return whether one of the inputs affects one of the outputs, directly or through states."""
+    columns, rows = ([labels.index(name) for name in names] for labels, names in (
+        (system.input_labels, inputs), (system.output_labels, outputs)))
+    read = np.any(system.C[rows] != 0.0, axis=0)
+    for _ in range(system.nstates):
+        read = read | np.any(system.A[read] != 0.0, axis=0)
+    return bool(np.any(system.D[np.ix_(rows, columns)]) or np.any(system.B[np.ix_(read, columns)]))
+
+
 def cleared(value: float, rounding: float) -> float:
     """Return the value, or 0 if its magnitude is at most `rounding`, in the same unit."""
     return 0.0 if abs(value) <= rounding else value

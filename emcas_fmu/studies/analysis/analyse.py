@@ -12,7 +12,7 @@ from ...actuators import capabilities, get, parts
 from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
 from ...bench.linear.actuator import LinearActuator, sound
-from ...bench.linear.systems import ROUNDING, Array, System, cleared, decays, largest_pole
+from ...bench.linear.systems import ROUNDING, Array, System, cleared, decays, largest_pole, reaches
 from ...bench.runs import Columns
 from ...errors import EmcasError
 from ...parameters import ParameterSet
@@ -128,7 +128,8 @@ def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _require_stable(actuator: LinearActuator) -> None:
-    if actuator.stable:
+    """Raise EmcasError for a loop that has no linear figures."""
+    if actuator.stable and not actuator.idle:
         return
     where = f"the linearised loop at {degrees(actuator.point.fin_angle):g} deg"
     values, remedy = actuator.values, "the gains of its controller"
@@ -138,6 +139,8 @@ def _require_stable(actuator: LinearActuator) -> None:
                              "both be above 0")
         remedy = ("controller.velocity.kp, controller.position.kp or controller.position.ki, or shorten "
                   "drive.transport_delay")
+    if actuator.idle:
+        raise EmcasError(actuator.idle)
     growth = cleared(largest_pole(actuator.closed) - 1.0, ROUNDING)
     does = f"grows by {100.0 * growth:.2g} % a sample" if growth else "neither decays nor grows"
     raise EmcasError(f"{where} is unstable (a mode {does}): lower {remedy}")
@@ -158,7 +161,11 @@ def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:
 
 
 def _closed_loop(system: System, loops: Mapping[str, System]) -> ClosedLoop:
-    """Return the model of a system whose inputs are the command and, in some models, the hinge moment."""
-    command, *load = (frequency.response(system[:, i]) for i in range(system.ninputs))
+    """Return the model of a system whose inputs are the command and, in some models, the hinge moment.
+
+    A hinge moment that does not move the fin is none.
+    """
+    moving = [name for name in system.input_labels if reaches(system, [name], system.output_labels)]
+    command, *load = (frequency.response(system[:, name]) for name in moving)
     return ClosedLoop(system, command, load[0] if load else None, loops,
                       {name: frequency.margins(loop) for name, loop in loops.items()})

@@ -53,7 +53,7 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
         linear = LinearActuator(changed, fin_angle, aero_torque, model)
         command, load = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
         largest = largest_pole(linear.closed)
-        slowest = -linear.period / log(largest) if linear.stable else inf
+        slowest = (-linear.period / log(largest) if largest else 0.0) if linear.stable else inf
         table.append(FinalValues(name, ki, cleared(COMMAND * (1.0 - command), 1e-9),
                                  cleared(degrees(-RATED * load), 1e-9), slowest, linear.stable))
     return table

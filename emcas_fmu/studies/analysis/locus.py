@@ -49,7 +49,7 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
     gains = [v.name for v in numbers.values() if v.variability == "tunable" and v.name.startswith("controller.")]
     if name is None and not gains:
         raise EmcasError(f"model {model}: has no controller.* that is tunable; name a parameter as locus")
-    name = gains[0] if name is None else name
+    name = next((each for each in gains if parameters.values[each]), gains[0]) if name is None else name
     if name not in numbers:
         raise EmcasError(f"locus {name!r}: there is no such parameter"
                          f"{hint(name, numbers) or '; see emcas parameters'}")
@@ -88,4 +88,4 @@ def _moved(poles: list[Array]) -> bool:
     if len(poles) < 2 or len(poles[0]) != len(poles[-1]):
         return len(poles) > 1
     first, last = (np.sort_complex(np.exp(1e-3 * ends)) for ends in (poles[0], poles[-1]))
-    return bool(np.max(np.abs(first - last)) > 1e-9)
+    return bool(np.max(np.abs(first - last), initial=0.0) > 1e-9)

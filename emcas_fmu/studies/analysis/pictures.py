@@ -103,10 +103,16 @@ def nichols(analysis: Analysis) -> Drawing:
     axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45))
     plots.legend_above(figure, 2)
     m = analysis.linear.margins["reference"]
-    return Drawing("Nichols chart", figure, f"At {at} the gain may grow by {m.gain_db:.1f} dB "
-                   f"(square, at {m.phase_crossover:.0f} Hz), the phase lag by {degrees(m.phase):.0f} deg (circle, at "
-                   f"{m.gain_crossover:.0f} Hz), which is {m.delay * 1e3:.2f} ms of delay. Dotted: gain and "
-                   "phase of the closed loop.")
+    return Drawing("Nichols chart", figure, f"At {at} the gain may grow by "
+                   f"{_limited(m.up_db, 'dB', m.phase_crossover, 'square, ')} and fall by "
+                   f"{_limited(m.down_db, 'dB', m.reduction_crossover)}, the phase lag by "
+                   f"{_limited(degrees(m.phase), 'deg', m.gain_crossover, 'circle, ')}, which is "
+                   f"{m.delay * 1e3:.2f} ms of delay. Dotted: gain and phase of the closed loop.")
+
+
+def _limited(margin: float, unit: str, at: float, mark: str = "") -> str:
+    """Return a margin in words, with its frequency `at` [Hz]."""
+    return f"{margin:.1f} {unit} ({mark}at {at:.3g} Hz)" if np.isfinite(margin) else "any amount"
 
 
 def _nichols_line(axes: Axes, model: ClosedLoop, name: str, look: Look) -> None:
@@ -192,7 +198,8 @@ def amplitudes(analysis: Analysis) -> Drawing:
     axes.plot([], [], color=plots.GRAY, label="linear", **_DASHED)
     for label, color, name in (("-3 dB", plots.BLUE, "bandwidth"), ("-90 deg", plots.VERMILLION, "phase_bandwidth")):
         axes.loglog(size, [getattr(s.response, name) for s in sweeps], label=label, color=color, linewidth=1.8)
-        axes.axhline(getattr(linear, name), color=color, linewidth=0.9, label="linear", **_DASHED)
+        if np.isfinite(at := getattr(linear, name)):
+            axes.axhline(at, color=color, linewidth=0.9, label="linear", **_DASHED)
     limits = () if "limits" in analysis.left_out else LIMITS
     for name, color, marker in zip(limits, (plots.GREEN, plots.PURPLE, plots.ORANGE, plots.SKY), "os^x", strict=False):
         axes.loglog(size, [s.onset(name) for s in sweeps], label=f"{_LIMIT_NAMES[name]} limited above", color=color,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import degrees, log10, pi
+from math import degrees, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,13 +66,15 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
 
 def _loop(loop: ClosedLoop) -> dict[str, Any]:
     tables = {name: {"gain_margin_db": m.gain_db, "phase_margin_deg": degrees(m.phase), "delay_margin_s": m.delay,
-                     "gain_crossover_hz": m.gain_crossover, "phase_crossover_hz": m.phase_crossover,
-                     "gain_reduction_margin_db": 20.0 * log10(m.reduction) if m.reduction else None,
-                     "modulus_margin": m.modulus} for name, m in loop.margins.items()}
+                     "gain_margin_up_db": m.up_db, "phase_crossover_hz": m.phase_crossover,
+                     "gain_margin_down_db": m.down_db, "reduction_crossover_hz": m.reduction_crossover,
+                     "gain_crossover_hz": m.gain_crossover, "modulus_margin": m.modulus}
+              for name, m in loop.margins.items()}
     poles = sorted(continuous_poles(loop.system), key=abs)
     return {"bandwidth_3db_hz": loop.command.bandwidth, "bandwidth_90deg_hz": loop.command.phase_bandwidth,
             "peak_db": np.max(loop.command.gain_db),
-            **{key: tables["reference"][key] for key in ("gain_margin_db", "phase_margin_deg", "delay_margin_s")},
+            **{key: tables["reference"][key] for key in (
+                "gain_margin_db", "gain_margin_up_db", "gain_margin_down_db", "phase_margin_deg", "delay_margin_s")},
             "loops": tables,
             "modes": [{"frequency_hz": abs(s) / (2.0 * pi), "damping_ratio": -s.real / abs(s)}
                       for s in poles if s.imag >= 0.0]}
@@ -119,11 +121,14 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
     loops = {label: here["loops"][name] for name, label in named.items() if name in here["loops"]}
     if thesis:
         loops[f"{reference} u, thesis’s model"] = thesis["loops"]["reference"]
+    rows = (("gain margin up [dB]", "gain_margin_up_db"), ("at [Hz]", "phase_crossover_hz"),
+            ("gain margin down [dB]", "gain_margin_down_db"), ("at [Hz]", "reduction_crossover_hz"),
+            ("phase margin [deg]", "phase_margin_deg"), ("at [Hz]", "gain_crossover_hz"),
+            ("delay margin [ms]", "delay_margin_s"), ("least |1 + L|", "modulus_margin"))
     made["margins"] = Rows("Stability margins, loop by loop", [
-        "loop broken at", ">gain margin [dB]", ">at [Hz]", ">phase margin [deg]", ">at [Hz]", ">delay margin [ms]",
-        ">least |1 + L|"], [
-            [label, x["gain_margin_db"], x["phase_crossover_hz"], x["phase_margin_deg"], x["gain_crossover_hz"],
-             x["delay_margin_s"] and 1e3 * x["delay_margin_s"], x["modulus_margin"]] for label, x in loops.items()])
+        "loop broken at", *(f">{label}" for label in loops)], [
+            [label, *(x[key] and (1e3 if "[ms]" in label else 1.0) * x[key] for x in loops.values())]
+            for label, key in rows])
     finals = f["final_values"]
     made["finals"] = Rows("Errors that remain after steps of command and load", [
         "position controller", f">after a command of {finals['command_step_deg']:g} deg [deg]",
