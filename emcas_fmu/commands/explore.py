@@ -30,7 +30,7 @@ def explore(
     output: Annotated[Path, common.page_option("--output", "-o", what="The page.")] = Path("explore.html"),
     date: common.DateOption = "",
 ) -> None:
-    """Write one page in which command, load, supply, temperature and gains are moved, and the unit answers at once.
+    """Write one page in which command, load, supply, temperature and gains are moved, and the actuator answers at once.
 
     The actuator in it is its generated C, compiled for the browser by zig (the extra native): nothing is installed
     where the page is opened, and nothing leaves it.
@@ -55,7 +55,7 @@ def explore(
         *common.option("--requirements", requirements and as_given(requirements)),
         *common.option("--output", output), *common.option("--date", date, "")])
     about = About(command, ParameterSubject(chosen, files).identification, date or today(), requirements)
-    with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
+    with common.err.status("compiling the actuator for the browser; the first time zig makes its C library, a minute"):
         size = write(output, chosen, constants, about)
     common.print_written(output)
     common.out.print(f"{size / 1000:.0f} kB; open it in a browser")

@@ -1,8 +1,9 @@
-"""Pages of studies and FMUs.
+"""Pages of studies and FMUs, and tables on the terminal.
 
     page.py        a page from a template: numbered figures and tables, contents
     base.html.j2   what every page has; macros.html.j2, the blocks it is made of
     numbers.py     figures and units as people read them
+    terminal.py    tables on the terminal
     provenance.py  how a page was made: command, files, hashes, date
     curves.js      draws the curves of a figure with uPlot
 """
