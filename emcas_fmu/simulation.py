@@ -14,7 +14,8 @@ from .fmi.interface import MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters, require_sound
 from .rules import check_ranges
 from .runtime import codegen, compiled, diagnosis, library, trial
-from .runtime.core import Core
+from .runtime.core import Functions
+from .runtime.multi_fin import MultiFin
 from .variables import Variable
 
 T = TypeVar("T")
@@ -23,6 +24,8 @@ Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
 LONGEST_DIAGNOSIS = 2.0  # [s] simulated over floats to find a line, in up to 20 s
+_UNCHOSEN = ("; Python refuses it in an unused value of ops.where, too: choose the divisor, or what the root is of, by "
+             "ops.where, or use ops.branch")
 MOST_POINTS = 10_000_000  # outputs at more points would not fit into memory
 
 
@@ -69,7 +72,21 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
         raise ParameterError(problems)
     table = _table(unit.inputs, [starts[v.name] for v in unit.inputs], stop, step, spread(inputs, unit))
     _check_finite(table, unit.inputs, step)
-    cores = codegen.multi_fin(sets, list(line_values.values()), model)
+    source, of_line = get(model).source, list(line_values.values())
+    if source is not None:
+        starts_of_one = [float(v.initial(sets[0])) for v in get(model).inputs]
+        trial.try_out(model, compiled.parameter_row(sets[0], model), starts_of_one, 100, _by_python, _by_python)
+    try:
+        rows = _fins_by_python(unit, codegen.multi_fin(sets, of_line, model), table, step)
+    except (ArithmeticError, ValueError):
+        if source is not None:  # raises the error with the line of the file, if it is within this time
+            cores = codegen.multi_fin(sets, of_line, model, diagnosis.functions)
+            _fins_by_python(unit, cores, table[:round(LONGEST_DIAGNOSIS / step) + 1], step)
+        raise
+    return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}
+
+
+def _fins_by_python(unit: FmuInterface, cores: MultiFin, table: Array, step: float) -> Array:
     mixing = [unit.reference[v.name] for v in MIXING]
     rows, acting = np.empty((len(table), len(unit.outputs))), tuple[Any, ...]()
     for k, row in enumerate(table.tolist()):
@@ -79,7 +96,7 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
         acting = cores.acting(fins, cores.motion_loads(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
         if not k:
             rows[k] = cores.outputs(acting)
-    return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}
+    return rows
 
 
 def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
@@ -152,8 +169,10 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     if run is not None and get(model).source is not None:
         chosen = [column[run % len(column)] if np.ndim(column) == 2 else column for column in inputs]
         springs = np.broadcast_to(spring, count)
-        again = _by_python(sets[[run % len(sets)]], chosen, step, (), model, held, (), springs[run], diagnosis.core)
-        tables.failures.update({run: again.failures[0]} if again.failures else {})
+        again = _by_python(sets[[run % len(sets)]], chosen, step, (), model, held, (), springs[run],
+                           diagnosis.functions)
+        found = tables.failures[run] if by_machine else ArithmeticError(f"{tables.failures[run]}{_UNCHOSEN}")
+        tables.failures[run] = again.failures.get(0, found)
     return tables
 
 
@@ -166,7 +185,7 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
 
 def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,
                fine: Collection[str], spring: Array | float,
-               core_of: Callable[..., Core] = codegen.core) -> compiled.Tables:
+               bind: Callable[..., Functions] = codegen.bound) -> compiled.Tables:
     actuator = get(model)
     index = {v.name: i for i, v in enumerate(actuator.outputs)}
     count, rows, points = compiled.table_shape(sets, inputs, model, held)
@@ -184,7 +203,7 @@ def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Seque
             failures[run] = error
             continue
         try:
-            core = core_of(values, model)
+            core = codegen.core(values, model, bind)
             now: Any = ()
             acting: Any = ()
             for k in range(points):

@@ -8,6 +8,7 @@ from math import radians
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..errors import BuildError
 from ..figures.plots import INK, Picture, figure, style, svg
 from ..motions import STEP
 from ..parameters import ParameterSet, are_defaults
@@ -59,8 +60,12 @@ def _slew(parameters: ParameterSet) -> Figure:
 
 @lru_cache(maxsize=8)  # one set is often built in several ways
 def response_pictures(parameters: ParameterSet) -> tuple[Picture, ...]:
-    """Return pictures of responses computed with this parameter set."""
+    """Return pictures of responses computed with this parameter set. Raises BuildError if they cannot be computed."""
     captions = {"Step responses; dots, where shown, are the stored independent reference.": _steps,
                 "A step to the command limit.": _slew}
-    with style():
-        return tuple(Picture(caption, svg(draw(parameters), caption), caption) for caption, draw in captions.items())
+    try:
+        with style():
+            return tuple(Picture(caption, svg(draw(parameters), caption), caption)
+                         for caption, draw in captions.items())
+    except ArithmeticError as error:
+        raise BuildError(f"the responses on the FMU's page cannot be computed: {error}") from error

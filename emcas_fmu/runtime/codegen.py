@@ -20,7 +20,7 @@ from ..trace.repeated import LocatedTracer, require_same
 from ..trace.tracer import Tracer
 from ..variables import Variable
 from . import schedule
-from .core import FIRST, Core, Inputs, Sizes, inputs_of
+from .core import FIRST, Core, Functions, Inputs, Sizes, inputs_of
 from .multi_fin import MultiFin
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
@@ -157,15 +157,24 @@ def source(several: bool = False, model: str = NONLINEAR, spelt: Callable[[str],
                          "The actuator's equations as straight-line code; generated, do not edit.", spelt)
 
 
-def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
-    """Return a core of an actuator with these parameters, in Python."""
-    return Core(make(model=model)(values), sizes(get(model)))
+def bound(values: Mapping[str, Any], model: str = NONLINEAR, several: bool = False) -> Functions:
+    """Return the functions of an actuator with these parameters, in Python."""
+    return make(several, model)(values)
 
 
-def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: str = NONLINEAR) -> MultiFin:
-    """Return the cores of several fins, a parameter mapping each, on one line with its parameters, in Python."""
-    actuator, bound = get(model), [make(True, model)(values) for values in sets]
-    return MultiFin(bound, line, line_start(actuator), power_place(actuator), sizes(actuator))
+def core(values: Mapping[str, Any], model: str = NONLINEAR, bind: Callable[..., Functions] = bound) -> Core:
+    """Return a core of an actuator with these parameters, in Python; `bind` returns its functions, as `bound`."""
+    return Core(bind(values, model), sizes(get(model)))
+
+
+def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: str = NONLINEAR,
+              bind: Callable[..., Functions] = bound) -> MultiFin:
+    """Return the cores of several fins, a parameter mapping each, on one line with its parameters, in Python.
+
+    `bind` returns the functions of a fin, as `bound`.
+    """
+    actuator, each = get(model), [bind(values, model, True) for values in sets]
+    return MultiFin(each, line, line_start(actuator), power_place(actuator), sizes(actuator))
 
 
 def core_inputs(core: Any, row: Sequence[Any], model: str = NONLINEAR) -> Inputs:

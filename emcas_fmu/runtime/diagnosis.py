@@ -13,7 +13,7 @@ from ..actuators.external import of_function
 from ..ops.base import Value
 from ..ops.located import LocatedFloats, located
 from . import codegen
-from .core import ROUNDED, Core
+from .core import ROUNDED, Functions
 
 # Remedies, by a part of the operation whose result is not finite.
 _REMEDIES = {
@@ -25,10 +25,11 @@ _REMEDIES = {
 }
 
 
-def core(values: Mapping[str, Any], model: str, actuator: Actuator | None = None) -> Core:
-    """Return a core of a user's actuator, or of a copy with changed functions, with these parameters.
+def functions(values: Mapping[str, Any], model: str, several: bool = False, actuator: Actuator | None = None
+              ) -> Functions:
+    """Return the functions of a user's actuator, or of a changed copy, with these parameters.
 
-    It raises ArithmeticError with file, line and remedy where a value is not finite, or a step takes no time.
+    They raise ArithmeticError with file, line and remedy where a value is not finite, or a step takes no time.
     """
     actuator = actuator or get(model)
     assert actuator.source is not None
@@ -52,5 +53,4 @@ def core(values: Mapping[str, Any], model: str, actuator: Actuator | None = None
                                   f"{arguments[-1]:g} s; it must be above 0, and at most h")
         return results
 
-    return Core(tuple(partial(checked, name, function) for name, _, function in codegen.functions(actuator)),
-                codegen.sizes(actuator))
+    return tuple(partial(checked, name, function) for name, _, function in codegen.functions(actuator, several))

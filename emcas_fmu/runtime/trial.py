@@ -43,9 +43,9 @@ def try_out(model: str, row: Array, inputs: Sequence[float], points: int, run: R
     """Warn, once in a process, of a user's actuator that is unstable at rest.
 
     `row` are its parameters, and `inputs` a row of its inputs, SI, of which the supply and the further ones are used. A
-    fin off centre is released for `points` of time, 1 ms apart.
-    `run` simulates as :func:`.compiled.run_tables`, and so does `by_floats` with a function that makes a core as a last
-    argument. Raises EmcasError for an event margin that is below 0 while its mode holds.
+    fin off centre is released for `points` of time, 1 ms apart. `run` simulates as :func:`.compiled.run_tables`, and so
+    does `by_floats`, with a last argument that binds functions to parameters. Raises EmcasError for an event margin
+    that is below 0 while its mode holds.
     """
     actuator = get(model)
     if actuator.source is None or model in _tried:
@@ -53,22 +53,22 @@ def try_out(model: str, row: Array, inputs: Sequence[float], points: int, run: R
     values = dict(zip((v.name for v in actuator.parameters), row.tolist(), strict=True))
     if check_parameters(values, model):
         return
-    _tried.add(model)
     at_rest = dict(zip((v.name for v in actuator.inputs), inputs, strict=True))
     at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.MOTION)), 0.0)
     if isinstance(actuator.step, SwitchedStep):
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
-        core = partial(diagnosis.core, actuator=_watched(actuator, actuator.step))
-        _run(by_floats, model, [values], stepping, _STEP, core)
+        bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step))
+        _run(by_floats, model, [values], stepping, _STEP, bind)
+    _tried.add(model)
     if seen := _unstable(actuator, values, at_rest) or _moves_away(values, at_rest, points, partial(_run, run, model)):
         warn(f"{actuator.source}: from rest, without command and load, {seen}; check the signs of stiffness, damping, "
              "motor torque and control")
 
 
 def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mapping[str, float], points: int,
-         *core: Any) -> Tables:
+         *bind: Callable[..., Any]) -> Tables:
     rows, columns = np.array([list(values.values()) for values in sets]), [np.full(points, x) for x in inputs.values()]
-    return run(rows, columns, _INTERVAL, ("fin_angle",), model, 1, (), 0.0, *core)
+    return run(rows, columns, _INTERVAL, ("fin_angle",), model, 1, (), 0.0, *bind)
 
 
 def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
