@@ -13,7 +13,7 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
 The functions return a mapping of names to values; all but `output_values` may leave out values that do not change (in
-`initial`, values of 0).
+`initial`, values of 0). They depend on their arguments alone: those in a user's file are traced twice, and compared.
 """
 
 from __future__ import annotations

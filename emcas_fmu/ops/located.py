@@ -49,7 +49,8 @@ def _result(path: Path, spelt: str, function: Callable[..., float], *operands: V
     try:
         value = function(*numbers)
     except ZeroDivisionError:
-        value = nan if numbers[0] == 0.0 or numbers[0] != numbers[0] else copysign(inf, numbers[0] * numbers[1])
+        above, below = numbers
+        value = nan if above == 0.0 or above != above else copysign(inf, above) * copysign(1.0, below)
     except (ValueError, OverflowError):  # a function outside its domain
         value = nan
     if isfinite(value):

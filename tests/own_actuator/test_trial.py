@@ -1,0 +1,203 @@
+"""What is seen only when a user's functions run: that they change, end nowhere, are not finite or unstable."""
+
+from __future__ import annotations
+
+import operator
+import re
+from functools import partial
+from itertools import product
+from math import inf, isnan
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emcas_fmu.errors import BuildError, EmcasError
+from emcas_fmu.fmi.figures import response_pictures
+from emcas_fmu.fmi.interface import FmuInterface, start_values
+from emcas_fmu.fmi.package import interface_guid
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.ops.located import LocatedFloats, located
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import codegen, library
+from emcas_fmu.simulation import simulate, simulate_fins
+
+from .example import FILE, MODEL, changed
+
+_SPRING = "- p.spring.stiffness * x.fin_angle"
+_DAMPING = "- p.hinge.damping * x.fin_rate"
+_STEP = """
+def step(ops, p, x, u, h):
+    rates = derivatives(ops, p, x, u)
+    return RESULT
+
+
+def output_values"""
+_STATES = '{name: getattr(x, name) + h * rates[name] for name in ("fin_angle", "fin_rate", "current")}'
+
+
+def stepped(folder: Path, result: str) -> Path:
+    """The example with a step() that returns `result`."""
+    return changed(folder, ("\ndef output_values", _STEP.replace("RESULT", result)),
+                   ("    derivatives=derivatives,", "    step=step,"),
+                   ("ACTUATOR = Actuator(", 'PARAMETERS += (parameter("step.share", "1", -1.0, 3.0, "of h"),)\n'
+                    "ACTUATOR = Actuator("))
+
+
+@pytest.mark.parametrize(("result", "says"), [
+    (_STATES, "step() returns dict; a mapping of states and the time until then are needed"),
+    (f"{_STATES}, None", "step() returns the time of the step = None; a number is needed"),
+])
+def test_what_a_step_returns(tmp_path: Path, result: str, says: str) -> None:
+    with pytest.raises(EmcasError, match=r"mine\.py, line \d+: " + re.escape(says)):
+        codegen.traced(model=str(stepped(tmp_path, result)))
+
+
+@pytest.mark.parametrize("kernel", ["python", "compiled"])
+def test_every_loop_ends(tmp_path: Path, kernel: str) -> None:
+    """Of a step that takes no time, a negative one, hardly any, more than there is, or one that is not a number."""
+    model = str(stepped(tmp_path, f"{_STATES}, p.step.share * h + 0.0 * ops.sqrt(2.0 - p.step.share)"))
+    if kernel == "compiled" and not library.available(model):
+        pytest.skip("no compiler")
+    for share in (0.0, -1.0, 1e-9, 2.0, 3.0):
+        with pytest.raises(ArithmeticError, match=r"at 0(\.001)? s: "):
+            simulate({**load_parameters(model=MODEL).values, "step.share": share}, 0.01, kernel=kernel, model=model)
+
+
+_IMPURE = "import random\nfrom itertools import count\nfrom pathlib"
+
+
+@pytest.mark.parametrize(("before", "after", "name"), [
+    ("- p.hinge.damping * x.fin_rate", "- random.random() * x.fin_rate", "derivatives"),
+    ("- p.hinge.damping * x.fin_rate", "- next(COUNTER) * x.fin_rate", "derivatives"),
+    ("c.kd * x.fin_rate", "c.kd * (next(COUNTER) + p.hinge.damping)", "sample"),
+    ('"hinge_torque": fin', '"hinge_torque": random.random() + 0.0 * fin', "output_values"),
+    ('"fin_rate": x.fin_rate,\n', '"fin_rate": random.random(),\n', "output_values"),
+])
+def test_what_changes_between_calls(tmp_path: Path, before: str, after: str, name: str) -> None:
+    """It would be a constant, and another one in each FMU. The line is named, or that of the function."""
+    path = changed(tmp_path, ("from pathlib", _IMPURE), ("PARAMETERS = (", "COUNTER = count()\nPARAMETERS = ("),
+                   (before, after))
+    with pytest.raises(EmcasError, match=rf"mine\.py, line \d+: {name}\(\) is not the same when") as refused:
+        codegen.traced(model=str(path))
+    line = path.read_text(encoding="utf-8").splitlines()[int(str(refused.value).split(", line ")[1].split(":")[0]) - 1]
+    assert after in line or line.startswith(f"def {name}(")
+
+
+def test_the_guid_follows_the_equations(tmp_path: Path) -> None:
+    """Not only the interface: a host or a stored state of other equations is of another FMU."""
+    guids = set()
+    for name, sign in (("mine", "-"), ("other", "+"), ("same", "-")):
+        model = str(changed(tmp_path, (_SPRING, _SPRING.replace("-", sign)), name=f"{name}.py"))
+        shown = FmuInterface(1, model)
+        guids.add(interface_guid(start_values(shown, [load_parameters(model=model).values]), shown))
+    assert len(guids) == 2
+
+
+@pytest.mark.parametrize(("kernel", "before", "after", "says"), [
+    ("python", _DAMPING, "- 1e-3 / x.fin_rate", "derivatives(): 0.001 / 0 = inf; divide by a value that is never 0"),
+    ("compiled", _DAMPING, "+ ops.where(x.fin_rate > 1e9, 1.0 / x.fin_rate, 0.0) - 1e-3 / (0.0 * x.fin_rate)",
+     "derivatives(): 0.001 / 0 = inf; divide by a value that is never 0, as in ops.where"),
+    ("python", '"motor_current": x.current', '"motor_current": ops.sqrt(-0.04 - x.current)',
+     "output_values(): sqrt(-0.04) = nan; use ops.sqrt(ops.maximum(x, 0.0))"),
+    ("python", "c.kd * x.fin_rate", "ops.log(x.fin_rate)", "sample(): log("),
+    ("python", '"motor_current": x.current', '"motor_current": 1e308 * (1e308 * x.current)',
+     "= inf; the values have grown without bound"),
+])
+def test_what_is_not_finite(tmp_path: Path, kernel: str, before: str, after: str, says: str) -> None:
+    """Named by the line whose numbers were finite, and not by a division that `where` leaves out."""
+    path = changed(tmp_path, (before, after))
+    if kernel == "compiled" and not library.available(str(path)):
+        pytest.skip("no compiler")
+    line = next(i for i, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if after in text)
+    with pytest.raises(ArithmeticError, match=re.escape(says)) as refused:
+        simulate(load_parameters(model=str(path)).values, 0.05, kernel=kernel, model=str(path), fin_command=0.01)
+    assert re.search(r"at [\d.]+ s: \w+ is -?(inf|nan): " + re.escape(f"{path}, line {line}: "), str(refused.value))
+
+
+def test_located_numbers_are_floats() -> None:
+    """The same bits in operations, and IEEE 754 where Python's floats raise."""
+    at = partial(located, path=FILE)
+    for a, b in product((-2.5, -0.0, 0.0, 0.3, 1e300, inf), repeat=2):
+        for operation in (operator.add, operator.sub, operator.mul, operator.truediv):
+            with np.errstate(all="ignore"):
+                expected = operation(np.float64(a), np.float64(b))
+            for found in (operation(at(a), b), operation(a, at(b)), operation(at(a), at(b))):
+                assert repr(float(found)).lstrip("-" * isnan(found)) == repr(float(expected)).lstrip("-" * isnan(found))
+    ops = LocatedFloats(FILE)
+    for name in ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor"):
+        assert getattr(ops, name)(at(0.7)) == getattr(FLOATS, name)(0.7)
+    assert (-at(0.7), abs(at(-0.7)), ops.clip(at(3.0), 0.0, 1.0)) == (-0.7, 0.7, 1.0)
+
+
+def test_what_is_not_finite_elsewhere(tmp_path: Path) -> None:
+    """In several fins, and in the responses on an FMU's page; and what Python alone refuses."""
+    path = changed(tmp_path, (_DAMPING, "- 1e-3 / x.fin_rate"))
+    parameters = load_parameters(model=str(path))
+    place = re.escape(f"{path}, line ") + r"\d+: derivatives\(\): 0\.001 / 0 = inf"
+    with pytest.raises(ArithmeticError, match=place):
+        simulate_fins([parameters.values] * 2, 0.01, model=str(path))
+    with pytest.raises(BuildError, match="the responses on the FMU's page cannot be computed: at 0.001 s: .*" + place):
+        response_pictures(parameters)
+    path = changed(tmp_path, (_DAMPING, "+ ops.where(x.fin_rate > 1e9, q, 0.0) + ops.where(x.fin_rate > 2e9, q, 0.0)"),
+                   ("    load = ", "    q = 1.0 / x.fin_rate\n    load = "), name="unused.py")
+    with pytest.raises(ArithmeticError, match=r"at 0\.001 s: .*division by zero; Python refuses it in an unused value"):
+        simulate(load_parameters(model=str(path)).values, 0.01, kernel="python", model=str(path))
+
+
+@pytest.mark.parametrize(("before", "after", "says"), [
+    (_SPRING, _SPRING.replace("-", "+"), "the states grow without bound while disabled, e-fold in 1.61 s"),
+    ("p.motor.torque_constant * x.current + load", "-p.motor.torque_constant * x.current + load",
+     "the states grow without bound while disabled, e-fold in 0.00262 s"),
+    (_DAMPING, _DAMPING.replace("-", "+"), "d(fin_rate)/dt rises with fin_rate, by 3.33 1/s: it drives itself"),
+    ('"reference": ops.where(inputs.enable, voltage', '"reference": ops.where(inputs.enable, -voltage',
+     "fin_angle grows from 0.5 to 25 deg while enabled"),
+    (_DAMPING, _DAMPING, ""),
+])
+def test_signs(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, after: str, says: str) -> None:
+    """Wrong ones are seen from rest, without command and load, at the first simulation, once."""
+    path = changed(tmp_path, (before, after))
+    for _ in range(2):
+        simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    warnings = [record.getMessage() for record in caplog.records]
+    assert len(warnings) == bool(says)
+    if says:
+        assert f"{path}: from rest, without command and load, {says}" in warnings[0]
+        assert warnings[0].endswith("; check the signs of stiffness, damping, motor torque and control")
+
+
+_SWITCHED = """
+def mode(ops, p, x, u, h):
+    return Record(held=ops.both(ops.fabs(x.fin_angle) >= fin_port.stop_edge(p), x.fin_angle * x.fin_rate >= 0.0))
+
+
+def rates(ops, p, x, u, m):
+    return derivatives(ops, p, x, u)
+
+
+def margins(ops, p, x, u, m):
+    return {"stop": ops.where(m.held, 1.0, MARGIN)}
+
+
+def landed(ops, p, begin, x, u, m, events):
+    return {"fin_rate": ops.where(ops.either(m.held, events["stop"]), 0.0, x.fin_rate)}
+
+
+def output_values"""
+
+
+@pytest.mark.parametrize(("margin", "sound"), [("p.fin.stop_angle - ops.fabs(x.fin_angle)", True),
+                                               ("ops.fabs(x.fin_angle) - p.fin.stop_angle", False)])
+def test_an_inverted_margin(tmp_path: Path, margin: str, sound: bool) -> None:
+    path = changed(tmp_path, ("\ndef output_values", _SWITCHED.replace("MARGIN", margin)),
+                   ("    derivatives=derivatives,", "    step=SYSTEM.step(lambda ops, p: p),"),
+                   ("ACTUATOR = Actuator(", "SYSTEM = Switched(mode, rates, margins, landed)\nACTUATOR = Actuator("),
+                   ("from emcas_fmu.variables", "from emcas_fmu.namespace import Record\n"
+                    "from emcas_fmu.steppers.events import Switched\nfrom emcas_fmu.variables"))
+    values = load_parameters(model=str(path)).values
+    if sound:
+        assert simulate(values, 0.002, kernel="python", model=str(path))["fin_angle"][-1] == 0.0
+        return
+    for _ in range(2):
+        with pytest.raises(EmcasError, match=r"mine\.py, line \d+: margins\(\): stop = -0\.43\d* is below 0 in 10 st"):
+            simulate(values, 0.002, kernel="python", model=str(path))
