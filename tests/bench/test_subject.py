@@ -19,10 +19,9 @@ from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject, Subject
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.interface import fin_sets
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.runtime.compiler import local_platform
 
+from ..fmu.built import lean
 from .subjects import FIN_PORT, Play
 
 Subjects = Mapping[str, Subject]
@@ -151,10 +150,8 @@ def test_an_fmu_for_model_exchange_only_is_refused(tmp_path: Path) -> None:
 def test_one_fin_of_several(tmp_path: Path) -> None:
     (tmp_path / "worn.toml").write_text('[friction]\nfin_coulomb = "5 N*m"\n', encoding="utf-8")
     sets = fin_sets(load_parameters(model="elastic"), 2, "plus", {2: tmp_path / "worn.toml"})
-    local = local_platform()
-    assert local is not None
-    fmu = build(load_parameters(model="elastic"), tmp_path / "Two.fmu", "native", [local.name], fins=2, layout="plus",
-                files={2: tmp_path / "worn.toml"}).path
+    fmu = lean(load_parameters(model="elastic"), tmp_path / "Two.fmu", fins=2, layout="plus",
+               files={2: tmp_path / "worn.toml"})
     with open_subject(fmu, fin=2) as subject:
         about = subject.identification
         assert (subject.model, about.fin) == ("elastic", 2)

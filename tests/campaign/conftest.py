@@ -13,13 +13,13 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.bench.subject import Subject
 from emcas_fmu.cli import app
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.studies.campaign import sample
 from emcas_fmu.studies.campaign.run import local_client
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
+
+from ..fmu.built import lean
 
 Write = Callable[[str], Path]
 A_STEP = """
@@ -88,10 +88,7 @@ def campaign(*arguments: object) -> Result:
 
 def native_unit(model: str, folder: Path, **more: Any) -> Path:
     """The native FMU of an actuator, for this platform, under a file name that says nothing."""
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name], references=False,
-                 **more).path
+    return lean(load_parameters(model=model), folder / "unit.fmu", **more)
 
 
 def rows_of(study: Study, indices: Sequence[int], drawn: Any) -> list[dict[str, Any]]:

@@ -17,11 +17,11 @@ from scipy.integrate import quad, solve_ivp
 
 from emcas_fmu.actuators import get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.package import build
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import course, supply
 from emcas_fmu.simulation import simulate, simulate_fins
+from tests.fmu.built import lean
 from tests.marks import others_slow
 
 from .supply_reference import driven
@@ -333,7 +333,7 @@ def test_units_of_files() -> None:
 @pytest.mark.fmu
 def test_two_fins_in_a_native_fmu(tmp_path: Path) -> None:
     """On a soft line, as in Python: the same bits. The default set, 1 ms apart."""
-    path = build(BASE, tmp_path / "native.fmu", "native", cc="gcc", fins=2).path
+    path = lean(BASE, tmp_path / "native.fmu", fins=2)
     time = np.arange(101) * 1e-3
     command = np.where(np.sin(60.0 * time) >= 0.0, 0.2, -0.2)
     names = [f"fin[{k}].{name}" for k in (1, 2) for name in ("fin_angle", "link_voltage", "brake_power")]

@@ -1,4 +1,4 @@
-"""FMUs of one parameter set from both back ends."""
+"""FMUs of one parameter set from both back ends, and those that tests need only to run."""
 
 from __future__ import annotations
 
@@ -7,23 +7,38 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from emcas_fmu.fmi import python
+import pytest
+
+from emcas_fmu.fmi import figures, python
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterSet
-from emcas_fmu.runtime import codegen
-from emcas_fmu.runtime.compiler import local_platform
+from emcas_fmu.runtime import codegen, compiler
 from emcas_fmu.trace.python_source import python_source
 
 
 def both(parameters: ParameterSet, folder: Path, fins: int = 1) -> Mapping[str, Path]:
     """Their files by back end, the native one for this platform; without references, which take long to make."""
-    local = local_platform()
-    assert local is not None
     return {"python": build(parameters, folder / "python.fmu", fins=fins, references=False).path,
-            "native": build(parameters, folder / "native.fmu", "native", [local.name], fins=fins,
-                            references=False).path}
+            "native": build(parameters, folder / "native.fmu", "native", _local(), fins=fins, references=False).path}
+
+
+def lean(parameters: ParameterSet, path: Path, **options: Any) -> Path:
+    """Its native file for this platform with no more than a run needs: not optimised, no pictures, no references.
+
+    The bits of its results are those of an optimised one.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
+        patch.setattr(figures, "response_pictures", lambda _: ())
+        return build(parameters, path, "native", _local(), references=False, **options).path
+
+
+def _local() -> list[str]:
+    local = compiler.local_platform()
+    assert local is not None
+    return [local.name]
 
 
 @cache

@@ -12,15 +12,14 @@ import pytest
 from emcas_fmu.actuators import get
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.fmi.interface import require_shared
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.ssp.archive import NOMINAL, read_archive
 from emcas_fmu.ssp.structure import read_variant
 from emcas_fmu.ssp.variants import Variant, derived, variant_files
 from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
+from tests.fmu.built import lean
 from tests.own_actuator.example import changed
 
 from .conftest import emcas, valid_documents
@@ -53,9 +52,8 @@ def model(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 @pytest.fixture(scope="module")
 def written(model: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Its archive, of a native FMU for this platform and a second fin of its own, and what was printed."""
-    folder, local = tmp_path_factory.mktemp("actuator"), local_platform()
-    assert local is not None
-    unit = build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name]).path
+    folder = tmp_path_factory.mktemp("actuator")
+    unit = lean(load_parameters(model=model), folder / "unit.fmu")
     own = 'spring.preload = "10 N*m"\n' if get(model).further_inputs else ""
     (folder / "second.toml").write_text(f'{own}[fin]\nstart_angle = "3 deg"\n', encoding="utf-8")
     asked = ("--model", model) if model.endswith(".py") else ()

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 
@@ -30,6 +31,7 @@ OTHERS = ("libcosimpy", "ecospy")
 SAME = 1e-9
 
 
+@cache
 def printed(host: str, ssp: Path, variant: str, mode: str) -> str:
     """What run_in prints in a separate process; the test is skipped where the host is not."""
     if host == "ecospy":

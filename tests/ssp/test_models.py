@@ -12,15 +12,14 @@ import pytest
 
 from emcas_fmu.actuators import get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.ssp.archive import SSC, SSD, SspError, parse, read_archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.structure import read_variant
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
+from tests.fmu.built import lean
 from tests.hosts.host import difference
 
 from .conftest import emcas, valid_documents
@@ -40,11 +39,10 @@ active = true
 @pytest.fixture(scope="module")
 def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The native FMU of the model, for this platform, whose fins stand known at zero."""
-    folder, local = tmp_path_factory.mktemp("options"), local_platform()
-    assert local is not None
+    folder = tmp_path_factory.mktemp("options")
     (folder / "known.toml").write_text("[homing]\nrequired = false\n", encoding="utf-8")
     known = load_parameters(folder / "known.toml", model=MODEL)
-    return build(known, folder / "unit.fmu", "native", [local.name]).path
+    return lean(known, folder / "unit.fmu")
 
 
 @pytest.fixture(scope="module")
