@@ -197,7 +197,7 @@ UNITS = [(DRIVEN, 1), (DRIVEN, 3), ("second-order", 3), ("second-order+faults", 
 
 
 @pytest.fixture(scope="module", params=[
-    UNITS[0], UNITS[-1], *(pytest.param(unit, marks=pytest.mark.slow) for unit in UNITS[1:-1])],
+    UNITS[0], *(pytest.param(unit, marks=pytest.mark.slow) for unit in UNITS[1:])],
     ids=lambda unit: f"{Path(unit[0]).stem}-{unit[1]}")
 def unit(request: pytest.FixtureRequest) -> FmuInterface:
     kind, fins = request.param

@@ -29,6 +29,7 @@ from emcas_fmu.studies.fitting import MODEL, fit, write_fitted
 from ..fmu.built import both
 from ..fmu.built import slave_class as local_class
 from ..fmu.host import OK, Fmu, Instance
+from ..marks import others_slow
 
 OTHERS = [name for name in NAMES if name != NONLINEAR]
 
@@ -191,8 +192,7 @@ def test_registry_and_files() -> None:
 # -- FMUs -------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=[
-    pytest.param(name, marks=() if name in ("second-order", "ristanovic") else pytest.mark.slow) for name in OTHERS])
+@pytest.fixture(scope="module", params=others_slow(OTHERS, lambda name: name == "second-order"))
 def model(request: pytest.FixtureRequest) -> str:
     chosen: str = request.param
     return chosen

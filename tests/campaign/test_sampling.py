@@ -15,6 +15,7 @@ from emcas_fmu.parameters.schema import In
 from emcas_fmu.studies.campaign.distributions import KINDS, distribution
 from emcas_fmu.studies.campaign.study import Study, load_study
 
+from ..marks import others_slow
 from .conftest import GRID, SMALL, Write
 
 RANDOM = ("monte-carlo", "latin-hypercube", "sobol")
@@ -39,7 +40,7 @@ def method(write: Write, name: str, samples: int = 24) -> Study:
     return load_study(write(text.replace("samples = 24", f"samples = {samples}")))
 
 
-@pytest.mark.parametrize("name", [*RANDOM, "grid"])
+@pytest.mark.parametrize("name", others_slow([*RANDOM, "grid"], lambda name: name in ("sobol", "grid")))
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(asked=st.lists(st.integers(0, 23), min_size=1, max_size=30))
 def test_a_sample_is_the_same_whoever_asks(write: Write, name: str, asked: list[int]) -> None:

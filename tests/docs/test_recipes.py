@@ -67,6 +67,7 @@ def test_fmi_3(place: Path) -> None:
     assert abs(float(angle) - 0.1) < 0.01  # at its command, but for what is left of an overshoot
 
 
+@pytest.mark.slow
 def test_fmi_3_in_c(place: Path) -> None:
     """Events do not move the loop away from its steps: a moment of 40 N.m at 0.2 rad, held as in FMI 2.0's."""
     (place / "loop3.c").write_text(BLOCKS["c_fmi3"][1], encoding="utf-8")

@@ -152,6 +152,7 @@ def test_no_compiler_to_build_with(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_system_compiler_will_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, native: Path) -> None:
     systems = [compiler for compiler in local_compilers() if not compiler.zig]
     if not systems:

@@ -42,11 +42,13 @@ class Starting:
         self.slave.setup_experiment(0.0)
         self.slave.enter_initialization_mode()
         self.kinds = [("integer" if v.items else v.kind.lower(), i, v) for i, v in enumerate(unit.variables)]
+        self.known: Mapping[str, Any] = {}
 
     def __call__(self, values: Mapping[str, Any]) -> dict[str, Any] | None:
         for kind, i, v in self.kinds:
-            if v.causality != "output":
+            if v.causality != "output" and (v.name not in self.known or self.known[v.name] != values[v.name]):
                 getattr(self.slave, f"set_{kind}")([i], [values[v.name]])
+        self.known = dict(values)
         outputs = {v.name: getattr(self.slave, f"get_{kind}")([i])[0] for kind, i, v in self.kinds
                    if v.causality == "output"}
         return None if any(map(isnan, outputs.values())) else outputs

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.interop import matrix
+from tests.marks import others_slow
 
 from .conftest import UNUSED, Host
 from .expected import MISUSE, MISUSE3, STATES
@@ -17,7 +18,7 @@ from .host import Trajectory, compile_host, missing, run, table, tool, trajector
 pytestmark = pytest.mark.fmu
 
 
-@pytest.fixture(params=["loading", "linked", "loading3", "linked3"])
+@pytest.fixture(params=["loading", "linked", "loading3", pytest.param("linked3", marks=pytest.mark.slow)])
 def host(request: pytest.FixtureRequest) -> Host:
     """The host in C, in both ways of having the FMU, of FMI 2.0 and 3.0."""
     found: Host = request.getfixturevalue(request.param)
@@ -118,7 +119,7 @@ def test_valgrind(executable: Path, native: Path, what: tuple[str, ...]) -> None
          UNUSED, *what])
 
 
-@pytest.mark.parametrize("what", ["plain", "four", "threads"])
+@pytest.mark.parametrize("what", others_slow(["plain", "four", "threads"], lambda what: what == "plain"))
 def test_python_fmu_with_python_preloaded(python: Path, fmu: Path, tmp_path: Path, linux: None, what: str) -> None:
     """The Python back end's FMU in the same host, as the README says: libpython in LD_PRELOAD."""
     library = Path(str(sysconfig.get_config_var("LIBDIR"))) / str(sysconfig.get_config_var("INSTSONAME"))

@@ -77,7 +77,7 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "baseline": lambda folder, model: ["record", empty(folder), "-o", str(folder / "baseline")],
     "tune": lambda folder, model: [written(folder, TUNING, model), "--generations", "1", "--workers", "1"],
     "analyse": lambda folder, model: ["--json", str(folder / "analysis.json")],
-    "campaign": lambda folder, model: [written(folder, CAMPAIGN, model), "-o", str(folder / "c"), "--workers", "1"],
+    "campaign": lambda folder, model: [written(folder, CAMPAIGN, model), "-o", str(folder / "c"), "--workers", "0"],
     "ssp": lambda folder, model: ["-o", str(folder / "four.ssp")],
     "explore": lambda folder, model: ["-o", str(folder / "e.html")],
     "reference": lambda folder, model: ["--directory", str(folder), "--case", "step_plus1"],

@@ -46,7 +46,7 @@ def slow(arguments: str) -> Any:
 
 @pytest.mark.parametrize("arguments", [
     "--version", slow("--help"), slow("simulate --help"), slow("parameters"), "parameters --json",
-    slow("parameters --sets"), f"simulate --step 1 --stop 0.1 --kernel python {SMALL} --json x.json",
+    slow("parameters --sets"), slow(f"simulate --step 1 --stop 0.1 --kernel python {SMALL} --json x.json"),
     slow(f"validate --case step_plus1 {SMALL} --json x.json")])
 def test_output_that_cannot_be_written_ends_with_a_line(arguments: str, tmp_path: Path) -> None:
     done = shell(f"{EMCAS} {arguments} > /dev/full", tmp_path)
@@ -70,7 +70,7 @@ def test_output_that_nobody_reads_ends_quietly(arguments: str, tmp_path: Path) -
 
 @pytest.mark.parametrize("arguments", [
     slow("reference --directory made"), f"baseline record {SMALL} --fresh -o made",
-    f"report {SMALL} -o made/page.html --json made/x.json",
+    slow(f"report {SMALL} -o made/page.html --json made/x.json"),
     slow(f"validate {SMALL} --json made/x.json --report made/page.html")])
 def test_ctrl_c_loses_nothing(arguments: str, tmp_path: Path) -> None:
     made = tmp_path / "made"

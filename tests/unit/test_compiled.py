@@ -25,6 +25,7 @@ from emcas_fmu.runtime.compiler import CompilerError
 from emcas_fmu.simulation import KERNELS, respond, respond_all, simulate
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS
 
+from ..marks import others_slow
 from ..simulation import inputs_at_rest, new_core
 
 COMMAND = inputs_at_rest(0.2, -20.0, 39.0)
@@ -227,7 +228,7 @@ def test_compiled_once_and_kept(uncached: Path) -> None:
     assert [p.stat().st_mtime_ns for p in uncached.iterdir()] == [made]
 
 
-@pytest.mark.parametrize("damage", [b"", b"garbage", None])
+@pytest.mark.parametrize("damage", others_slow([b"", b"garbage", None], lambda damage: damage == b"garbage"))
 def test_a_damaged_library_is_made_anew(uncached: Path, damage: bytes | None) -> None:
     assert library.available(SMALL)
     (kept,) = uncached.glob("kernel_*")

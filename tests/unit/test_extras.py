@@ -11,6 +11,7 @@ import pytest
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.support import extras
 from emcas_fmu.support.files import models_directory
+from tests.marks import others_slow
 
 EXTRAS = {"analysis": ("control", "casadi"), "campaign": ("filelock", "pyarrow", "distributed"),
           "native": ("ziglang",)}
@@ -31,9 +32,9 @@ def without(modules: list[str], command: str, folder: Path) -> subprocess.Comple
     return subprocess.run([sys.executable, "-c", program, *command.split()], cwd=folder, capture_output=True, text=True)
 
 
-@pytest.mark.parametrize(("command", "extra", "module"), [
-    pytest.param(command, extra, module, marks=() if command in ("analyse", "explore") else pytest.mark.slow)
-    for command, extra in NEEDED.items() for module in EXTRAS[extra]])
+@pytest.mark.parametrize(("command", "extra", "module"), others_slow(
+    [(command, extra, module) for command, extra in NEEDED.items() for module in EXTRAS[extra]],
+    lambda case: case[::2] in (("analyse", "control"), ("explore", "ziglang"))))
 def test_a_missing_extra_is_named(command: str, extra: str, module: str, tmp_path: Path) -> None:
     done = without([module], command, tmp_path)
     assert done.returncode == 2, done.stderr
