@@ -16,14 +16,13 @@ from .declaration import Actuator, PlantInputs, Values
 
 Change = Callable[[Ops, Any], Any]
 """A function that returns changed parameters."""
-Equation = Callable[[Ops, Any, Record], Value]
 
 
 class Output(NamedTuple):
     """An output and its equation, a function of ops, the parameters as built and :attr:`Composition.moment`."""
 
     variable: Variable
-    value: Equation
+    value: fin_port.Equation
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,30 +54,15 @@ def _replaced(text: str, words: Mapping[str, str]) -> str:
     return reduce(lambda text, word: text.replace(*word), words.items(), text)
 
 
-
-def port(parameters: tuple[Variable, ...] = fin_port.PARAMETERS, rate: Equation = lambda ops, p, m: m.rate,
+def port(parameters: tuple[Variable, ...] = fin_port.PARAMETERS, rate: fin_port.Equation = lambda ops, p, m: m.rate,
          **descriptions: str) -> Group:
     """Return the fin port with its outputs, which have other `descriptions` by name.
 
-    The moment has `fin` [rad], `rate` [rad/s], `hinge_torque` [N.m], `limited` and the inputs `u`.
+    The moment is that of :data:`.fin_port.EQUATIONS`.
     """
-    equations: dict[str, Equation] = {
-        "fin_angle": lambda ops, p, m: m.fin,
-        "fin_rate": rate,
-        "hinge_torque": lambda ops, p, m: m.hinge_torque,
-        "tracking_error": lambda ops, p, m: fin_port.clipped_command(ops, p, m.u.command) - m.fin,
-        "measured_fin_angle": lambda ops, p, m: m.u.measured_fin_angle,
-        "saturated": lambda ops, p, m: m.limited,
-        "at_stop": lambda ops, p, m: ops.fabs(m.fin) >= fin_port.stop_edge(p),
-    }
+    equations = {**fin_port.EQUATIONS, "fin_rate": rate}
     outputs = tuple(Output(v, equations[v.name]) for v in fin_port.described(descriptions))
     return Group(parameters, outputs, terminal="")
-
-
-def at_fin(ops: Ops, p: Any, x: Record, u: PlantInputs, limited: Value, **further: Value) -> Record:
-    """Return the moment of an actuator with the states fin_angle and fin_rate; `limited`: whether a limit is active."""
-    return Record(x=x, u=u, fin=x.fin_angle, rate=x.fin_rate,
-                  hinge_torque=fin_port.hinge_torque(ops, p, x.fin_angle, u), limited=limited, **further)
 
 
 def _sorted_by(name: Callable[[Any], str], items: Iterable[Any], order: tuple[str, ...]) -> tuple[Any, ...]:

@@ -3,13 +3,15 @@
 The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``, the parameters by name
 (``p.motor.resistance``), and named values; all in SI units.
 
-    initial(ops, p, start)       states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``
+    initial(ops, p, start)       states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``. Without a `step`
+                                 it may have a fourth argument, the inputs at the start: ``u.supply``, further ones
     sample(ops, p, x, inputs)    outputs of the sampled controllers, every controller.sample_time
     step(ops, p, x, u, h)        the plant's states after `h` [s] or at the first event, and the time until then; or
-    derivatives(ops, p, x, u)    d/dt of the states: enabled, without dry friction, gaps and events. Linear analysis
-                                 uses these (:mod:`emcas_fmu.bench.linear.actuator`), and so does stepping if there is
-                                 no `step` (:mod:`emcas_fmu.steppers.smooth`)
-    output_values(ops, p, x, u)  every output
+    derivatives(ops, p, x, u)    d/dt of the states. If there is no `step`, they are stepped with the `discontinuities`
+                                 (:mod:`emcas_fmu.steppers.discontinuities`); the fin has its stop without one listed.
+                                 Linear analysis uses them (:mod:`emcas_fmu.bench.linear.actuator`): beside a `step`
+                                 they are enabled, without dry friction, gaps and events
+    output_values(ops, p, x, u)  every output; without a `step`, those of the port may be left out
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
 The functions return a mapping of names to values; all but `output_values` may leave out values that do not change (in
@@ -36,9 +38,10 @@ from ..ops.base import Ops, Value
 from ..ops.floats import FLOATS
 from ..physics.structure import Structure
 from ..rules import SLACK, Rule
-from ..steppers.smooth import Derivatives, smooth_step
-from ..variables import Terminal, Variable, parameter
-from . import capabilities, fin_port, positional
+from ..steppers.discontinuities import Discontinuity
+from ..steppers.smooth import Derivatives
+from ..variables import Terminal, Variable, parameter, real_input, real_output
+from . import capabilities, fin_port, positional, stepped
 from .line import LINES, Line
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
@@ -101,6 +104,22 @@ class Supply:
             raise EmcasError(f"supply {self.input.name}: inverse_inductance has {count} argument{'s'[:count != 1]}; "
                              "give a function of (ops, p) or of (ops, p, interval)")
 
+    @classmethod
+    def voltage(cls, key: str = "drive.supply_voltage", description: str = "supply voltage",
+                inverse_inductance: Callable[..., Value] = lambda ops, p: 0.0) -> Supply:
+        """Return a supply with the input supply_voltage [V], whose start value is the entry `key`."""
+        return cls(real_input("supply_voltage", "V", description, minimum=0.0, maximum=1000.0, nominal=10.0, start=None,
+                              key=key),
+                   real_output("supply_power", "W", "electrical power from the supply; negative while regenerating",
+                               100.0), inverse_inductance)
+
+    @classmethod
+    def pressure(cls, key: str, description: str = "supply pressure") -> Supply:
+        """Return a supply with the input supply_pressure [Pa], whose start value is the entry `key`."""
+        return cls(real_input("supply_pressure", "Pa", description, minimum=0.0, maximum=1e9, nominal=1e7, start=None,
+                              key=key),
+                   real_output("supply_power", "W", "supply pressure times the volume flow from it", 1000.0))
+
     def within(self, ops: Ops, p: Parameters, interval: Value) -> Value:
         """Return the effective 1/L [1/H] within an interval [s]."""
         within = (interval,) if len(signature(self.inverse_inductance).parameters) == 3 else ()
@@ -114,6 +133,8 @@ class Supply:
 
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[\d+\])?", re.ASCII)
 _BUS = tuple(map(State, bus.STATES))
+FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
+"""The states of the fin."""
 
 
 def _no_step(ops: Ops, p: Parameters, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
@@ -152,7 +173,8 @@ class Actuator:
     encoder: tuple[str, str] = ("fin_angle", "fin_rate")
     fin_side: tuple[str, str] | None = None
 
-    # Variables. Outputs and parameters include the port's, in the order of the interface.
+    # Variables in the order of the interface. Outputs and parameters of the port come first if they are not listed, the
+    # supply's power last.
     outputs: tuple[Variable, ...] = ()
     parameters: tuple[Variable, ...] = ()
     # Inputs in addition to the port's: samples use a Boolean, everything uses a Real.
@@ -166,14 +188,18 @@ class Actuator:
     # Warnings that need start values of inputs, such as the supply's: checked where a set of parameters is loaded.
     supply_rules: tuple[Rule, ...] = ()
     equal_parameters: tuple[tuple[str, str], ...] = ()
-    # Parameter files with the defaults; later ones override earlier ones, and all override ``models/emcas.toml``.
+    # Parameter files with the defaults; later ones override earlier ones, and all override ``models/emcas.toml``. And
+    # defaults by name, as a file has them: "0.5 mH", or a mapping of value, unit, source and note. Without a source a
+    # value is an estimate.
     files: tuple[Path, ...] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
 
     # Equations.
-    initial: Callable[[Ops, Parameters, Record], Values] = lambda ops, p, start: {
-        "fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle}
+    initial: Callable[..., Values] = lambda ops, p, start: {}
+    begun: Callable[[Ops, Parameters, Record, Record], Record] = lambda ops, p, x, u: x
     sample: Callable[[Ops, Parameters, Record, SampleInputs], Values] = lambda ops, p, x, inputs: {"reference": 0.0}
     derivatives: Derivatives | None = None
+    discontinuities: tuple[Discontinuity, ...] = ()
     step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step
     output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = _no_outputs
     # Which of the shared equations hold; and their parameters, with constants for those that this actuator does
@@ -200,13 +226,15 @@ class Actuator:
     source: Path | None = None
 
     def __post_init__(self) -> None:
+        for kind, port in (("outputs", fin_port.OUTPUTS), ("parameters", fin_port.PARAMETERS)):
+            listed = getattr(self, kind)
+            names = {v.name for v in listed}
+            object.__setattr__(self, kind, (*(v for v in port if v.name not in names), *listed))
+        if self.supply is not None:
+            object.__setattr__(self, "outputs", with_outputs(self.outputs, (self.supply.power,)))
         if self.step is _no_step:
-            if self.derivatives is None:
-                raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
-                                 "derivatives")
-            names, derivatives = [s.name for s in self.states], self.derivatives
-            object.__setattr__(self, "step", smooth_step(
-                lambda ops, p, x, u: complete(derivatives, derivatives(ops, p, x, u), names), names))
+            for name, value in stepped.fields(self).items():
+                object.__setattr__(self, name, value)
         declared = (s for s in self.controller_states if s not in _BUS)  # a replaced actuator has them already
         object.__setattr__(self, "controller_states", (*declared, *_BUS))
         # Inputs of the plant first, as the core expects.
@@ -228,10 +256,6 @@ class Actuator:
         if twice := [name for name, times in count.items() if times > 1]:
             raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; inputs, outputs and parameters have "
                              "different names")
-        for kind, needed in (("output", fin_port.OUTPUTS), ("parameter", fin_port.PARAMETERS)):
-            if missing := [v.name for v in needed if v.name not in count]:
-                raise EmcasError(f"actuator {self.name}: {kind} {missing[0]} of the fin port is missing; it has "
-                                 f"{', '.join(v.name for v in needed)}")
         for v in (*self.inputs, *self.outputs, *self.parameters):
             if not _NAME.fullmatch(v.name):
                 raise EmcasError(f"actuator {self.name}: name {v.name!r}: hosts accept letters, digits and _ (a letter "
@@ -314,8 +338,9 @@ class Actuator:
         """
         at = Record(fin_angle=p.fin.start_angle if fin_angle is None else fin_angle, encoder_offset=encoder_offset)
         names = self._state_names
-        values = complete(self.initial, self.initial(ops, p, at), ("measured_fin_angle",), names)
-        return {**dict.fromkeys(names, 0.0), **bus.start(ops, p, at.fin_angle), **values}
+        values = complete(self.initial, self.initial(ops, p, at), (), ("measured_fin_angle", *names))
+        return {**dict.fromkeys(names, 0.0), **bus.start(ops, p, at.fin_angle), "fin_angle": at.fin_angle,
+                "measured_fin_angle": at.fin_angle, **values}
 
     @cached_property
     def _state_names(self) -> tuple[str, ...]:

@@ -77,14 +77,12 @@ def load(path: Path) -> Actuator:
     if not isinstance(actuator, Actuator):
         raise EmcasError(f"{path}: defines no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")
     beside = path.with_suffix(".toml")
-    if not actuator.files and not beside.is_file():
-        raise EmcasError(f"{beside}: there is no such file; it has the parameters of {path.name}, unit and source")
     _check_name(actuator, path)
     reference = actuator.reference
     if isinstance(reference, str) and reference.endswith(".py"):
         reference = path.parent / reference
-    chosen = replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,),
-                     reference=reference, source=path)
+    files = actuator.files or ((beside,) if beside.is_file() else ())
+    chosen = replace(actuator, files=files, modules=actuator.modules or (module,), reference=reference, source=path)
     _check_units(chosen)
     return chosen
 

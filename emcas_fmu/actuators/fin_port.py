@@ -7,17 +7,20 @@ parameters are limits of command and travel, masses and inertias, sampling.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import radians
 from typing import Any
 
 from ..control import command as bus
 from ..control.controllers import clipped_command as clipped_command
+from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import loads
 from ..rules import ANGLE, SLACK, Rule, in_degrees, rule, when
 from ..variables import Terminal, Variable, boolean_input, boolean_output, parameter, real_input, real_output, switch
+
+Equation = Callable[[Ops, Any, Record], Value]
 
 # -- inputs ------------------------------------------------------------------------
 
@@ -64,18 +67,23 @@ def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = O
 # -- parameters --------------------------------------------------------------------
 
 
-_TURNING = (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork"))
-SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
-                        sheet="controller: sample time (cycle time)", display="ms")
-PARAMETERS = (
+_PARTS = (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork"))
+_TURNING = (
     *(parameter(f"inertia.{part}", "kg.m2", 1e-9 if part == "fin" else 0.0, 1e3, f"{name} inertia about the hinge",
-                sheet=f"drawing: inertia of the {name} about the hinge") for part, name in _TURNING),
+                sheet=f"drawing: inertia of the {name} about the hinge") for part, name in _PARTS),
     *(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass", sheet=f"drawing: mass of the {name}")
-      for part, name in _TURNING),
+      for part, name in _PARTS),
     *(parameter(f"center_of_mass.{part}.{axis}", "m", -5.0, 5.0,
                 f"centre of mass of the {part} from the hinge at fin_angle 0, along {axis}",
                 sheet=f"drawing: centre of mass of the {part} from the hinge")
-      for part, _ in _TURNING for axis in ("x", "z")),
+      for part, _ in _PARTS for axis in ("x", "z")),
+)
+TURNING = tuple(v.name for v in _TURNING)
+"""Parameters of what turns about the hinge: 0 where no file sets them, but for the fin's inertia."""
+SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
+                        sheet="controller: sample time (cycle time)", display="ms")
+PARAMETERS = (
+    *(v if v.minimum > 0.0 else replace(v, start=0.0) for v in _TURNING),
     SAMPLE_TIME,
     parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command",
               sheet="specification: operating range of the fin, to each side"),
@@ -126,6 +134,24 @@ def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -
 
 
 # -- equations ---------------------------------------------------------------------
+
+
+EQUATIONS: Mapping[str, Equation] = {
+    "fin_angle": lambda ops, p, m: m.fin,
+    "fin_rate": lambda ops, p, m: m.rate,
+    "hinge_torque": lambda ops, p, m: m.hinge_torque,
+    "tracking_error": lambda ops, p, m: clipped_command(ops, p, m.u.command) - m.fin,
+    "measured_fin_angle": lambda ops, p, m: m.u.measured_fin_angle,
+    "saturated": lambda ops, p, m: m.limited,
+    "at_stop": lambda ops, p, m: ops.fabs(m.fin) >= stop_edge(p),
+}
+"""The equations of OUTPUTS at a moment: `fin` [rad], `rate` [rad/s], `hinge_torque` [N.m], `limited`, inputs `u`."""
+
+
+def at_fin(ops: Ops, p: Any, x: Record, u: Record, limited: Value, **further: Value) -> Record:
+    """Return the moment of an actuator with the states fin_angle and fin_rate; `limited`: whether a limit is active."""
+    return Record(x=x, u=u, fin=x.fin_angle, rate=x.fin_rate, hinge_torque=hinge_torque(ops, p, x.fin_angle, u),
+                  limited=limited, **further)
 
 
 def motion_loads(ops: Ops, p: Any, *motion: Value) -> tuple[Value, ...]:

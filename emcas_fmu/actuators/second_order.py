@@ -16,7 +16,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..variables import parameter
 from . import capabilities, fin_port
-from .composition import Composition, Group, at_fin, port
+from .composition import Composition, Group, port
 from .declaration import Actuator, PlantInputs, SampleInputs, State, Values
 
 PARAMETERS = (
@@ -90,7 +90,7 @@ def _driven(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, h: Va
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     """Return the parameters, and the values from which the outputs follow."""
     at_rate = ops.fabs(x.fin_rate) >= p.second_order.rate_limit * (1.0 - 1e-12)
-    return p, at_fin(ops, p, x, u, ops.either(at_rate, u.limited > 0.0))
+    return p, fin_port.at_fin(ops, p, x, u, ops.either(at_rate, u.limited > 0.0))
 
 
 COMPOSITION = Composition((

@@ -7,9 +7,10 @@ from typing import cast
 import numpy as np
 
 from .base import Ops, Thunk, Value
+from .derived import Derived
 
 
-class ArrayOps:
+class ArrayOps(Derived):
     """See :class:`emcas_fmu.ops.base.Ops`."""
 
     sin = staticmethod(np.sin)

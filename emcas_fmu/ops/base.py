@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 Value = Any  # float, numpy.ndarray, casadi.SX or trace.Expr
@@ -26,6 +26,23 @@ class Ops(Protocol):
     def fabs(self, x: Value) -> Value: ...
     def floor(self, x: Value) -> Value:
         """Return the largest whole number not above x, as a float."""
+        ...
+
+    def tanh(self, x: Value) -> Value: ...
+    def atan2(self, y: Value, x: Value) -> Value:
+        """Return the angle of the point (x, y) from -pi to pi; a zero of either sign counts as positive."""
+        ...
+
+    def sign(self, x: Value) -> Value:
+        """Return -1, 0 or 1."""
+        ...
+
+    def pow(self, x: Value, y: Value) -> Value:
+        """Return x to the power y: x is 0 or above and y above 0, or y is a whole number."""
+        ...
+
+    def interp(self, x: Value, points: Sequence[Value], values: Sequence[Value]) -> Value:
+        """Return the value at x on the lines between increasing points; the first or last value beyond them."""
         ...
 
     def minimum(self, a: Value, b: Value) -> Value: ...

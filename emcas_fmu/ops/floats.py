@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from . import elementary
 from .base import Thunk, Value
+from .derived import Derived
 
 
 def _real(x: Value) -> float:
@@ -21,7 +22,7 @@ def _of_number(function: Callable[[float], float]) -> staticmethod[[Value], floa
     return staticmethod(lambda x: function(_real(x)))
 
 
-class FloatOps:
+class FloatOps(Derived):
     """See :class:`emcas_fmu.ops.base.Ops`."""
 
     sin = _of_number(lambda x: elementary.sin(FLOATS, x))

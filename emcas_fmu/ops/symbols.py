@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from .base import Thunk, Value
+from .derived import Derived
 
 try:
     import casadi as ca
@@ -13,7 +14,7 @@ except ModuleNotFoundError as error:  # pragma: no cover - depends on the enviro
     raise ImportError("CasADi is not installed: pip install 'emcas-fmu[symbols]'") from error
 
 
-class SymbolOps:
+class SymbolOps(Derived):
     """See :class:`emcas_fmu.ops.base.Ops`."""
 
     sin = staticmethod(ca.sin)

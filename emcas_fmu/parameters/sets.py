@@ -184,20 +184,29 @@ def _defaults(model: str) -> ParameterSet:
 @lru_cache(maxsize=128)
 def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, ...]) -> ParameterSet:
     """Return the default set of files with these contents, `models/emcas.toml` first."""
-    actuator, shipped = get(model), files[0]
-    entries: dict[str, Entry] = {}
-    for file in files:
-        read, problems = read_entries(_document(file), str(file), file.name, "", known_names(model))
+    actuator, (shipped, *own) = get(model), files
+    source = actuator.source or Path(actuator.name)
+
+    def read(document: Mapping[str, Any], file: Path, origin: str = "") -> dict[str, Entry]:
+        sound, problems = read_entries(document, str(file), file.name, origin, known_names(model))
         if problems:
             raise ParameterError(problems)
-        # The motor resistance of a user's actuator, say, is not that of the thesis: only the fin port's values apply.
-        entries |= read if file != shipped or parts(model)[0] in NAMES else {
-            v.name: read[v.name] for v in fin_port.PARAMETERS}
+        return sound
+
+    entries = read(_document(shipped), shipped)
+    if parts(model)[0] not in NAMES:
+        # The motor resistance of a user's actuator, say, is not that of the thesis, nor is its fin: only the limits,
+        # mounting and sampling of the fin port apply.
+        entries = {v.name: entries[v.name] for v in fin_port.PARAMETERS if v.name not in fin_port.TURNING}
+    entries |= read({name: in_variables_unit(name, value, model) for name, value in actuator.values.items()}, source,
+                    "estimate")
+    for file in own:
+        entries |= read(_document(file), file)
     for v in actuator.parameters:
         if v.start is not None and v.name not in entries:
             text = as_text({"value": v.start, "unit": v.unit})
             entries[v.name] = Entry(v, v.start, text, "derived", "As declared; no file sets it.", "")
-    where = files[-1] if len(files) > 1 else files[0]
+    where = own[-1] if own else source
     if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:
         raise ParameterError(missing)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
-from .stick import sign, start
+from .stick import start
 
 
 class Train(NamedTuple):
@@ -106,7 +106,7 @@ def torque(ops: Ops, t: Train, m: Motion) -> Value:
 
 def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion:
     """Return the directions of sliding at speeds [rad/s]."""
-    turns, slip = sign(ops, screw_speed), sign(ops, rotor_speed - screw_speed)
+    turns, slip = ops.sign(screw_speed), ops.sign(rotor_speed - screw_speed)
     # As one: from rest the rotor's friction and the screw's hold together.
     applied = t.screw_torque + t.behind + t.rotor_torque
     starts = start(ops, applied, t.high + t.dry, t.low - t.dry)
@@ -116,7 +116,7 @@ def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion
     # Each separately, under the torque of the clutch.
     pushed = slip * t.capacity
     screw_way = ops.where(ops.equal(turns, 0.0), start(ops, t.screw_torque + t.behind + pushed, t.high, t.low), turns)
-    rotor_way = sign(ops, rotor_speed)
+    rotor_way = ops.sign(rotor_speed)
     rotor_way = ops.where(ops.equal(rotor_way, 0.0), start(ops, t.rotor_torque - pushed, t.dry, -t.dry), rotor_way)
     apart = _felt(ops, t, Motion(screw_way, rotor_way, slip, 0.0))
     return Motion(*(ops.where(ops.equal(slip, 0.0), one, other) for one, other in zip(joined, apart, strict=True)))

@@ -85,7 +85,7 @@ def _drag(b: Bodies, along: tuple[float, float], forward: bool) -> Value:
 def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, ...]:
     """Return the directions (-1, 1, or 0: sticks) in which the four frictions slide at speeds [rad/s]."""
     speeds = slips(screw, motor)
-    signs = [stick.sign(ops, speed) for speed in speeds]
+    signs = [ops.sign(speed) for speed in speeds]
 
     def moving() -> tuple[Value, ...]:
         """At most one friction sticks while the bodies move: the others slide."""

@@ -24,11 +24,6 @@ class Slide(NamedTuple):
     low: Value
 
 
-def sign(ops: Ops, x: Value) -> Value:
-    """Return the sign of a number: -1, 0 or 1."""
-    return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
-
-
 def overcome(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
     """Return whether a torque [N.m] starts a body at rest upwards (beyond `high`) and downwards (beyond `low`)."""
     # Strictly beyond: without friction and torque a body at rest stays at rest.

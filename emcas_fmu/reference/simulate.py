@@ -66,7 +66,7 @@ def schedule(time: Any, p: Mapping[str, Any]) -> tuple[list[float], Iterator[dic
     """
     period, rows = p["controller.sample_time"], np.round(np.asarray(time, dtype=float), DIGITS)
     samples = np.arange(math.floor(rows[-1] / period) + 1) * period
-    each = [rows, *(np.round(samples + late, DIGITS) for late in (0.0, p["drive.transport_delay"]))]
+    each = [rows, *(np.round(samples + late, DIGITS) for late in (0.0, p.get("drive.transport_delay", 0.0)))]
     instants = np.unique(np.concatenate(each))
     return instants[instants <= rows[-1]].tolist(), ({t: k for k, t in enumerate(times.tolist())} for times in each)
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, TypeVar
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive
-from ..physics.stick import sign
 
 # The demanded voltage counts as at its limit within this share of it, since a step that ends at the limit is rounded.
 _BAND = 1e-6
@@ -82,7 +81,7 @@ def electrical_mode(ops: Ops, p: Any, s: Any, u: Record, h: Value,
         return 0.0, loop, inductance / loop, p.drive.kp * i_ref + s.drive_integral, p.drive.ki, 0.0, 0.0
 
     def beyond() -> tuple[Value, ...]:
-        side = sign(ops, demand)
+        side = ops.sign(demand)
         at_limit = ops.fabs(demand) <= limit * (1.0 + _BAND)
         rise = side * (side * limit - resistance * s.motor_current - drive.back_emf(p, s.motor_speed)) / inductance
 

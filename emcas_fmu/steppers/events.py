@@ -103,7 +103,7 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
         events = {name: ops.both(happens, ops.negate(far)) for name, happens in first.happens.items()}
         return *landed(moved(used), events), used
 
-    *states, used = ops.branch(reduce(ops.either, lost.values()), to_event,
+    *states, used = ops.branch(reduce(ops.either, lost.values(), False), to_event,
                                lambda: (*landed(whole, dict.fromkeys(before, False)), h), rare=True)
     return Record(**dict(zip(vars(x), states, strict=True))), used
 

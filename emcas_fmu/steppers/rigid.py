@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
-from ..physics.stick import WALL, overcome, sign
+from ..physics.stick import WALL, overcome
 from .electrical import Drive, Plant, electrical_mode, resolved, switched
 from .events import PROGRESS, zero_between
 
@@ -274,7 +274,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     (_, _, d, c), (entering, leaving) = step, crossing
     before = drive.voltage_demand(p, d.i_ref, s.motor_current, s.drive_integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.motor_current, step.end.drive_integral)
-    side = ops.where(entering, sign(ops, after), d.side)
+    side = ops.where(entering, ops.sign(after), d.side)
     # By the current's exponential, with the integral of the step's start; where the integral rather than the current
     # moves the demand, by the line between its ends.
     limit = d.limit_at(ops, p, step.end.motor_speed, step.end.motor_current)

@@ -1,4 +1,4 @@
-"""One step of smooth equations of motion, for actuators without special stepping.
+"""One step of smooth equations of motion.
 
 ROS2 of Verwer, Spee, Blom and Hundsdorfer (1999), "A second-order Rosenbrock method applied to photochemical
 dispersion problems", SIAM Journal on Scientific Computing 20 (4), 1456-1480:
@@ -6,8 +6,7 @@ dispersion problems", SIAM Journal on Scientific Computing 20 (4), 1456-1480:
     (I - g h A) k1 = f(y)        (I - g h A) k2 = f(y + h k1) - 2 k1        y(h) = y + h (3 k1 + k2)/2
 
 With g = 1 - 1/sqrt(2) and A the Jacobian of f it is L-stable, so that a mode much faster than the step is damped. It is
-of second order for any A: difference quotients suffice. A fin that runs against a mechanical stop loses its rate at the
-end of the step; the time of that event is accurate to first order.
+of second order for any A: difference quotients suffice.
 """
 
 from __future__ import annotations
@@ -24,25 +23,6 @@ _GAMMA = 1.0 - 1.0 / sqrt(2.0)
 _INCREMENT = 1e-7
 
 Derivatives = Callable[[Ops, Any, Record, Record], Mapping[str, Value]]
-
-
-def smooth_step(derivatives: Derivatives, names: Sequence[str]) -> Callable[..., tuple[dict[str, Value], Value]]:
-    """Return the function `step(ops, p, x, u, h)` of an actuator with states `names`, by ROS2 over `h` [s].
-
-    ``fin_angle`` [rad] and ``fin_rate`` [rad/s] are among the states. `derivatives(ops, p, x, u)` returns d/dt of each
-    state by name.
-    """
-    def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[dict[str, Value], Value]:
-        def slope(y: list[Value]) -> list[Value]:
-            rates = derivatives(ops, p, x.replace(**dict(zip(names, y, strict=True))), u)
-            return [rates[name] for name in names]
-
-        moved = dict(zip(names, ros2(ops, slope, [getattr(x, name) for name in names], h), strict=True))
-        angle, rate, stop = moved["fin_angle"], moved["fin_rate"], p.fin.stop_angle
-        against = ops.both(ops.fabs(angle) >= stop, angle * rate > 0.0)
-        return {**moved, "fin_angle": ops.clip(angle, -stop, stop), "fin_rate": ops.where(against, 0.0, rate)}, h
-
-    return step
 
 
 def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Value], h: Value) -> list[Value]:

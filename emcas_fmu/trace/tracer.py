@@ -19,6 +19,7 @@ from typing import Any, Union
 
 from ..errors import hint
 from ..ops.base import Ops, Thunk, Value
+from ..ops.derived import Derived
 
 Operand = Union["Expr", float, bool]
 FUNCTIONS = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor")
@@ -183,7 +184,7 @@ class Traced:
     results: tuple[Operand, ...]
 
 
-class Tracer:
+class Tracer(Derived):
     """An operations namespace (:class:`emcas_fmu.ops.base.Ops`) that records its operations."""
 
     def __init__(self) -> None:

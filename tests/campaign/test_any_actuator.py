@@ -68,8 +68,7 @@ POWERED = ("power_peak", "power_rms", "energy", "peak_current", "rms_current")
 @pytest.fixture
 def direct(write: Write, tmp_path: Path) -> Path:
     """A campaign beside the user's files it is over, which it names as seen from itself."""
-    for name in ("direct_drive.py", "direct_drive.toml"):
-        shutil.copy(EXAMPLE / name, tmp_path)
+    shutil.copy(EXAMPLE / "direct_drive.py", tmp_path)
     return write(DIRECT)
 
 

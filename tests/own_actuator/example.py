@@ -10,12 +10,10 @@ MODEL = str(FILE)
 
 
 def changed(folder: Path, *changes: tuple[str, str], name: str = "mine.py") -> Path:
-    """A copy with texts replaced, its parameter file beside it."""
+    """A copy with texts replaced."""
     text = FILE.read_text(encoding="utf-8")
     for before, after in changes:
         assert before in text
         text = text.replace(before, after)
     (folder / name).write_text(text, encoding="utf-8")
-    (folder / name).with_suffix(".toml").write_text(FILE.with_suffix(".toml").read_text(encoding="utf-8"),
-                                                    encoding="utf-8")
     return folder / name

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import degrees, exp, log
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,8 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import Case
 from emcas_fmu.reference.files import cases, simulator
 from emcas_fmu.simulation import respond, simulate
-from emcas_fmu.steppers.smooth import smooth_step, solve
+from emcas_fmu.steppers.discontinuities import System
+from emcas_fmu.steppers.smooth import solve
 
 from .example import FILE, MODEL, changed
 
@@ -62,33 +62,22 @@ def test_a_file_under_120_lines() -> None:
     assert len(FILE.read_text(encoding="utf-8").splitlines()) < 120
 
 
-def _fast(rate: float) -> Any:
+def _fast(rate: float, discontinuities: tuple[Any, ...] = ()) -> Any:
     def derivatives(ops: Any, p: Any, x: Record, u: Record) -> Mapping[str, Any]:
         return {"fin_angle": x.fin_rate, "fin_rate": -rate * x.fin_rate}
 
-    return smooth_step(derivatives, ("fin_angle", "fin_rate"))
+    return System(derivatives, discontinuities, ("fin_angle", "fin_rate")).step
 
 
 @given(st.floats(0.0, 12.0))
 def test_a_mode_however_fast_is_damped(decades: float) -> None:
     """L-stable: a step of 1 ms never amplifies, and forgets what decays far within it."""
     rate = 10.0**decades
-    p, x = SimpleNamespace(fin=SimpleNamespace(stop_angle=1e3)), Record(fin_angle=0.0, fin_rate=1.0)
-    moved, used = _fast(rate)(FLOATS, p, x, Record(), 1e-3)
+    moved, used = _fast(rate)(FLOATS, None, Record(fin_angle=0.0, fin_rate=1.0), Record(), 1e-3)
     assert used == 1e-3
     assert abs(moved["fin_rate"]) <= 1.0
     # Of the stability function, (1 - 2 g) z/(1 - g z)^2 and smaller terms, 4.83/(h rate) is left of a fast mode.
     assert abs(moved["fin_rate"] - exp(-rate * 1e-3)) < max(4.9 / max(rate * 1e-3, 1.0), 1e-6)
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_stop_takes_the_rate_of_what_runs_against_it(side: float) -> None:
-    p = SimpleNamespace(fin=SimpleNamespace(stop_angle=0.4))
-    moved, _ = _fast(0.0)(FLOATS, p, Record(fin_angle=0.399 * side, fin_rate=5.0 * side), Record(), 1e-3)
-    assert moved == {"fin_angle": 0.4 * side, "fin_rate": 0.0}
-    away, _ = _fast(0.0)(FLOATS, p, Record(fin_angle=0.4 * side, fin_rate=-5.0 * side), Record(), 1e-3)
-    assert abs(away["fin_angle"] - 0.395 * side) < 1e-9  # the increments of the difference quotients
-    assert away["fin_rate"] == -5.0 * side
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12))

@@ -157,9 +157,7 @@ TWO = '''faults=(
 def several(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The direct drive with faults that touch the same parameters, and one in a general one's place."""
     path = changed(tmp_path_factory.mktemp("several"), ("\nACTUATOR = Actuator(", SECOND), ("faults=(PlantFault(", TWO))
-    toml = path.with_suffix(".toml")
-    toml.write_text(toml.read_text(encoding="utf-8") + 'hot.factor = { value = 2, unit = "1", source = "estimate" }\n'
-                    'corroded.area = { value = 0.0, unit = "1", source = "estimate" }\n', encoding="utf-8")
+    path.with_suffix(".toml").write_text("[fault]\nhot.factor = 2\ncorroded.area = 0.0\n", encoding="utf-8")
     return f"{path}+faults"
 
 
@@ -240,9 +238,7 @@ def test_changes_of_what_there_is_not(tmp_path: Path, given: str, said: str) -> 
 
 def test_an_amount_without_a_value(tmp_path: Path) -> None:
     """Switch and schedule are as declared; how much of a fault there is the file must say."""
-    path = changed(tmp_path)
-    toml = path.with_suffix(".toml")
-    toml.write_text(toml.read_text(encoding="utf-8").replace("demagnetised.share", "# "), encoding="utf-8")
+    path = changed(tmp_path, ('    "fault.demagnetised.share": 0.6,\n', ""))
     load_parameters(model=str(path))
     with pytest.raises(EmcasError, match=re.escape("fault.demagnetised.share: missing")):
         load_parameters(model=f"{path}+faults")

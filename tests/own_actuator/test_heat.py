@@ -34,10 +34,7 @@ STANDING = {"motor.back_emf_constant": 0.0, "motor.torque_constant": 1e-6, "cont
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = changed(tmp_path_factory.mktemp("warm"), *WITH_HEAT)
-    toml = path.with_suffix(".toml")
-    toml.write_text(toml.read_text(encoding="utf-8")
-                    + '\n[friction]\ntemperature = { value = 24, unit = "degC", source = "estimate" }\n',
-                    encoding="utf-8")
+    path.with_suffix(".toml").write_text('friction.temperature = "24 degC"\n', encoding="utf-8")
     return str(path)
 
 

@@ -31,7 +31,7 @@ from ...physics.stick import WALL
 from ...steppers import events, rigid
 from ...variables import parameter, real_output
 from .. import capabilities, fin_port
-from ..composition import Equation, Group, Output
+from ..composition import Group, Output
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import clutches, groups, interface, nonlinear
 from .nonlinear import as_built
@@ -44,7 +44,7 @@ SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor
 _WAYS = ((0, "with"), (1, "against"))
 
 
-def _element(name: str, k: int) -> Equation:
+def _element(name: str, k: int) -> fin_port.Equation:
     """Return the equation of an output that is element `k` of a tuple in the moment."""
     return lambda ops, p, m: getattr(m, name)[k]
 

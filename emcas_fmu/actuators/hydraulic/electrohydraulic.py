@@ -23,7 +23,7 @@ from ...steppers import events
 from ...variables import parameter, real_input, real_output, tunable
 from .. import as_built as deviations
 from .. import capabilities, fin_port
-from ..composition import Group, Output, at_fin
+from ..composition import Group, Output
 from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from ..electromechanical import groups
 from . import fin, interface
@@ -163,7 +163,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     _, _, supply_flow = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
     at_speed = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT
     limited = ops.either(at_speed, ops.either(ops.fabs(x.spool_position) >= 1.0, u.limited > 0.0))
-    return p, at_fin(ops, p, x, u, limited, supply_flow=supply_flow)
+    return p, fin_port.at_fin(ops, p, x, u, limited, supply_flow=supply_flow)
 
 
 COMPOSITION = interface.composed(moment, _DELAY, interface.friction(), interface.filled_cylinder(least=0.0), _VALVE,

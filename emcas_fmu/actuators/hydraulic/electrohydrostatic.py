@@ -30,8 +30,8 @@ from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
 from ...steppers import electrical, events
 from ...variables import only, parameter, switch, tunable
-from .. import capabilities
-from ..composition import Group, at_fin
+from .. import capabilities, fin_port
+from ..composition import Group
 from ..declaration import PlantFault, PlantInputs, SampleInputs, State, Values
 from ..electromechanical import groups, nonlinear, plausibility
 from ..electromechanical import interface as electromechanical
@@ -190,7 +190,8 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     """Return the parameters as built, and the values from which the outputs follow."""
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
-    return p, at_fin(ops, p, x, u, ops.either(clipped > 0.0, u.limited > 0.0), voltage=voltage, current=current)
+    limited = ops.either(clipped > 0.0, u.limited > 0.0)
+    return p, fin_port.at_fin(ops, p, x, u, limited, voltage=voltage, current=current)
 
 
 COMPOSITION = interface.composed(

@@ -1,0 +1,76 @@
+"""An actuator that declares derivatives and discontinuities instead of a step: its step, and what else follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from inspect import signature
+from typing import TYPE_CHECKING, Any
+
+from ..errors import EmcasError
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..steppers.discontinuities import Stop, System
+from . import fin_port
+from .positional import complete
+
+if TYPE_CHECKING:
+    from .declaration import Actuator
+
+BEGUN = "begun"
+"""The state of an actuator whose initial values use inputs: 0 until its first step, whose inputs these are."""
+_FIN = Stop("fin_angle", "fin_rate", "fin.stop_angle")
+
+
+def fields(actuator: Actuator) -> dict[str, Any]:
+    """Return step, smooth derivatives, outputs with those of the port, and what a start that uses inputs changes.
+
+    Raises EmcasError for an actuator without derivatives, or with discontinuities of states that it does not have.
+    """
+    if actuator.derivatives is None:
+        raise EmcasError(f"actuator {actuator.name}: has neither step nor derivatives; smooth equations need only "
+                         "derivatives")
+    names, derivatives, output_values = [s.name for s in actuator.states], actuator.derivatives, actuator.output_values
+    stopped = any(isinstance(each, Stop) and each.angle == _FIN.angle for each in actuator.discontinuities)
+    try:
+        system = System(lambda ops, p, x, u: complete(derivatives, derivatives(ops, p, x, u), names),
+                        (*actuator.discontinuities, *(() if stopped else (_FIN,))), names)
+    except EmcasError as error:
+        raise EmcasError(f"actuator {actuator.name}: {error}") from error
+    port, declared = {v.name for v in fin_port.OUTPUTS}, {v.name for v in actuator.outputs}
+
+    def outputs(ops: Ops, p: Any, x: Record, u: Record) -> Mapping[str, Value]:
+        u, active = system.present(ops, p, x, u)
+        now = fin_port.at_fin(ops, p, x, u, ops.either(u.limited > 0.0, active))
+        own = complete(output_values, output_values(ops, p, x, u), declared - port, declared)
+        return {**{name: equation(ops, p, now) for name, equation in fin_port.EQUATIONS.items()}, **own}
+
+    found = {"step": system.step, "derivatives": system.smooth, "output_values": outputs}
+    return found | (_begun(actuator, found) if len(signature(actuator.initial).parameters) == 4 else {})
+
+
+def _begun(actuator: Actuator, found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of an actuator whose initial values use the inputs of its first sample and step."""
+    from .declaration import State
+
+    initial, sample = actuator.initial, actuator.sample
+    names = [s.name for s in (*actuator.states, *actuator.controller_states, *actuator.sampled_states)]
+
+    def begun(ops: Ops, p: Any, x: Record, u: Record) -> Record:
+        """Return the states, at the start those that follow from the inputs."""
+        at = Record(fin_angle=p.fin.start_angle, encoder_offset=None)
+        start = {**dict.fromkeys(names, 0.0), "fin_angle": at.fin_angle,
+                 **complete(initial, initial(ops, p, at, u), (), names)}
+        fresh = ops.equal(x.begun, 0.0)
+        return x.replace(**{name: ops.where(fresh, start[name], value) for name, value in vars(x).items()
+                            if name in start})
+
+    def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Mapping[str, Value], Value]:
+        moved, used = found["step"](ops, p, begun(ops, p, x, u), u, h)
+        return {**moved, BEGUN: 1.0}, used
+
+    return {
+        "states": (*actuator.states, State(BEGUN)), "begun": begun, "step": step,
+        "initial": lambda ops, p, start: {},
+        "derivatives": lambda ops, p, x, u: {**found["derivatives"](ops, p, x, u), BEGUN: 0.0},
+        "sample": lambda ops, p, x, inputs: sample(ops, p, begun(ops, p, x, inputs), inputs),
+        "output_values": lambda ops, p, x, u: found["output_values"](ops, p, begun(ops, p, x, u), u)}
