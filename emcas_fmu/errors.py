@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from inspect import unwrap
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def _reason(error: OSError) -> tuple[str, str, str]:
 
 def location(function: Callable[..., Any]) -> str:
     """Return file, line and name of an actuator's function, for a message."""
-    code = getattr(function, "__code__", None)
+    code = getattr(unwrap(function), "__code__", None)
     return f"{code.co_filename}, line {code.co_firstlineno}: {code.co_name}()" if code else repr(function)
 
 

@@ -11,7 +11,7 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
                                  (:mod:`emcas_fmu.steppers.discontinuities`); the fin has its stop without one listed.
                                  Linear analysis uses them (:mod:`emcas_fmu.bench.linear.actuator`): beside a `step`
                                  they are enabled, without dry friction, gaps and events
-    output_values(ops, p, x, u)  every output; without a `step`, those of the port may be left out
+    output_values(ops, p, x, u)  every output; those of the port may be left out
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
 The functions return a mapping of names to values; all but `output_values` may leave out values that do not change (in
@@ -20,12 +20,11 @@ The functions return a mapping of names to values; all but `output_values` may l
 
 from __future__ import annotations
 
-import keyword
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, wraps
 from inspect import signature
 from math import ceil, floor, inf, log10
 from pathlib import Path
@@ -46,6 +45,8 @@ from .line import LINES, Line
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
 from .positional import complete
+from .state import FIN as FIN
+from .state import State as State
 
 Values = Mapping[str, Value]
 Parameters = Any
@@ -63,21 +64,6 @@ For `outputs` also: ``command`` [rad]; ``sampled_reference``, the last sample's;
 SampleInputs = Record
 """Inputs of a sample: ``command`` [rad], ``supply``, ``enable``, the further inputs, ``encoder_offset`` [counts], None
 of an encoder whose zero is the fin's, and ``position`` [rad], the state of angle that the encoder of position reads."""
-
-
-@dataclass(frozen=True)
-class State:
-    """A state by name, a Python identifier, with its unit."""
-
-    name: str
-    unit: str = ""
-    description: str = ""
-
-    def __post_init__(self) -> None:
-        if not (self.name.isidentifier() and self.name.isascii()) or keyword.iskeyword(self.name):
-            raise EmcasError(f"state {self.name!r}: a state's name is a Python identifier, such as fin_rate")
-        if hasattr(Record, self.name):
-            raise EmcasError(f"state {self.name!r}: is the name of a method of x; give it another name")
 
 
 @dataclass(frozen=True)
@@ -133,8 +119,6 @@ class Supply:
 
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[\d+\])?", re.ASCII)
 _BUS = tuple(map(State, bus.STATES))
-FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
-"""The states of the fin."""
 
 
 def _no_step(ops: Ops, p: Parameters, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
@@ -143,6 +127,14 @@ def _no_step(ops: Ops, p: Parameters, x: Record, u: PlantInputs, h: Value) -> tu
 
 def _no_outputs(ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
     return {}
+
+
+def _with_port(output_values: Callable[..., Values]) -> Callable[..., Values]:
+    @wraps(output_values)
+    def outputs(ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
+        return fin_port.completed(ops, p, x, u, u.limited > 0.0, output_values(ops, p, x, u))
+
+    return outputs
 
 
 def _rounded_up(limit: float) -> float:
@@ -235,6 +227,8 @@ class Actuator:
         if self.step is _no_step:
             for name, value in stepped.fields(self).items():
                 object.__setattr__(self, name, value)
+        elif not hasattr(self.output_values, "__wrapped__"):
+            object.__setattr__(self, "output_values", _with_port(self.output_values))
         declared = (s for s in self.controller_states if s not in _BUS)  # a replaced actuator has them already
         object.__setattr__(self, "controller_states", (*declared, *_BUS))
         # Inputs of the plant first, as the core expects.
@@ -339,8 +333,8 @@ class Actuator:
         at = Record(fin_angle=p.fin.start_angle if fin_angle is None else fin_angle, encoder_offset=encoder_offset)
         names = self._state_names
         values = complete(self.initial, self.initial(ops, p, at), (), ("measured_fin_angle", *names))
-        return {**dict.fromkeys(names, 0.0), **bus.start(ops, p, at.fin_angle), "fin_angle": at.fin_angle,
-                "measured_fin_angle": at.fin_angle, **values}
+        fin = dict.fromkeys(("measured_fin_angle", *({"fin_angle"} & set(names))), at.fin_angle)
+        return {**dict.fromkeys(names, 0.0), **bus.start(ops, p, at.fin_angle), **fin, **values}
 
     @cached_property
     def _state_names(self) -> tuple[str, ...]:

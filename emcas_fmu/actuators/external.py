@@ -30,13 +30,13 @@ _TURN = radians(360.1)
 _REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
     (r"operand type\(s\) for %", "write x - y * ops.floor(x / y)"),
     (r"operand type\(s\) for //", "write ops.floor(x / y)"),
-    (r"operand type\(s\) for \*\*", "write ops.exp(y * ops.log(x)), of x above 0"),
+    (r"operand type\(s\) for \*\*", "write ops.pow(x, y)"),
     (r"^int\(\)", "write ops.floor(x)"),
     (r"^float\(\) [^|]*\| .*(?<!\.)\bfloat\(", "leave float() out"),
     (r"__round__", "write ops.floor(x + 0.5)"),
     (r"indices must be|as an integer", "a list or a loop needs a fixed number; choose between values by ops.where"),
-    (r"\| .*\binterp\(", "put the pieces together by ops.where(x < x_1, y_0 + slope * (x - x_0), ...)"),
-    (r"\| .*\b(?:np|numpy|math)\.(sin|cos|tan|exp|log|sqrt|fabs|floor|minimum|maximum|clip|where)\(", r"use ops.\1"),
+    (r"\| .*\b(?:np|numpy|math)\.(sin|cos|tan|atan2?|tanh|exp|log|sqrt|fabs|floor|minimum|maximum|clip|where|interp"
+     r"|sign|pow)\(", r"use ops.\1"),
     (r"\| .*(?<!\.)\b(min|max)\(", r"use ops.\1imum"),
     (r"\bExpr\b|real number", "equations are traced: use functions of ops, as in ops.sin(x)"),
 ))
@@ -49,18 +49,25 @@ def installed() -> Mapping[str, EntryPoint]:
 
 
 def load_module(path: Path) -> ModuleType:
-    """Import a Python file. Raises EmcasError with file and line if that fails."""
+    """Import a Python file, which may import modules beside it. Raises EmcasError with file and line if that fails."""
     name = f"emcas_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise EmcasError(f"{path}: cannot be imported")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
+    sys.modules[name], before = module, set(sys.modules)
+    sys.path.insert(0, str(path.parent))
     try:
         spec.loader.exec_module(module)
     except Exception as error:
         del sys.modules[name]
         raise refusal(error, path) from error
+    finally:
+        sys.path.remove(str(path.parent))
+        # Another file may have a module of the same name beside it.
+        for other in set(sys.modules) - before:
+            if Path(getattr(sys.modules[other], "__file__", None) or "").parent == path.parent:
+                del sys.modules[other]
     return module
 
 
@@ -122,13 +129,13 @@ def of_function(actuator: Actuator, name: str) -> str:
 
 
 def refusal(error: Exception, path: Path) -> EmcasError:
-    """Return an error in a user's file as one with file, line and, if known, the remedy."""
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-    number, line = (frames[-1].lineno, frames[-1].line) if frames else (None, "")
+    """Return an error in a user's file, or a module beside it, as one with file, line and, if known, the remedy."""
+    frames = [each for each in traceback.extract_tb(error.__traceback__) if Path(each.filename).parent == path.parent]
+    file, number, line = (frames[-1].filename, frames[-1].lineno, frames[-1].line) if frames else (path, None, "")
     if isinstance(error, SyntaxError) and error.filename == str(path):
         number = error.lineno
     what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
     if isinstance(error, TypeError):
         found = ((match, remedy) for pattern, remedy in _REMEDIES if (match := pattern.search(f"{error} | {line}")))
         what += next((f"; {match.expand(remedy)}" for match, remedy in found), "")
-    return EmcasError(f"{path}{f', line {number}' if number else ''}: {what}")
+    return EmcasError(f"{file}{f', line {number}' if number else ''}: {what}")

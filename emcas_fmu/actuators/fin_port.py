@@ -154,6 +154,15 @@ def at_fin(ops: Ops, p: Any, x: Record, u: Record, limited: Value, **further: Va
                   limited=limited, **further)
 
 
+def completed(ops: Ops, p: Any, x: Record, u: Record, limited: Value, values: Mapping[str, Value]
+              ) -> Mapping[str, Value]:
+    """Return output values with those of the port that are missing; the states fin_angle and fin_rate are the fin's."""
+    if not (missing := [name for name in EQUATIONS if name not in values]):
+        return values
+    now = at_fin(ops, p, x, u, limited)
+    return {**{name: EQUATIONS[name](ops, p, now) for name in missing}, **values}
+
+
 def motion_loads(ops: Ops, p: Any, *motion: Value) -> tuple[Value, ...]:
     """Return the values of :class:`.loads.MotionLoads` in SI from the vehicle's `motion`, the inputs MOTION in SI."""
     a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import wraps
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from ..errors import EmcasError
 from ..namespace import Record
 from ..ops.base import Ops, Value
+from ..physics.loads import LOADS
 from ..steppers.discontinuities import Stop, System
 from . import fin_port
-from .positional import complete
+from .positional import complete, identifiers
+from .state import State
 
 if TYPE_CHECKING:
     from .declaration import Actuator
 
 BEGUN = "begun"
 """The state of an actuator whose initial values use inputs: 0 until its first step, whose inputs these are."""
+_INPUTS = ("reference", *LOADS, "supply", "enabled", "rated_current_limit", "command", "sampled_reference",
+           "measured_fin_angle", "limited")
 _FIN = Stop("fin_angle", "fin_rate", "fin.stop_angle")
 
 
@@ -30,28 +35,33 @@ def fields(actuator: Actuator) -> dict[str, Any]:
         raise EmcasError(f"actuator {actuator.name}: has neither step nor derivatives; smooth equations need only "
                          "derivatives")
     names, derivatives, output_values = [s.name for s in actuator.states], actuator.derivatives, actuator.output_values
-    stopped = any(isinstance(each, Stop) and each.angle == _FIN.angle for each in actuator.discontinuities)
+    stops = [] if {_FIN.angle, _FIN.rate} - set(names) or any(
+        isinstance(each, Stop) and each.angle == _FIN.angle for each in actuator.discontinuities) else [_FIN]
     try:
         system = System(lambda ops, p, x, u: complete(derivatives, derivatives(ops, p, x, u), names),
-                        (*actuator.discontinuities, *(() if stopped else (_FIN,))), names)
+                        (*actuator.discontinuities, *stops), names)
     except EmcasError as error:
         raise EmcasError(f"actuator {actuator.name}: {error}") from error
-    port, declared = {v.name for v in fin_port.OUTPUTS}, {v.name for v in actuator.outputs}
+    used = {*names, *_INPUTS, *(s.name for s in actuator.sampled_states), *identifiers(actuator.further_inputs)}
+    if twice := [name for name in system.names if name in used or system.names.count(name) > 1]:
+        raise EmcasError(f"actuator {actuator.name}: {twice[0]} is the name of two things; give the discontinuity "
+                         "another name than states and inputs have")
 
+    @wraps(output_values)
     def outputs(ops: Ops, p: Any, x: Record, u: Record) -> Mapping[str, Value]:
         u, active = system.present(ops, p, x, u)
-        now = fin_port.at_fin(ops, p, x, u, ops.either(u.limited > 0.0, active))
-        own = complete(output_values, output_values(ops, p, x, u), declared - port, declared)
-        return {**{name: equation(ops, p, now) for name, equation in fin_port.EQUATIONS.items()}, **own}
+        return fin_port.completed(ops, p, x, u, ops.either(u.limited > 0.0, active), output_values(ops, p, x, u))
 
-    found = {"step": system.step, "derivatives": system.smooth, "output_values": outputs}
+    @wraps(derivatives)
+    def smooth(ops: Ops, p: Any, x: Record, u: Record) -> Mapping[str, Value]:
+        return system.smooth(ops, p, x, u)
+
+    found = {"step": system.step, "derivatives": smooth, "output_values": outputs}
     return found | (_begun(actuator, found) if len(signature(actuator.initial).parameters) == 4 else {})
 
 
 def _begun(actuator: Actuator, found: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of an actuator whose initial values use the inputs of its first sample and step."""
-    from .declaration import State
-
     initial, sample = actuator.initial, actuator.sample
     names = [s.name for s in (*actuator.states, *actuator.controller_states, *actuator.sampled_states)]
 

@@ -86,7 +86,7 @@ class Expr:
         return self.tracer.emit("divide", self, other)
 
     def __pow__(self, exponent: Value) -> Value:
-        raise TypeError("there is no ** in traced code: write x * x, or ops.exp(y * ops.log(x))")
+        raise TypeError("there is no ** in traced code: write ops.pow(x, y)")
 
     def __abs__(self) -> Value:
         return self.tracer.fabs(self)

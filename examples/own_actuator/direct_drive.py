@@ -89,7 +89,7 @@ ACTUATOR = em.Actuator(
     derivatives=derivatives,
     output_values=output_values,
     faults=(em.PlantFault.scaling("demagnetised", "the magnets have permanently lost a share of their flux",
-                               em.tunable("share", "1", 0.0, 1.0, "of the flux that is left"),
-                               "motor.torque_constant", "motor.back_emf_constant", lasting=True),),
+                                  em.tunable("share", "1", 0.0, 1.0, "of the flux that is left"),
+                                  "motor.torque_constant", "motor.back_emf_constant", lasting=True),),
     reference=Path(__file__).with_name("direct_drive_reference.py"),
 )

@@ -258,7 +258,7 @@ def test_an_unstable_loop_of_a_users_actuator() -> None:
 
 
 # Two chambers' pressures, in Pa: their mean takes all that flows in and pushes nothing, a leak keeps their difference.
-CHAMBERS = (('State("current", "A")', 'State("current", "A"), State("one", "Pa"), State("other", "Pa")'),
+CHAMBERS = (('em.State("current", "A")', 'em.State("current", "A"), em.State("one", "Pa"), em.State("other", "Pa")'),
             ('"current": rise / p.motor.inductance}', '"current": rise / p.motor.inductance, '
              '"one": 7e6 * x.current - 30.0 * (x.one - x.other) - 1e6 * x.fin_rate, '
              '"other": -3e6 * x.current + 30.0 * (x.one - x.other) + 1e6 * x.fin_rate}'),

@@ -109,7 +109,7 @@ def test_it_begins_with_a_sample_and_lasts() -> None:
 
 
 def test_one_that_heals(tmp_path: Path) -> None:
-    model = f"{changed(tmp_path, ('), lasting=True', ')'))}+faults"
+    model = f"{changed(tmp_path, (', lasting=True', ''))}+faults"
     found = run(during("demagnetised", 0.05, 0.1), model, stop=1.5, fin_command=0.1, aero_torque=-20.0)
     assert found["fault_word"][75] == DEMAGNETISED
     assert not found["fault_word"][102:].any()
@@ -145,18 +145,19 @@ def corroded(ops, p, amounts):
     return {"motor.resistance": p.motor.resistance + 0.25 / amounts.area, "hinge.damping": 3.0 * p.hinge.damping}
 
 
-ACTUATOR = Actuator('''
+ACTUATOR = em.Actuator('''
 TWO = '''faults=(
-        PlantFault("hot", "winding hot", hot, (tunable("factor", "1", 1.0, 10.0, "of its resistance"),)),
-        PlantFault("corroded", "contacts", corroded, (tunable("area", "1", 0.0, 1.0, "of the contacts"),)),
-        PlantFault("jam", "hinge that drags", lambda ops, p, amounts: {"hinge.damping": 50.0 * p.hinge.damping}),
-        PlantFault('''
+        em.PlantFault("hot", "winding hot", hot, (em.tunable("factor", "1", 1.0, 10.0, "of its resistance"),)),
+        em.PlantFault("corroded", "contacts", corroded, (em.tunable("area", "1", 0.0, 1.0, "of the contacts"),)),
+        em.PlantFault("jam", "hinge that drags", lambda ops, p, amounts: {"hinge.damping": 50.0 * p.hinge.damping}),
+        em.PlantFault.scaling('''
 
 
 @pytest.fixture(scope="module")
 def several(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The direct drive with faults that touch the same parameters, and one in a general one's place."""
-    path = changed(tmp_path_factory.mktemp("several"), ("\nACTUATOR = Actuator(", SECOND), ("faults=(PlantFault(", TWO))
+    path = changed(tmp_path_factory.mktemp("several"), ("\nACTUATOR = em.Actuator(", SECOND),
+                   ("faults=(em.PlantFault.scaling(", TWO))
     path.with_suffix(".toml").write_text("[fault]\nhot.factor = 2\ncorroded.area = 0.0\n", encoding="utf-8")
     return f"{path}+faults"
 
@@ -230,7 +231,11 @@ def test_a_bad_declaration(make: Callable[[], Any], said: str) -> None:
     ('"motor.resistance": amounts.shar', "there is no shar; did you mean share?"),
 ])
 def test_changes_of_what_there_is_not(tmp_path: Path, given: str, said: str) -> None:
-    path = changed(tmp_path, ('"motor.torque_constant": amounts.share * p.motor.torque_constant', given))
+    path = changed(
+        tmp_path, ("ACTUATOR =", f"def broken(ops, p, amounts):\n    return {{{given}}}\n\n\nACTUATOR ="),
+        ("em.PlantFault.scaling(", "em.PlantFault("), ("their flux\",\n", "their flux\", broken, (\n"),
+        ('"of the flux that is left"),\n', '"of the flux that is left"),), lasting=True),),\n'),
+        (' ' * 34 + '"motor.torque_constant", "motor.back_emf_constant", lasting=True),),\n', ""))
     with pytest.raises(EmcasError, match=re.escape(said)) as refused:
         codegen.traced(model=f"{path}+faults")
     assert str(path) in str(refused.value)

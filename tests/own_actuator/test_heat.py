@@ -18,12 +18,12 @@ from emcas_fmu.simulation import simulate
 
 from .example import MODEL, changed
 
-AMBIENT = '''    parameter("motor.resistance"'''
-PROVIDES = "provides=frozenset({capabilities.POSITION_LOOP})"
+AMBIENT = '''    em.parameter("motor.resistance"'''
+PROVIDES = "provides=frozenset({em.capabilities.POSITION_LOOP})"
 WITH_HEAT = (
-    (AMBIENT, f'''    tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"),\n{AMBIENT}'''),
-    (PROVIDES, "provides=frozenset({capabilities.POSITION_LOOP, capabilities.MOTOR_CURRENT, "
-               "capabilities.AMBIENT_TEMPERATURE})"))
+    (AMBIENT, f'''    em.tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"),\n{AMBIENT}'''),
+    (PROVIDES, "provides=frozenset({em.capabilities.POSITION_LOOP, em.capabilities.MOTOR_CURRENT, "
+               "em.capabilities.AMBIENT_TEMPERATURE})"))
 # The winding alone gets warm, and nothing follows from it.
 ALONE = {"heat.winding_to_case": 1e4, "heat.winding_capacity": 1.0, "heat.resistance_coefficient": 0.0,
          "heat.torque_coefficient": 0.0}
@@ -99,7 +99,7 @@ def test_with_faults_over_it(model: str) -> None:
 def test_what_it_needs(tmp_path: Path) -> None:
     with pytest.raises(EmcasError, match="heat needs a motor current; direct-drive has none, nonlinear, "):
         get(f"{MODEL}+heat")
-    path = changed(tmp_path, (PROVIDES, "provides=frozenset({capabilities.MOTOR_CURRENT})"))
+    path = changed(tmp_path, (PROVIDES, "provides=frozenset({em.capabilities.MOTOR_CURRENT})"))
     assert load_parameters(model=f"{path}+heat").values["friction.temperature"] == 24.0
     other = changed(tmp_path, WITH_HEAT[1], name="other.py")
     with pytest.raises(EmcasError, match=re.escape("provides 'an ambient temperature', which needs "

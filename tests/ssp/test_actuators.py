@@ -28,9 +28,9 @@ pytestmark = pytest.mark.fmu
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
 # A moment on the hinge as an input of each fin's own; its start value is in the parameter file.
 PRELOADED = (
-    ("MOTOR_CURRENT = ", 'PRELOAD = real_input("preload", "N.m", "moment of the spring at 0", start=None, '
+    ("MOTOR_CURRENT = ", 'PRELOAD = em.real_input("preload", "N.m", "moment of the spring at 0", start=None, '
                          'key="spring.preload")\nMOTOR_CURRENT = '),
-    ("    supply=Supply(", "    further_inputs=(PRELOAD,),\n    supply=Supply("),
+    ("    supply=em.", "    further_inputs=(PRELOAD,),\n    supply=em."),
     ("- p.spring.stiffness * x.fin_angle", "+ u.preload - p.spring.stiffness * x.fin_angle"),
 )
 # The FMU and the kernel in this process compute the same bits; a host's clock is within 1e-15 s (test_hosts.py).
@@ -43,9 +43,7 @@ def model(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     if request.param != "preloaded":
         return str(request.param)
     path = changed(tmp_path_factory.mktemp("preloaded"), *PRELOADED)
-    values = path.with_suffix(".toml")
-    values.write_text(values.read_text(encoding="utf-8").replace("[spring]", '[spring]\npreload = "30 N*m"'),
-                      encoding="utf-8")
+    path.with_suffix(".toml").write_text('spring.preload = "30 N*m"\n', encoding="utf-8")
     return str(path)
 
 

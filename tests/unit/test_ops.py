@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterable, Mapping
 from types import ModuleType
 from typing import Any
@@ -222,3 +223,34 @@ def test_a_branch_is_evaluated_only_where_it_is_taken() -> None:
     (f,) = space["make"]({})
     assert f(-1.0) == (0.0,)  # log(-1) would raise
     assert f(1.0) == (0.0,)
+
+
+@pytest.mark.parametrize(("name", "arguments", "expected"), [
+    ("tanh", [(x,) for x in (-30.0, -1.0, -0.1, -0.0999, -1e-9, 0.0, 1e-3, 0.099, 0.5, 700.0)], math.tanh),
+    ("sign", [(-2.0,), (0.0,), (1e-300,)], lambda x: (x > 0.0) - (x < 0.0)),
+    ("atan2", [(y, x) for y in (-3.0, -1e-9, 0.0, 1.0, 5.0) for x in (-4.0, -1e-12, 1e-12, 0.5, 5.0)], math.atan2),
+    ("atan2", [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0)], math.atan2),
+    ("pow", [(x, y) for x in (0.0, 0.3, 1.0, 7.0) for y in (0.5, 1.5, 2.0, 3.25)], math.pow),
+    ("pow", [(-1.5, 3), (-1.5, 2.0), (2.0, -2), (5.0, 0), (1.1, 63)], math.pow),
+])
+def test_derived_functions(name: str, arguments: list[tuple[float, ...]], expected: Callable[..., float]) -> None:
+    """As those of the C library, to some units in the last place; alike over all namespaces."""
+    for row in arguments:
+        numbers = [float(getattr(ops, name)(*row)) for ops in (FLOATS, ARRAYS)]
+        symbols = [ca.SX.sym(f"x{i}") for i in range(len(row))]
+        # A whole exponent is one where it is a number.
+        given = [value if name == "pow" and row[1] == int(row[1]) and i else symbols[i] for i, value in enumerate(row)]
+        traced = ca.Function("f", symbols, [getattr(SYMBOLS, name)(*given)])
+        for number in (*numbers, float(traced(*row))):
+            assert number == pytest.approx(expected(*row), rel=1e-14, abs=1e-300), (name, row)
+
+
+def test_tables() -> None:
+    points, values = (-1.0, 0.0, 2.0), (3.0, 1.0, 5.0)
+    at = np.array([-9.0, -1.0, -0.5, 0.0, 0.25, 2.0, 7.0])
+    expected = np.interp(at, points, values)
+    np.testing.assert_allclose(ARRAYS.interp(at, points, values), expected, rtol=1e-15)
+    assert [FLOATS.interp(float(x), points, values) for x in at] == pytest.approx(list(expected), rel=1e-15)
+    for bad in ((0.0,), (0.0, 0.0), (1.0, 0.0)):
+        with pytest.raises(ValueError, match="table"):
+            FLOATS.interp(0.5, bad, bad)
