@@ -22,7 +22,7 @@ from ..parameters import check_parameters
 from ..physics.loads import LOADS
 from ..steppers.events import SwitchedStep
 from ..support.progress import warn
-from . import diagnosis
+from . import codegen, diagnosis
 from .compiled import Array, Tables
 
 _INTERVAL = 1e-3  # of points of time [s]
@@ -50,6 +50,7 @@ def try_out(model: str, row: Array, inputs: Sequence[float], points: int, run: R
     actuator = get(model)
     if actuator.source is None or model in _tried:
         return
+    codegen.traced(model=model)  # names the line of an equation that cannot be computed
     values = dict(zip((v.name for v in actuator.parameters), row.tolist(), strict=True))
     if check_parameters(values, model):
         return
