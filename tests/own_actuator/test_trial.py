@@ -40,8 +40,8 @@ def stepped(folder: Path, result: str) -> Path:
     """The example with a step() that returns `result`."""
     return changed(folder, ("\ndef output_values", _STEP.replace("RESULT", result)),
                    ("    derivatives=derivatives,", "    step=step,"),
-                   ("ACTUATOR = Actuator(", 'PARAMETERS += (parameter("step.share", "1", -1.0, 3.0, "of h"),)\n'
-                    "ACTUATOR = Actuator("))
+                   ("ACTUATOR = em.Actuator(", 'PARAMETERS += (em.parameter("step.share", "1", -1.0, 3.0, "of h"),)\n'
+                    "ACTUATOR = em.Actuator("))
 
 
 @pytest.mark.parametrize(("result", "says"), [
@@ -71,8 +71,8 @@ _IMPURE = "import random\nfrom itertools import count\nfrom pathlib"
     ("- p.hinge.damping * x.fin_rate", "- random.random() * x.fin_rate", "derivatives"),
     ("- p.hinge.damping * x.fin_rate", "- next(COUNTER) * x.fin_rate", "derivatives"),
     ("c.kd * x.fin_rate", "c.kd * (next(COUNTER) + p.hinge.damping)", "sample"),
-    ('"hinge_torque": fin', '"hinge_torque": random.random() + 0.0 * fin', "output_values"),
-    ('"fin_rate": x.fin_rate,\n', '"fin_rate": random.random(),\n', "output_values"),
+    ('"motor_current": x.current', '"motor_current": random.random() + 0.0 * x.current', "output_values"),
+    ('"motor_current": x.current', '"motor_current": random.random()', "output_values"),
 ])
 def test_what_changes_between_calls(tmp_path: Path, before: str, after: str, name: str) -> None:
     """It would be a constant, and another one in each FMU. The line is named, or that of the function."""
@@ -168,7 +168,7 @@ def test_signs(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, af
 
 _SWITCHED = """
 def mode(ops, p, x, u, h):
-    return Record(held=ops.both(ops.fabs(x.fin_angle) >= fin_port.stop_edge(p), x.fin_angle * x.fin_rate >= 0.0))
+    return Record(held=ops.both(ops.fabs(x.fin_angle) >= em.fin_port.stop_edge(p), x.fin_angle * x.fin_rate >= 0.0))
 
 
 def rates(ops, p, x, u, m):
@@ -191,9 +191,10 @@ def output_values"""
 def test_an_inverted_margin(tmp_path: Path, margin: str, sound: bool) -> None:
     path = changed(tmp_path, ("\ndef output_values", _SWITCHED.replace("MARGIN", margin)),
                    ("    derivatives=derivatives,", "    step=SYSTEM.step(lambda ops, p: p),"),
-                   ("ACTUATOR = Actuator(", "SYSTEM = Switched(mode, rates, margins, landed)\nACTUATOR = Actuator("),
-                   ("from emcas_fmu.variables", "from emcas_fmu.namespace import Record\n"
-                    "from emcas_fmu.steppers.events import Switched\nfrom emcas_fmu.variables"))
+                   ("ACTUATOR = em.Actuator(", "SYSTEM = Switched(mode, rates, margins, landed)\n"
+                    "ACTUATOR = em.Actuator("),
+                   ("import emcas_fmu.declare", "from emcas_fmu.namespace import Record\n"
+                    "from emcas_fmu.steppers.events import Switched\nimport emcas_fmu.declare"))
     values = load_parameters(model=str(path)).values
     if sound:
         assert simulate(values, 0.002, kernel="python", model=str(path))["fin_angle"][-1] == 0.0
