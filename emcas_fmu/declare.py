@@ -5,6 +5,8 @@ from .actuators import fin_port as fin_port
 from .actuators.declaration import FIN as FIN
 from .actuators.declaration import Actuator as Actuator
 from .actuators.declaration import PlantFault as PlantFault
+from .actuators.declaration import PlantInputs as PlantInputs
+from .actuators.declaration import SampleInputs as SampleInputs
 from .actuators.declaration import State as State
 from .actuators.declaration import Supply as Supply
 from .rules import rule as rule

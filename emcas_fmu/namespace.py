@@ -6,10 +6,11 @@ import re
 from collections.abc import Mapping
 from functools import reduce
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 from .errors import hint
 
+R = TypeVar("R", bound="Record")
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
@@ -25,12 +26,12 @@ class Names(SimpleNamespace):
 class Record(Names):
     """Named values at one instant: states, or inputs that act on them."""
 
-    def replace(self, /, **changes: Any) -> Record:
+    def replace(self: R, /, **changes: Any) -> R:
         """Return a copy with other values. Raises TypeError for an unknown name."""
         known = vars(self)
         if unknown := [name for name in changes if name not in known]:
             raise TypeError(f"there is no {', '.join(unknown)}; there is {', '.join(known)}")
-        return Record(**{**known, **changes})
+        return type(self)(**{**known, **changes})
 
 
 def with_values(p: Any, changes: Mapping[str, Any]) -> Any:

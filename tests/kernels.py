@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get, get_extension
-from emcas_fmu.namespace import Names, Record
+from emcas_fmu.actuators.declaration import PlantInputs
+from emcas_fmu.namespace import Names
 from emcas_fmu.ops.base import Value
 from emcas_fmu.runtime import codegen
 from emcas_fmu.runtime.c_sources import kernel_header, model_header, rules_header
@@ -53,7 +54,7 @@ def program(model: str) -> str:
 
         def rates(*values: Value) -> tuple[Value, ...]:
             named = dict(zip(names, values, strict=True))
-            given = Record(**named, enabled=named["enable"], rated_current_limit=None)
+            given = PlantInputs(**named, enabled=named["enable"], rated_current_limit=None)
             return tuple(actuator.rates(tracer, p, given, given).values())
 
         tracer.function("rates", names, rates)

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from emcas_fmu.actuators import get
-from emcas_fmu.namespace import Record, namespace
+from emcas_fmu.actuators.declaration import PlantInputs
+from emcas_fmu.namespace import namespace
 from emcas_fmu.physics.loads import NONE
 from emcas_fmu.runtime import codegen
 from emcas_fmu.runtime.codegen import inputs_at_rest
@@ -24,9 +25,9 @@ def new_core(values: Mapping[str, Any]) -> Core:
     return codegen.core(values)
 
 
-def acting(reference: float = 0.0, supply: float = 39.0, enabled: bool = True) -> Record:
+def acting(reference: float = 0.0, supply: float = 39.0, enabled: bool = True) -> PlantInputs:
     """What acts on an electromechanical plant through a step: a drive's reference [V], and no load."""
-    return Record(reference=reference, **vars(NONE), supply=supply, enabled=enabled, rated_current_limit=None)
+    return PlantInputs(reference=reference, **vars(NONE), supply=supply, enabled=enabled, rated_current_limit=None)
 
 
 def nested(values: Mapping[str, Any], model: str, **structure: Any) -> Any:

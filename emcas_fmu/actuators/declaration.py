@@ -41,6 +41,8 @@ from ..steppers.discontinuities import Discontinuity
 from ..steppers.smooth import Derivatives
 from ..variables import Terminal, Variable, parameter, real_input, real_output
 from . import capabilities, fin_port, positional, stepped
+from .inputs import PlantInputs as PlantInputs
+from .inputs import SampleInputs as SampleInputs
 from .line import LINES, Line
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
@@ -51,19 +53,6 @@ from .state import State as State
 Values = Mapping[str, Value]
 Parameters = Any
 """Parameters as attributes by their dotted names, with the actuator's `structure`."""
-PlantInputs = Record
-"""Inputs of the plant during a step. For `step` and `outputs`:
-
-``reference``, as it has arrived in the drive; ``aero_torque`` [N.m]; what follows from the vehicle's motion, ``f_x``,
-``f_z``, ``wx2_wz2``, ``wx_wz``, ``alpha_x``, ``alpha_y`` (:class:`emcas_fmu.physics.loads.MotionLoads`); ``supply``;
-``enabled``; the actuator's further inputs; its sampled states; ``rated_current_limit`` [A], the drive's without a
-fault, None if that is drive.current_limit.
-For `outputs` also: ``command`` [rad]; ``sampled_reference``, the last sample's; ``measured_fin_angle`` [rad];
-``limited``, 1 if a limit was active at the last sample.
-"""
-SampleInputs = Record
-"""Inputs of a sample: ``command`` [rad], ``supply``, ``enable``, the further inputs, ``encoder_offset`` [counts], None
-of an encoder whose zero is the fin's, and ``position`` [rad], the state of angle that the encoder of position reads."""
 
 
 @dataclass(frozen=True)
@@ -147,73 +136,75 @@ def _rounded_up(limit: float) -> float:
 class Actuator:
     """An actuator behind the fin port (:mod:`emcas_fmu.actuators.fin_port`).
 
-    The module's docstring describes its functions; other fields have sensible defaults. Raises EmcasError if the fields
-    do not fit together.
+    Only name, title, states and derivatives, or a step, must be set. Raises EmcasError if the fields do not fit
+    together. The module's docstring describes the functions.
+
+    - ``name``, ``title``, ``origin``: the FMU's name is made of the first; where the equations come from, in sentences
+    - ``states``, ``controller_states``, ``sampled_states``: changed by steps; changed by samples, which alone use them;
+      set by samples and used by everything
+    - ``encoder``, ``fin_side``: the states of angle and speed that the sensors read; and those of the fin, referred to
+      the motor, behind an elastic drive line: an encoder on the fin (encoder.on_fin) reads that angle
+    - ``outputs``, ``parameters``: in the order of the interface; those of the port that are not listed come first, the
+      supply's power last
+    - ``further_inputs``: inputs in addition to the port's: samples use a Boolean, everything uses a Real
+    - ``supply``, ``terminals``, ``descriptions``: what feeds the actuator; groups of variables; descriptions, by name,
+      of inputs of the port that have another meaning here
+    - ``rules``, ``supply_rules``: in addition to the port's; warnings that need start values of inputs, checked where a
+      set of parameters is loaded
+    - ``equal_parameters``: pairs of parameters that are equal in SI units: one follows from the other
+    - ``files``, ``values``: parameter files with the defaults, of which later ones override earlier ones; and defaults
+      by name, which files override, as a file has them: "0.5 mH", or a mapping of value, unit, source and note. Without
+      a source a value is an estimate
+    - ``initial``, ``sample``, ``derivatives``, ``discontinuities``, ``step``, ``output_values``: the equations
+    - ``structure``, ``equation_parameters``: which of the shared equations hold; and their parameters, with constants
+      for those that this actuator does not have
+    - ``as_built``, ``nominal``: the plant's parameters where they differ from those that the controllers know; and the
+      values of the deviations without which they do not
+    - ``longest_tick``, ``tick_remedy``, ``transport_delay``: largest internal tick [s], and how a user makes it longer;
+      time [s] from a sample to the drive
+    - ``faults``: of its kind, which the extension `faults` offers in addition to the general ones
+    - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
+    - ``reference``: an independent integration: a Python file, or a module's name, with `simulate(parameters, inputs)`
+    - ``modules``, ``source``, ``begun``: set where it is loaded: modules whose docstrings are the equations, the user's
+      file; states at the start that follow from inputs
     """
 
     name: str
     title: str
-    # Where the equations come from, in sentences.
     origin: str = ""
-
-    # States: changed by steps; changed by samples, which alone use them; set by samples and used by everything.
     states: tuple[State, ...] = ()
     controller_states: tuple[State, ...] = ()
     sampled_states: tuple[State, ...] = ()
-    # The states of angle and speed that the sensors read; and those of the fin, referred to the motor, behind an
-    # elastic drive line: an encoder on the fin (encoder.on_fin) reads that angle.
     encoder: tuple[str, str] = ("fin_angle", "fin_rate")
     fin_side: tuple[str, str] | None = None
-
-    # Variables in the order of the interface. Outputs and parameters of the port come first if they are not listed, the
-    # supply's power last.
     outputs: tuple[Variable, ...] = ()
     parameters: tuple[Variable, ...] = ()
-    # Inputs in addition to the port's: samples use a Boolean, everything uses a Real.
     further_inputs: tuple[Variable, ...] = ()
     supply: Supply | None = None
-    # Descriptions, by name, of inputs of the port that have another meaning here.
     descriptions: Mapping[str, str] = field(default_factory=dict)
     terminals: tuple[Terminal, ...] = ()
-    # Rules in addition to the port's; and pairs of parameters that are equal in SI units: one follows from the other.
     rules: tuple[Rule, ...] = ()
-    # Warnings that need start values of inputs, such as the supply's: checked where a set of parameters is loaded.
     supply_rules: tuple[Rule, ...] = ()
     equal_parameters: tuple[tuple[str, str], ...] = ()
-    # Parameter files with the defaults; later ones override earlier ones, and all override ``models/emcas.toml``. And
-    # defaults by name, as a file has them: "0.5 mH", or a mapping of value, unit, source and note. Without a source a
-    # value is an estimate.
     files: tuple[Path, ...] = ()
     values: Mapping[str, Any] = field(default_factory=dict)
-
-    # Equations.
     initial: Callable[..., Values] = lambda ops, p, start: {}
-    begun: Callable[[Ops, Parameters, Record, Record], Record] = lambda ops, p, x, u: x
+    begun: Callable[[Ops, Parameters, Record, Any], Record] = lambda ops, p, x, u: x
     sample: Callable[[Ops, Parameters, Record, SampleInputs], Values] = lambda ops, p, x, inputs: {"reference": 0.0}
     derivatives: Derivatives | None = None
     discontinuities: tuple[Discontinuity, ...] = ()
     step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step
     output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = _no_outputs
-    # Which of the shared equations hold; and their parameters, with constants for those that this actuator does
-    # not have.
     structure: Structure = field(default_factory=Structure)
     equation_parameters: Callable[[Ops, Parameters], Parameters] = lambda ops, p: p
-    # The plant's parameters where they differ from those that the controllers know, and the values of the deviations
-    # without which they do not.
     as_built: Callable[[Ops, Parameters], Parameters] = lambda ops, p: p
     nominal: Mapping[str, float] = field(default_factory=dict)
-    # Largest internal tick [s], and how a user makes it longer; time [s] from a sample to the drive.
     longest_tick: Callable[[Ops, Parameters], Value] = fin_port.max_tick
     tick_remedy: str = "raise solver.max_tick"
     transport_delay: Callable[[Ops, Parameters], Value] | None = None
-
-    # Faults of its kind, which the extension `faults` offers in addition to the general ones.
     faults: tuple[PlantFault, ...] = ()
-    # Capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`).
     provides: frozenset[str] = frozenset()
-    # An independent integration: a Python file, or a module's name, with ``simulate(parameters, inputs)``.
     reference: Path | str | None = None
-    # Modules whose docstrings are the equations; the user's file that declares it.
     modules: tuple[Any, ...] = ()
     source: Path | None = None
 
@@ -379,7 +370,7 @@ class Actuator:
     def plant_outputs(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
         """Return every output in SI, for a command and sample results of 0."""
         unsampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
-        return self.output_values(ops, p, x, Record(**{**vars(u), **unsampled}))
+        return self.output_values(ops, p, x, PlantInputs(**{**vars(u), **unsampled}))
 
 
 def with_outputs(outputs: tuple[Variable, ...], further: tuple[Variable, ...]) -> tuple[Variable, ...]:

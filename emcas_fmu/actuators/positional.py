@@ -14,6 +14,7 @@ from ..ops.located import LocatedFloat
 from ..physics.loads import LOADS
 from ..variables import Variable
 from . import fin_port
+from .inputs import PlantInputs, SampleInputs
 
 if TYPE_CHECKING:
     from .declaration import Actuator, Parameters
@@ -56,7 +57,7 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         names = (*plant, *controllers, *sampled)
         x = Record(**dict(zip(names, arguments, strict=False)))
         command, supply, enable, *further = arguments[len(names):]
-        inputs = Record(command=command, supply=supply, enable=enable, encoder_offset=None,
+        inputs = SampleInputs(command=command, supply=supply, enable=enable, encoder_offset=None,
                         position=actuator.position(ops, p, x),
                         **dict(zip(identifiers(actuator.further_inputs), further, strict=True)))
         values = actuator.commanded(ops, p, x, inputs)
@@ -66,7 +67,7 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         x = Record(**dict(zip(plant, arguments, strict=False)))
         split = len(plant) + len(sampled)
         reference, *values, h = arguments[split:]
-        u = Record(**acting(arguments[len(plant):split], reference, values))
+        u = PlantInputs(**acting(arguments[len(plant):split], reference, values))
         returned = actuator.step(ops, p, x, u, h)
         if not (isinstance(returned, tuple) and len(returned) == 2):
             raise EmcasError(f"{location(actuator.step)} returns {type(returned).__name__}; a mapping of states and "
@@ -80,8 +81,8 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         x = Record(**dict(zip(plant, arguments, strict=False)))
         reference, sampled_reference, measured, limited, *rest = arguments[len(plant):]
         sampled_values, (command, *values) = rest[:len(sampled)], rest[len(sampled):]
-        u = Record(**acting(sampled_values, reference, values), command=command, sampled_reference=sampled_reference,
-                   measured_fin_angle=measured, limited=limited)
+        u = PlantInputs(**acting(sampled_values, reference, values), command=command,
+                        sampled_reference=sampled_reference, measured_fin_angle=measured, limited=limited)
         names = tuple(v.name for v in actuator.outputs)
         shown = complete(actuator.output_values, actuator.output_values(ops, p, x, u), names)
         return tuple(shown[name] for name in names)

@@ -13,6 +13,7 @@ from ..ops.base import Ops, Value
 from ..physics.loads import LOADS
 from ..steppers.discontinuities import Stop, System
 from . import fin_port
+from .inputs import PlantInputs
 from .positional import complete, identifiers
 from .state import State
 
@@ -48,9 +49,9 @@ def fields(actuator: Actuator) -> dict[str, Any]:
                          "another name than states and inputs have")
 
     @wraps(output_values)
-    def outputs(ops: Ops, p: Any, x: Record, u: Record) -> Mapping[str, Value]:
-        u, active = system.present(ops, p, x, u)
-        return fin_port.completed(ops, p, x, u, ops.either(u.limited > 0.0, active), output_values(ops, p, x, u))
+    def outputs(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Mapping[str, Value]:
+        now, active = system.present(ops, p, x, u)
+        return fin_port.completed(ops, p, x, u, ops.either(u.limited > 0.0, active), output_values(ops, p, x, now))
 
     @wraps(derivatives)
     def smooth(ops: Ops, p: Any, x: Record, u: Record) -> Mapping[str, Value]:
@@ -71,15 +72,12 @@ def _begun(actuator: Actuator, found: Mapping[str, Any]) -> dict[str, Any]:
         start = {**dict.fromkeys(names, 0.0), "fin_angle": at.fin_angle,
                  **complete(initial, initial(ops, p, at, u), (), names)}
         fresh = ops.equal(x.begun, 0.0)
-        return x.replace(**{name: ops.where(fresh, start[name], value) for name, value in vars(x).items()
-                            if name in start})
-
-    def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Mapping[str, Value], Value]:
-        moved, used = found["step"](ops, p, begun(ops, p, x, u), u, h)
-        return {**moved, BEGUN: 1.0}, used
+        states = {name: ops.where(fresh, start[name], value) for name, value in vars(x).items() if name in start}
+        return x.replace(**states, **{BEGUN: 1.0})
 
     return {
-        "states": (*actuator.states, State(BEGUN)), "begun": begun, "step": step,
+        "states": (*actuator.states, State(BEGUN)), "begun": begun,
+        "step": lambda ops, p, x, u, h: found["step"](ops, p, begun(ops, p, x, u), u, h),
         "initial": lambda ops, p, start: {},
         "derivatives": lambda ops, p, x, u: {**found["derivatives"](ops, p, x, u), BEGUN: 0.0},
         "sample": lambda ops, p, x, inputs: sample(ops, p, begun(ops, p, x, inputs), inputs),

@@ -146,7 +146,7 @@ class _Faulty:
             reference = ops.where(ops.both(on["hard_over"], inputs.enable), p.fault.hard_over.share * full, reference)
 
         # The monitors are active only in closed loop.
-        here = Record(reference=0.0, **vars(NONE), supply=supply, enabled=inputs.enable, rated_current_limit=None,
+        here = PlantInputs(reference=0.0, **vars(NONE), supply=supply, enabled=inputs.enable, rated_current_limit=None,
                       **{v.name: 0.0 for v in actuator.acting_inputs},
                       **{s.name: sampled[s.name] for s in actuator.sampled_states})
         watching = ops.both(inputs.enable, ops.equal(self._status(ops, p, x, here), OPERATIONAL))

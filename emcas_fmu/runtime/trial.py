@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..actuators import fin_port, get
-from ..actuators.declaration import Actuator
+from ..actuators.declaration import Actuator, PlantInputs
 from ..actuators.positional import identifier
 from ..errors import EmcasError, location
 from ..namespace import Record
@@ -98,7 +98,7 @@ def _unstable(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str
     acting = {**{s.name: start[s.name] for s in actuator.sampled_states}, **dict.fromkeys((*LOADS, "reference"), 0.0),
               "supply": inputs[actuator.supply.input.name] if actuator.supply else 0.0,
               **{identifier(v.name): inputs[v.name] for v in actuator.acting_inputs}}
-    u = Record(**{name: of_file(value) for name, value in acting.items()}, enabled=False, rated_current_limit=None)
+    u = PlantInputs(**{name: of_file(value) for name, value in acting.items()}, enabled=False, rated_current_limit=None)
 
     def rates(at: Array) -> Array:
         found = actuator.rates(ops, p, Record(**dict(zip(names, map(of_file, at.tolist()), strict=True))), u)

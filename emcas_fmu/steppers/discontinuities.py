@@ -156,7 +156,7 @@ class System:
             u = _with(u, limit.smooth(ops, _value(limit.value, ops, p, x, u), *limit.range(ops, p, x, u)))
         return self._derivatives(ops, p, x, _with(u, self._still))
 
-    def present(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Record, Value]:
+    def present(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Any, Value]:
         """Return the plant inputs with every value, and whether a limit is active; friction holds a body at rest."""
         u, sides = self._limited(ops, p, x, u)
         active = reduce(ops.either, (ops.negate(ops.equal(sides[each.name], 0.0)) for each in self._limits
@@ -207,7 +207,7 @@ class System:
             bodies[body.rate] = slide, ops.both(ops.equal(slide.direction, 0.0), holds)
         return Record(**sides, bodies=bodies)
 
-    def _acting(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Record:
+    def _acting(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Any:
         """Return the plant inputs with every value in a mode."""
         u, _ = self._limited(ops, p, x, u, m)
         directions = {rate: slide.direction for rate, (slide, _) in m.bodies.items()}
@@ -267,5 +267,5 @@ def _by_rate(discontinuities: Any) -> dict[str, Any]:
     return by_rate
 
 
-def _with(u: Record, values: Mapping[str, Value]) -> Record:
-    return Record(**{**vars(u), **values})
+def _with(u: Any, values: Mapping[str, Value]) -> Any:
+    return type(u)(**{**vars(u), **values})

@@ -42,11 +42,11 @@ class Switched:
     begun(ops, p, x, u, h)              states that an input switches as the step begins, and the longest step up to `h`
     """
 
-    mode: Callable[[Ops, Any, Record, Record, Value], Record]
-    derivatives: Callable[[Ops, Any, Record, Record, Record], Values]
-    margins: Callable[[Ops, Any, Record, Record, Record], Values]
-    landed: Callable[[Ops, Any, Record, Record, Record, Record, Values], Values]
-    begun: Callable[[Ops, Any, Record, Record, Value], tuple[Record, Value]] = lambda ops, p, x, u, h: (x, h)
+    mode: Callable[[Ops, Any, Record, Any, Value], Record]
+    derivatives: Callable[[Ops, Any, Record, Any, Record], Values]
+    margins: Callable[[Ops, Any, Record, Any, Record], Values]
+    landed: Callable[[Ops, Any, Record, Record, Any, Record, Values], Values]
+    begun: Callable[[Ops, Any, Record, Any, Value], tuple[Record, Value]] = lambda ops, p, x, u, h: (x, h)
 
     def step(self, as_built: Callable[[Ops, Any], Any]) -> SwitchedStep:
         """Return the function `step(ops, p, x, u, h)` of an actuator whose plant has the parameters `as_built`."""

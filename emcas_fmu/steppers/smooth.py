@@ -22,7 +22,7 @@ _GAMMA = 1.0 - 1.0 / sqrt(2.0)
 # Increment of a difference quotient: about the square root of the rounding of a state of order one.
 _INCREMENT = 1e-7
 
-Derivatives = Callable[[Ops, Any, Record, Record], Mapping[str, Value]]
+Derivatives = Callable[[Ops, Any, Record, Any], Mapping[str, Value]]
 
 
 def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Value], h: Value) -> list[Value]:

@@ -22,6 +22,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get, get_extension
+from emcas_fmu.actuators.declaration import PlantInputs
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.description import terminals_and_icons, to_bytes
 from emcas_fmu.fmi.fmi2.slave import Slave
@@ -118,7 +119,7 @@ def test_a_tick_is_split_where_such_an_input_changes(name: str) -> None:
     assert found[0] == found[1]
 
     def moved(x: Record, given: Mapping[str, float], h: float) -> Record:
-        u = Record(reference=0.1, **vars(NONE), supply=0.0, enabled=True, gain=1.0, rated_current_limit=None,
+        u = PlantInputs(reference=0.1, **vars(NONE), supply=0.0, enabled=True, gain=1.0, rated_current_limit=None,
                    hydraulic_pressure=given["pressure"], drift=given["drift"])
         values, used = actuator.step(FLOATS, p, x, u, h)
         assert used == h

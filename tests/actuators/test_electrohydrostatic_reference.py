@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu.actuators import get
+from emcas_fmu.actuators.declaration import PlantInputs
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics.loads import NONE
@@ -122,7 +123,7 @@ def test_no_more_steps_than_events_ask_for() -> None:
     ticks = steps = 0
     while ticks < 700:
         torque = 350.0 * sin(2.0 * pi * 15.0 * ticks * 1e-4)
-        u = Record(**{**vars(NONE), "aero_torque": torque}, reference=0.0, supply=39.0, enabled=True,
+        u = PlantInputs(**{**vars(NONE), "aero_torque": torque}, reference=0.0, supply=39.0, enabled=True,
                    rated_current_limit=None)
         left = 1e-4
         while left > 1e-12:

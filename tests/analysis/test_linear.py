@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from emcas_fmu.actuators.declaration import PlantInputs
 from emcas_fmu.actuators.electromechanical import nonlinear
 from emcas_fmu.bench.linear import frequency
 from emcas_fmu.bench.linear.actuator import LinearActuator
@@ -40,7 +41,7 @@ def test_jacobian_is_that_of_finite_differences(values: Values) -> None:
 
     def changes(x: Any) -> Any:
         *states, reference, torque = map(float, x)
-        u = Record(reference=reference, **vars(NONE.replace(aero_torque=torque, f_z=9.80665)))
+        u = PlantInputs(reference=reference, **vars(NONE.replace(aero_torque=torque, f_z=9.80665)))
         rates = nonlinear.derivatives(FLOATS, namespace(p), Record(**dict(zip(names, states, strict=True))), u)
         return np.array([rates[name] for name in names])
 

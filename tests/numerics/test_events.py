@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu.actuators import get
+from emcas_fmu.actuators.declaration import PlantInputs
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
@@ -73,7 +74,7 @@ def test_both_back_ends_take_the_same_steps() -> None:
 
 def advanced(x: dict[str, float], h: float, torque: float = 0.0) -> tuple[Record, float]:
     actuator = get(MODEL)
-    u = Record(**{**vars(NONE), "aero_torque": torque})
+    u = PlantInputs(**{**vars(NONE), "aero_torque": torque})
     moved, used = actuator.step(FLOATS, actuator.namespace(VALUES), Record(**x), u, h)
     return Record(**moved), float(used)
 

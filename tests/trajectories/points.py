@@ -12,9 +12,8 @@ from math import asinh, isfinite
 from typing import Any
 
 from emcas_fmu.actuators import get
-from emcas_fmu.actuators.declaration import Actuator
+from emcas_fmu.actuators.declaration import Actuator, PlantInputs
 from emcas_fmu.actuators.positional import identifier
-from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.physics.loads import LOADS
@@ -43,7 +42,7 @@ def points(model: str) -> dict[str, list[float]]:
             for (name, arguments, _), function in zip(codegen.functions(actuator), functions, strict=True):
                 columns.setdefault(name, []).append(_results(function, *(given[a] for a in arguments)))
             if actuator.derivatives is not None:
-                columns.setdefault("rates", []).append(_results(_rates, actuator, p, Record(**given)))
+                columns.setdefault("rates", []).append(_results(_rates, actuator, p, PlantInputs(**given)))
     return {name: [float(f"{mark(column):.12g}") for column in zip(*_of_one_length(rows), strict=True)]
             for name, rows in columns.items()}
 
@@ -54,7 +53,7 @@ def _of_one_length(rows: Sequence[list[float]]) -> Iterator[list[float]]:
     return (row or [NOT_FINITE] * length for row in rows)
 
 
-def _rates(actuator: Actuator, p: Any, given: Record) -> Iterable[Any]:
+def _rates(actuator: Actuator, p: Any, given: PlantInputs) -> Iterable[Any]:
     return actuator.rates(FLOATS, p, given, given).values()
 
 

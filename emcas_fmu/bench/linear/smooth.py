@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 
 from ...actuators import get
-from ...actuators.declaration import Actuator
+from ...actuators.declaration import Actuator, PlantInputs, SampleInputs
 from ...actuators.positional import identifier
 from ...namespace import Record
 from ...ops.base import Value
@@ -76,11 +76,13 @@ class Equations:
     def start(self) -> list[Value]:
         """Return the initial values, in SI, of `states`, then of the controllers' states `kept`."""
         begun = self._actuator.start(FINE, self._p, self._at)
-        return [begun[name] for name in (*self.states, *self.kept)]
+        inputs = self.acting(0.0, 0.0, [begun[name] for name in self.sampled])
+        x = self._actuator.begun(FINE, self._p, Record(**begun), inputs)
+        return [getattr(x, name) for name in (*self.states, *self.kept)]
 
-    def acting(self, reference: Value, aero_torque: Value, sampled: Sequence[Value]) -> Record:
+    def acting(self, reference: Value, aero_torque: Value, sampled: Sequence[Value]) -> PlantInputs:
         """Return the inputs of the plant; those that are not arguments have their start values."""
-        return Record(
+        return PlantInputs(
             reference=reference, **vars(loads.level(FLOATS, self._p, aero_torque)), supply=self._supply, enabled=True,
             rated_current_limit=None, command=self._at, sampled_reference=reference, measured_fin_angle=self._at,
             limited=0.0, **{identifier(v.name): self._started(v) for v in self._actuator.acting_inputs},
@@ -105,9 +107,9 @@ class Equations:
         *values, command = arguments
         ops = self._command_ops
         state = Record(**dict(zip((*self.kept, *self.states), values, strict=True)))
-        inputs = Record(command=command, position=self._actuator.position(ops, self._p, state), supply=self._supply,
-                        enable=True, encoder_offset=None,
-                        **{identifier(v.name): self._started(v) for v in self._actuator.further_inputs})
+        inputs = SampleInputs(
+            command=command, position=self._actuator.position(ops, self._p, state), supply=self._supply, enable=True,
+            encoder_offset=None, **{identifier(v.name): self._started(v) for v in self._actuator.further_inputs})
         after = self._actuator.commanded(ops, self._p, state, inputs)
         return [after[name] for name in (*self.kept, "reference", "measured_fin_angle", *self.sampled)]
 
