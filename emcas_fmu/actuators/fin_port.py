@@ -68,7 +68,7 @@ def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = O
 
 
 _PARTS = (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork"))
-_TURNING = (
+TURNING = (
     *(parameter(f"inertia.{part}", "kg.m2", 1e-9 if part == "fin" else 0.0, 1e3, f"{name} inertia about the hinge",
                 sheet=f"drawing: inertia of the {name} about the hinge") for part, name in _PARTS),
     *(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass", sheet=f"drawing: mass of the {name}")
@@ -78,12 +78,11 @@ _TURNING = (
                 sheet=f"drawing: centre of mass of the {part} from the hinge")
       for part, _ in _PARTS for axis in ("x", "z")),
 )
-TURNING = tuple(v.name for v in _TURNING)
 """Parameters of what turns about the hinge: 0 where no file sets them, but for the fin's inertia."""
 SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
                         sheet="controller: sample time (cycle time)", display="ms")
 PARAMETERS = (
-    *(v if v.minimum > 0.0 else replace(v, start=0.0) for v in _TURNING),
+    *TURNING,
     SAMPLE_TIME,
     parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command",
               sheet="specification: operating range of the fin, to each side"),

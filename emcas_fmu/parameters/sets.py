@@ -197,7 +197,9 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
     if parts(model)[0] not in NAMES:
         # The motor resistance of a user's actuator, say, is not that of the thesis, nor is its fin: only the limits,
         # mounting and sampling of the fin port apply.
-        entries = {v.name: entries[v.name] for v in fin_port.PARAMETERS if v.name not in fin_port.TURNING}
+        none = {v.name: 0.0 for v in fin_port.TURNING if v.minimum <= 0.0}
+        entries = {v.name: entries[v.name] for v in fin_port.PARAMETERS if v not in fin_port.TURNING} | read(
+            {name: in_variables_unit(name, value, model) for name, value in none.items()}, source, "derived")
     entries |= read({name: in_variables_unit(name, value, model) for name, value in actuator.values.items()}, source,
                     "estimate")
     for file in own:
