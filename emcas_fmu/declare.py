@@ -9,6 +9,7 @@ from .actuators.declaration import PlantInputs as PlantInputs
 from .actuators.declaration import SampleInputs as SampleInputs
 from .actuators.declaration import State as State
 from .actuators.declaration import Supply as Supply
+from .rules import rising as rising
 from .rules import rule as rule
 from .rules import when as when
 from .steppers.discontinuities import Backlash as Backlash
@@ -16,6 +17,7 @@ from .steppers.discontinuities import Coulomb as Coulomb
 from .steppers.discontinuities import Limit as Limit
 from .steppers.discontinuities import Stop as Stop
 from .variables import Terminal as Terminal
+from .variables import array as array
 from .variables import boolean_input as boolean_input
 from .variables import boolean_output as boolean_output
 from .variables import integer_parameter as integer_parameter

@@ -7,6 +7,8 @@ same rule. Messages are printf formats with numbers.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import reduce
+from itertools import pairwise
 from math import inf, isfinite, pi
 from typing import Any, NamedTuple
 
@@ -55,6 +57,19 @@ def in_degrees(angle: Any) -> Any:
 def when(ops: Any, condition: Any) -> Any:
     """Return the amount by which a yes-or-no rule is broken: 1 if `condition` holds, else 0."""
     return ops.where(condition, 1.0, 0.0)
+
+
+def rising(name: str, count: int, unit: str = "1") -> Rule:
+    """Return the rule that the `count` values of an array of parameters, such as the points of a table, increase."""
+    @rule(f"{name} = [{', '.join(['%.6g'] * count)}]{'' if unit == '1' else ' ' + unit} must rise from point to point")
+    def check(ops: Any, p: Any, _: Any) -> tuple[Any, ...]:
+        points = reduce(getattr, name.split("."), p)
+        falls: Any = False
+        for low, high in pairwise(points):
+            falls = ops.either(falls, low >= high)
+        return when(ops, falls), *points
+
+    return check
 
 
 def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, float]]) -> list[str]:

@@ -121,6 +121,12 @@ def parameter(name: str, unit: str, minimum: float, maximum: float, description:
                     display=display, quantity=quantity)
 
 
+def array(name: str, count: int, unit: str, minimum: float, maximum: float, description: str) -> tuple[Variable, ...]:
+    """Declare an array of parameters, such as the points or the values of a table; equations read it as a tuple."""
+    return tuple(parameter(f"{name}[{i}]", unit, minimum, maximum, f"{description}, point {i + 1}")
+                 for i in range(count))
+
+
 def tunable(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
             display: str = "") -> Variable:
     """Declare a parameter that may be changed during a simulation; `unit` is also that of its limits."""

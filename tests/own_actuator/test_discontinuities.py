@@ -189,3 +189,25 @@ ACTUATOR = em.Actuator("geared", "geared", states=em.FIN, values={"inertia.fin":
     with pytest.raises(EmcasError, match=r"gear\.py, line 2: AttributeError: there is no missing"):
         simulate(load_parameters(model=str(tmp_path / "one" / "mine.py")).values, 0.1,
                  model=str(tmp_path / "wrong" / "mine.py"), kernel="python")
+
+
+def test_a_table(tmp_path: Path) -> None:
+    """Its points and values are variables; points that do not rise are refused."""
+    path = tmp_path / "mine.py"
+    path.write_text("""import emcas_fmu.declare as em
+
+ACTUATOR = em.Actuator(
+    "sprung", "fin on a spring with a characteristic", states=em.FIN, rules=(em.rising("spring.angle", 3, "rad"),),
+    parameters=(*em.array("spring.angle", 3, "rad", -1.0, 1.0, "angle"),
+                *em.array("spring.torque", 3, "N.m", -1e3, 1e3, "torque at that angle")),
+    values={"inertia.fin": 1.0, "spring.angle": ["-20 deg", "0 deg", "20 deg"], "spring.torque": [-5.0, 0.0, 50.0]},
+    derivatives=lambda ops, p, x, u: {
+        "fin_angle": x.fin_rate,
+        "fin_rate": u.aero_torque - ops.interp(x.fin_angle, p.spring.angle, p.spring.torque) - 5.0 * x.fin_rate})
+""", encoding="utf-8")
+    parameters = load_parameters(model=str(path))
+    for torque, angle in ((25.0, 10.0), (-2.5, -10.0)):
+        run = simulate(parameters.values, 8.0, model=str(path), aero_torque=torque)
+        assert degrees(run["fin_angle"][-1]) == pytest.approx(angle, abs=0.01)
+    with pytest.raises(EmcasError, match=r"spring\.angle = \[.*\] rad must rise from point to point"):
+        parameters.with_values({"spring.angle[1]": "25 deg"})

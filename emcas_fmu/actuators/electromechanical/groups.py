@@ -6,7 +6,7 @@ from dataclasses import replace
 from math import inf, radians
 
 from ...physics import drive, kinematics
-from ...variables import Variable, integer_parameter, parameter, real_output, switch, tunable
+from ...variables import array, integer_parameter, parameter, real_output, switch, tunable
 from .. import as_built, capabilities, fin_port
 from ..composition import Group, Output, port
 from . import rules
@@ -53,16 +53,13 @@ EFFICIENCY = Group((
 # -- friction ----------------------------------------------------------------------
 
 
-def _table(quantity: str, unit: str, minimum: float, maximum: float, description: str) -> tuple[Variable, ...]:
-    return tuple(parameter(f"friction.table.{quantity}[{i}]", unit, minimum, maximum, f"{description}, point {i + 1}")
-                 for i in range(rules.TABLE_POINTS))
-
-
 VISCOUS = Group((
     *(parameter(f"friction.viscous.{way}", "N.m.s/rad", 0.0, 10.0, f"viscous friction at the motor, {way} motion",
                 sheet="bench: viscous friction without load") for way in ("positive", "negative")),
-    *_table("temperature", "degC", -100.0, 200.0, "temperature of the table of friction, rising"),
-    *_table("viscous", "1", 0.0, 100.0, "viscous friction there over that at 24 degC"),
+    *array("friction.table.temperature", rules.TABLE_POINTS, "degC", -100.0, 200.0,
+           "temperature of the table of friction, rising"),
+    *array("friction.table.viscous", rules.TABLE_POINTS, "1", 0.0, 100.0,
+           "viscous friction there over that at 24 degC"),
     parameter("friction.identified_from", "degC", -100.0, 200.0,
               "coldest temperature at which friction was tested"),
     parameter("friction.identified_to", "degC", -100.0, 200.0, "warmest temperature at which friction was tested"),
@@ -73,7 +70,8 @@ COULOMB = Group((
                 f"Coulomb friction at the motor for {way} motion: coefficient of (fin_angle/20 deg)^{power}",
                 "bench: friction torque without load; a constant one is the first number, the others 0")
       for way in ("positive", "negative") for power in range(7)),
-    *_table("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC")),
+    *array("friction.table.coulomb", rules.TABLE_POINTS, "1", 0.0, 100.0,
+           "Coulomb friction there over that at 24 degC")),
     rules=rules.FRICTION_RULES, provides=(capabilities.COULOMB_FRICTION,), absent={
         "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7,
         "friction.table.coulomb": (1.0,) * rules.TABLE_POINTS}, deviations=(as_built.COULOMB,))

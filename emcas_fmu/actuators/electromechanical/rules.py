@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from math import degrees, radians
 from typing import Any
 
 from ...ops.base import Ops, Value
 from ...physics import mechanics
 from ...physics.friction import coulomb_polynomial
-from ...rules import ANGLE, SLACK, Rule, in_degrees, rule, when
+from ...rules import ANGLE, SLACK, Rule, in_degrees, rising, rule, when
 
 TABLE_POINTS = 5
 # The tangent of the lever's angle grows without bound towards 90 deg.
@@ -63,15 +62,6 @@ def _stable(name: str, share: float) -> Rule:
         return when(ops, gain > fastest * (1.0 + SLACK)), gain, fastest
 
     return check
-
-
-@rule(f"friction.table.temperature = [{', '.join(['%.6g'] * TABLE_POINTS)}] degC must rise from point to point")
-def rising_temperatures(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    points = p.friction.table.temperature
-    falls: Value = False
-    for low, high in pairwise(points):
-        falls = ops.either(falls, low >= high)
-    return when(ops, falls), *points
 
 
 @rule("friction.temperature = %.6g degC is outside friction.identified_from = %.6g to friction.identified_to = %.6g "
@@ -135,4 +125,4 @@ FRICTION_RULES = (_friction("positive"), _friction("negative"))
 OBSERVER_RULE = _stable("load_observer", 1.0)
 # The drive's anti-windup unwinds two integrals at once.
 ANTIWINDUP_RULES = (_stable("antiwindup", 1.0), _stable("drive_antiwindup", 0.5))
-TEMPERATURE_RULES = (rising_temperatures, identified_range, identified)
+TEMPERATURE_RULES = (rising("friction.table.temperature", TABLE_POINTS, "degC"), identified_range, identified)
