@@ -208,7 +208,7 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
         if v.start is not None and v.name not in entries:
             text = as_text({"value": v.start, "unit": v.unit})
             entries[v.name] = Entry(v, v.start, text, "derived", "As declared; no file sets it.", "")
-    where = own[-1] if own else source
+    where = own[-1] if own else actuator.source or shipped
     if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:
         raise ParameterError(missing)
