@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
 from emcas_fmu.actuators import NAMES, NONLINEAR, get
+from tests.marks import others_slow
 
 ACTUATOR = get(NONLINEAR)
 INPUTS, OUTPUTS, PARAMETERS = ACTUATOR.inputs, ACTUATOR.outputs, ACTUATOR.parameters
@@ -13,7 +12,7 @@ FILE_ENTRIES = ACTUATOR.file_entries
 START_ENTRIES = FILE_ENTRIES[len(PARAMETERS):]
 namespace = ACTUATOR.namespace
 # Every shipped actuator, for tests that compile a kernel of each: but for two, these take minutes together.
-EVERY = [pytest.param(name, marks=() if name in (NONLINEAR, "second-order") else pytest.mark.slow) for name in NAMES]
+EVERY = others_slow(NAMES, lambda name: name in (NONLINEAR, "second-order"))
 # The thesis's controllers, which independent integrations and closed forms in the tests have, with gains that do not
 # move with the shipped ones.
 THESIS_LOOPS = {"controller.position.setpoint_weight": 1.0, "controller.drive_antiwindup": 0.0,

@@ -10,10 +10,14 @@ import pytest
 from emcas_fmu.actuators import NONLINEAR
 
 
+def slow(*cases: Any) -> list[Any]:
+    """Return cases for `parametrize` that are marked slow; a tuple has several arguments."""
+    return [pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow) for case in cases]
+
+
 def others_slow(cases: Iterable[Any], quick: Callable[[Any], bool]) -> list[Any]:
-    """Return cases for `parametrize`, marked slow where `quick` does not hold; a tuple has several arguments."""
-    return [case if quick(case) else pytest.param(*(case if isinstance(case, tuple) else (case,)),
-                                                  marks=pytest.mark.slow) for case in cases]
+    """Return cases for `parametrize`, those for which `quick` does not hold marked slow."""
+    return [case if quick(case) else slow(case)[0] for case in cases]
 
 
 def is_plain(model: str) -> bool:

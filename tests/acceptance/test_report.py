@@ -28,6 +28,7 @@ from emcas_fmu.pages.numbers import number
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report.acceptance import TESTS, Result, _of_report, carry_out, flat
 from emcas_fmu.studies.report.acceptance_output import as_dict, write_report
+from tests.marks import others_slow
 
 from ..bench.subjects import FIN_PORT, Broken, Play
 
@@ -438,9 +439,9 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, sk
 
 
 @pytest.mark.drawn
-@pytest.mark.parametrize("model", [
-    "second-order", *(pytest.param(name, marks=pytest.mark.slow) for name in (*NAMES, "elastic+stribeck+heat+faults")
-                      if name not in (NONLINEAR, "second-order"))])
+@pytest.mark.parametrize("model", others_slow(
+    (name for name in (*NAMES, "elastic+stribeck+heat+faults") if name != NONLINEAR),
+    lambda name: name == "second-order"))
 def test_every_actuator(model: str, tmp_path: Path) -> None:
     found = emcas("--model", model, "-o", tmp_path / "report.html", "--json", tmp_path / "figures.json")
     assert found.exit_code in (0, 1), found.output

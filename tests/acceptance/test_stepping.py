@@ -15,6 +15,7 @@ from emcas_fmu.reference import files, responses
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.report import accuracy
 from emcas_fmu.studies.report.outcome import Rig
+from tests.marks import slow
 
 pytestmark = pytest.mark.acceptance
 
@@ -56,8 +57,7 @@ def test_a_coarser_tick_shows() -> None:
     assert coarse > 3.0 * fine
 
 
-@pytest.mark.parametrize("model", ["nonlinear", *(pytest.param(model, marks=pytest.mark.slow)
-                                                  for model in ("clutch", "series-clutch"))])
+@pytest.mark.parametrize("model", ["nonlinear", *slow("clutch", "series-clutch")])
 def test_notes_of_ticks_say_what_is_so(model: str) -> None:
     parameters = load_parameters(model=model)
     (note,) = (e.note for e in parameters.entries if e.variable.name == "solver.max_tick")

@@ -18,6 +18,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import coupled
 from emcas_fmu.reference import clutch as reference
+from tests.marks import slow
 from tests.simulation import acting, simulate
 
 from .engaging import assert_locks, ratio
@@ -247,7 +248,7 @@ def test_disabled_it_lets_go_and_turns_on(values: Mapping[str, Any]) -> None:
 # -- an independent integration ----------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, *slow(1, 2)])
 def test_it_is_an_independent_integration_to_second_order(values: Mapping[str, Any], seed: int) -> None:
     rows, values = 200, {**values, "clutch.share_1": 0.9, "clutch.temperature_coefficient": -0.01}
     inputs = hammered(seed, rows)

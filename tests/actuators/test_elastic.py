@@ -18,7 +18,7 @@ from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.modes import load_rod, thesis_modes
 from tests.default_actuator import THESIS_LOOPS
-from tests.marks import others_slow
+from tests.marks import slow
 from tests.simulation import nested
 
 from .line import DRY, HINGE, MODEL, RIGID, SMOOTH, at_motor, run_of, values_of
@@ -161,7 +161,7 @@ _TICK_CASES: Any = (
 # deg, twice what is measured: 0.0002, 0.0004, 0.0002, 0.0005, 0.0022 and 0.0028. Unloaded the fin crosses its gap on
 # the way; in a wide one it bounces, and each flank it meets enlarges what the last has left.
 @pytest.mark.parametrize(("gap", "command", "torque", "hinge", "most"), [
-    (5e-5, 0.3, 10.0, HINGE, 4e-4), *others_slow(_TICK_CASES, lambda _: False)])
+    (5e-5, 0.3, 10.0, HINGE, 4e-4), *slow(*_TICK_CASES)])
 def test_default_tick_against_an_independent_integration(gap: float, command: float, torque: float,
                                                          hinge: Mapping[str, float], most: float) -> None:
     values = values_of({**_IDEAL, **hinge, "drive_line.backlash": gap})

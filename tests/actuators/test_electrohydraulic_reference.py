@@ -12,6 +12,7 @@ import pytest
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.electrohydraulic import simulate as reference
 from emcas_fmu.simulation import simulate
+from tests.marks import others_slow
 
 MODEL = "electrohydraulic"
 # Steps of the transducer amplify any difference, down to rounding: true angles are fed back.
@@ -80,8 +81,7 @@ def difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> float:
 
 
 # A step of the reference takes seconds: two cases are quick ones.
-@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in ("step_5", "load_step_100")
-                                               else pytest.mark.slow) for name in CASES])
+@pytest.mark.parametrize("name", others_slow(CASES, lambda name: name in ("step_5", "load_step_100")))
 def test_every_case_at_the_shipped_tick(name: str) -> None:
     found, expected = both(name)
     assert difference(found, expected) < ALLOWED

@@ -10,6 +10,7 @@ import pytest
 
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import series_clutch as reference
+from tests.marks import slow
 from tests.simulation import simulate
 
 from .hammers import hammered
@@ -22,9 +23,8 @@ TICKS = (8e-4, 4e-4, 2e-4, 1e-4, 5e-5)
 
 @pytest.mark.parametrize(("seeds", "changes"), [
     ((1,), {"clutch.rated_torque": 4.0, "efficiency.backward": 0.5, "friction.fin_coulomb": 2.0}),
-    pytest.param(range(6), {}, marks=pytest.mark.slow),
-    pytest.param((3,), {"clutch.rated_torque": 3.0, "clutch.temperature_coefficient": -0.02}, marks=pytest.mark.slow),
-    pytest.param((2,), {"efficiency.backward": -0.5, "clutch.residual": 0.1}, marks=pytest.mark.slow)])
+    *slow((range(6), {}), ((3,), {"clutch.rated_torque": 3.0, "clutch.temperature_coefficient": -0.02}),
+          ((2,), {"efficiency.backward": -0.5, "clutch.residual": 0.1}))])
 def test_it_is_an_independent_integration_to_second_order(seeds: Sequence[int], changes: dict[str, float]) -> None:
     values = {**load_parameters(model=MODEL).values, "encoder.enabled": False, **changes}
     errors = np.array([_errors(values, seed) for seed in seeds])

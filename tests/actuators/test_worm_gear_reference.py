@@ -13,6 +13,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import worm_gear, worm_gear_elastic
 from emcas_fmu.reference.cases import CASES, EXACT
 from emcas_fmu.simulation import simulate
+from tests.marks import slow
 
 MODEL, ELASTIC = "worm-gear", "worm-gear-elastic"
 REFERENCES = {MODEL: worm_gear.simulate, ELASTIC: worm_gear_elastic.simulate}
@@ -43,8 +44,7 @@ def there_and_back(stop: float) -> dict[str, Any]:
             "aero_torque": 90.0 * np.sin(2.0 * np.pi * 3.0 * time / stop), "enable": 1.0 * (time < 0.85 * stop)}
 
 
-@pytest.mark.parametrize("friction", ["constant", pytest.param("driven", marks=pytest.mark.slow),
-                                      pytest.param("falling", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("friction", ["constant", *slow("driven", "falling")])
 def test_reversals_of_speed_and_load(friction: str) -> None:
     """At the shipped tick, and of second order below it."""
     ticks = (1e-4, 5e-5, 2.5e-5)
@@ -87,8 +87,8 @@ def worn(gap: float) -> dict[str, float]:
     return {"drive_line.backlash": radians(gap) * RIM}
 
 
-@pytest.mark.parametrize(("gap", "friction"), [(0.1, "constant"), *(
-    pytest.param(gap, friction, marks=pytest.mark.slow) for gap in (0.0, 0.05, 0.2) for friction in FRICTION)])
+@pytest.mark.parametrize(("gap", "friction"), [(0.1, "constant"), *slow(*(
+    (gap, friction) for gap in (0.0, 0.05, 0.2) for friction in FRICTION))])
 def test_reversals_through_the_gap(gap: float, friction: str) -> None:
     """At the shipped tick, and of second order below 0.1 ms: impacts, a worm that rests and locks, one let go."""
     ticks = (1e-4, 5e-5, 2.5e-5)

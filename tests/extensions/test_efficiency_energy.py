@@ -15,6 +15,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.elastic import Pair, advance
+from tests.marks import slow
 from tests.simulation import acting, nested
 
 from .screw_values import DRY, ELASTIC, MODEL, coulomb, efficiencies, ratio, values
@@ -55,8 +56,8 @@ _FALL = {"stribeck.static_ratio": 2.0, "stribeck.speed": 30.0}
 
 @pytest.mark.parametrize(("model", "overrides"), [
     (ELASTIC, _LINE), (ELASTIC, {**_LINE, "encoder.on_fin": True}),
-    pytest.param("elastic+stribeck+efficiency", {**_LINE, **_FALL}, marks=pytest.mark.slow),
-    pytest.param("nonlinear+stribeck+efficiency", _FALL, marks=pytest.mark.slow), ("ristanovic+efficiency", {})])
+    ("ristanovic+efficiency", {}), *slow(("elastic+stribeck+efficiency", {**_LINE, **_FALL}),
+                                         ("nonlinear+stribeck+efficiency", _FALL))])
 def test_energy_of_a_sine_in_every_model(model: str, overrides: Mapping[str, float]) -> None:
     """Work of motor, nut's body force and load = losses of screw, friction, hinge and line + what is stored."""
     v, step = values({**_LOADED, **overrides}, model), 1e-5

@@ -43,8 +43,7 @@ print(json.dumps([names, rows]))
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("option", "backend", "fins"), [
-    pytest.param("stribeck", "python", 2, marks=pytest.mark.slow), ("stribeck", "native", 1), ("lugre", "python", 1),
-    pytest.param("lugre", "native", 2, marks=pytest.mark.slow)])
+    ("stribeck", "python", 2), ("stribeck", "native", 1), ("lugre", "python", 1), ("lugre", "native", 2)])
 def test_fmu_is_valid_and_the_same_elsewhere(option: str, backend: str, fins: int, tmp_path: Path) -> None:
     model = f"nonlinear+{option}"
     parameters = load_parameters(model=model)

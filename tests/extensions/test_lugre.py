@@ -21,7 +21,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.electrical import Plant
 from emcas_fmu.steppers.lugre import advance, shares
 from emcas_fmu.steppers.rigid import stops
-from tests.marks import others_slow
+from tests.marks import slow
 from tests.simulation import acting, nested
 
 from .friction_reference import IDEAL, Bristle, excess
@@ -155,8 +155,8 @@ def test_shares_of_the_exponential(x: float) -> None:
 
 @pytest.mark.parametrize(("overrides", "stop", "torque", "step"), [
     ({"friction.fin_coulomb": 5.0, "lugre.static_ratio": 1.5}, 0.1, 0.0, False),
-    *others_slow([({"lugre.stiffness": 200.0, "lugre.damping": 0.0}, 0.06, -20.0, True), ({}, 0.1, -20.0, True),
-                  ({"lugre.static_ratio": 2.0, "lugre.stribeck_speed": 1e-3}, 0.1, -20.0, True)], lambda _: False)])
+    *slow(({"lugre.stiffness": 200.0, "lugre.damping": 0.0}, 0.06, -20.0, True), ({}, 0.1, -20.0, True),
+          ({"lugre.static_ratio": 2.0, "lugre.stribeck_speed": 1e-3}, 0.1, -20.0, True))])
 def test_against_an_independent_integration_and_of_second_order(overrides: Mapping[str, Any], stop: float,
                                                                 torque: float, step: bool) -> None:
     """Radau at 1e-9 on equations in the fin's angle: a step of 0.5 deg through reversals, and a ramp of 0.3 deg/s."""

@@ -15,14 +15,14 @@ from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.extensions.fault_list import possible
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from tests.marks import slow
 
 from .fault_runs import scheduled
 
 FED = [name for name in NAMES if get(name).supply is not None]
 # Motors with a back-EMF, which the shaft's work is the counterpart of.
 RETURNING = ["nonlinear+faults", "nonlinear+efficiency+heat+homing+faults", "linear+faults", "ozkan+faults",
-             "electrohydrostatic+faults", *(pytest.param(name, marks=pytest.mark.slow) for name in (
-                 "nonlinear+supply+faults", "habibi+faults", "worm-gear+faults"))]
+             "electrohydrostatic+faults", *slow("nonlinear+supply+faults", "habibi+faults", "worm-gear+faults")]
 SETTINGS = settings(derandomize=True, max_examples=8, suppress_health_check=[HealthCheck.too_slow])
 
 

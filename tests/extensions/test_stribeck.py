@@ -18,13 +18,13 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import friction
 from emcas_fmu.simulation import simulate
+from tests.marks import slow
 from tests.simulation import nested
 
 from .friction_reference import IDEAL, Dry
 
 MODEL = "nonlinear+stribeck"
-BASES = ("nonlinear", *(pytest.param(name, marks=pytest.mark.slow)
-                         for name in ("elastic", "habibi", "ozkan", "ristanovic")))
+BASES = ("nonlinear", *slow("elastic", "habibi", "ozkan", "ristanovic"))
 BASE = load_parameters(model=MODEL)
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from emcas_fmu.simulation import simulate
 from tests.default_actuator import THESIS_LOOPS
+from tests.marks import slow
 
 from .screw_reference import motion
 from .screw_values import efficiencies, values
@@ -28,8 +29,7 @@ def _command(t: float) -> float:
 
 
 @pytest.mark.parametrize(("model", "overrides", "most"), [
-    ("nonlinear", {}, 2e-6), pytest.param("elastic", {**LINE, "mass.nut": 200.0}, 1e-4, marks=pytest.mark.slow),
-    pytest.param("elastic", LINE, 1e-4, marks=pytest.mark.slow)])
+    ("nonlinear", {}, 2e-6), *slow(("elastic", {**LINE, "mass.nut": 200.0}, 1e-4), ("elastic", LINE, 1e-4))])
 def test_both_against_a_reference_with_events(model: str, overrides: Mapping[str, Any], most: float) -> None:
     """Reversals, rest and breakaway under a load of one sign, in the cold; a nut of 200 kg turns the screw's load."""
     name = f"{model}+stribeck+efficiency"

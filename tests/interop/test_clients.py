@@ -11,6 +11,7 @@ import pytest
 from tests.docs.recipes import ROOT
 from tests.docs.test_tables import script
 from tests.hosts.host import Trajectory, difference
+from tests.marks import others_slow
 
 from . import matrix
 from .clients import CLIENTS
@@ -18,7 +19,7 @@ from .units import UNITS
 
 pytestmark = pytest.mark.fmu
 QUICK = {(unit, client) for unit in ("native", "python") for client in ("fmpy", "libcosimpy", "ecospy")}
-PAIRS = [pytest.param(*pair, marks=[] if pair in QUICK else pytest.mark.slow) for pair in matrix.pairs()]
+PAIRS = others_slow(matrix.pairs(), lambda pair: pair in QUICK)
 LIMIT = 0.002  # deg, of `emcas validate`
 
 

@@ -15,13 +15,13 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import library
 from emcas_fmu.runtime.batch import Batch
 from emcas_fmu.runtime.compiled import Array, parameter_row, run_tables
+from tests.marks import others_slow
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
 
 WIDTHS = (4, 8)
 # The default actuator always; each of the others takes up to a minute to compile.
-MODELS = [NONLINEAR, *(pytest.param(model, marks=pytest.mark.slow)
-                       for model in (*(n for n in NAMES if n != NONLINEAR), DIRECT_DRIVE, *TOGETHER))]
+MODELS = others_slow((*NAMES, DIRECT_DRIVE, *TOGETHER), lambda model: model == NONLINEAR)
 SEEDS = st.integers(0, 2**32 - 1)
 LARGEST = {"fin_command": 0.6, "aero_torque": 150.0}
 STEPS = (1e-3, 1e-3, 1e-3, 3.3e-4, 5e-5, 2.7e-3, 0.0)  # s: samples, and points inside ticks

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from emcas_fmu.actuators import NONLINEAR, get
+from emcas_fmu.actuators import EXTENSIONS, NONLINEAR, get
 from emcas_fmu.bench.metrics import sustained_rate
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from tests.marks import slow
 
 from ..default_actuator import EVERY
 
@@ -62,10 +63,8 @@ OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "hard anti-windup": {"controller.drive_antiwindup": 100.0}, "no compensation": {"compensation.gain": 0.0},
     "no anti-windup": {"controller.drive_antiwindup": 0.0, "controller.antiwindup": 0.0},
 }
-EXTENDED = [pytest.param(f"nonlinear+{name}", marks=pytest.mark.slow)
-            for name in ("stribeck", "lugre", "efficiency", "heat", "homing", "supply", "faults")]
-EXTENDED += [pytest.param(name, marks=pytest.mark.slow) for name in (
-    "elastic+heat+homing+faults", "worm-gear+heat", "clutch+faults", "electrohydrostatic+heat")]
+EXTENDED = slow(*(f"nonlinear+{name}" for name in EXTENSIONS), "elastic+heat+homing+faults", "worm-gear+heat",
+                "clutch+faults", "electrohydrostatic+heat")
 
 
 def response(model: str, values: Mapping[str, Any], use: Sequence[str]) -> Columns:

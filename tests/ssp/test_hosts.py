@@ -19,6 +19,7 @@ from emcas_fmu.ssp.archive import SspError, read_archive, write_archive
 from examples.ssp_hosts import hosts
 from tests.docs.recipes import recipes
 from tests.hosts.host import Trajectory, difference, missing, tool, trajectory
+from tests.marks import slow
 
 from .conftest import Edit
 from .run_in import ABSENT, STEPS
@@ -65,8 +66,7 @@ def test_each_fin_does_what_it_is_told(expected: Trajectory) -> None:
 
 
 @pytest.mark.parametrize("host", OTHERS)
-@pytest.mark.parametrize("variant", [
-    "degraded", *(pytest.param(name, marks=pytest.mark.slow) for name in ("nominal", "cold"))])
+@pytest.mark.parametrize("variant", ["degraded", *slow("nominal", "cold")])
 def test_same_trajectory_as_in_fmpy(host: str, variant: str, ssp: Path, expected: Trajectory) -> None:
     """Inputs set between steps and parameters of the variant; nothing is a step late, nothing is left out."""
     wanted = expected if variant == "nominal" else run("fmpy", ssp, variant)

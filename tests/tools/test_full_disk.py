@@ -17,6 +17,7 @@ from emcas_fmu.commands import common
 from emcas_fmu.reference import files
 from emcas_fmu.runtime import library
 from emcas_fmu.studies.baseline import comparison
+from tests.marks import slow
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 OLD = b"# what was there\n"
@@ -132,8 +133,7 @@ def check(done: Result) -> None:
 
 @pytest.mark.parametrize(("command", "option"), [
     *((command, option) for command, options in RUNS.items() for option in options),
-    *(pytest.param(command, option, marks=pytest.mark.slow)
-      for command, options in SLOW.items() for option in options)])
+    *slow(*((command, option) for command, options in SLOW.items() for option in options))])
 def test_a_file_that_was_there_stays(command: str, option: str, run_full: Callable[[str, Sequence[str]], Result]
                                      ) -> None:
     check(run_full(f"{command} {option}", [option.split()[1]]))

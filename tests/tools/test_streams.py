@@ -5,10 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from tests.marks import slow
 from tests.tools.test_full_disk import OLD, SMALL
 
 EMCAS = f"'{sys.executable}' -m emcas_fmu.cli"
@@ -39,15 +39,11 @@ def shell(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(["bash", "-c", command], cwd=folder, capture_output=True, text=True, timeout=300, check=False)
 
 
-def slow(arguments: str) -> Any:
-    """Mark a case that is slow; another case takes the same path through the program."""
-    return pytest.param(arguments, marks=pytest.mark.slow)
-
-
 @pytest.mark.parametrize("arguments", [
-    "--version", slow("--help"), slow("simulate --help"), slow("parameters"), "parameters --json",
-    slow("parameters --sets"), slow(f"simulate --step 1 --stop 0.1 --kernel python {SMALL} --json x.json"),
-    slow(f"validate --case step_plus1 {SMALL} --json x.json")])
+    "--version", "parameters --json", *slow(  # which take the same paths through the program
+        "--help", "simulate --help", "parameters", "parameters --sets",
+        f"simulate --step 1 --stop 0.1 --kernel python {SMALL} --json x.json",
+        f"validate --case step_plus1 {SMALL} --json x.json")])
 def test_output_that_cannot_be_written_ends_with_a_line(arguments: str, tmp_path: Path) -> None:
     done = shell(f"{EMCAS} {arguments} > /dev/full", tmp_path)
     assert done.returncode == 2
@@ -61,7 +57,7 @@ def test_so_it_does_with_the_script(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (2, FULL)
 
 
-@pytest.mark.parametrize("arguments", [slow("--help"), slow("parameters"), "parameters --json"])
+@pytest.mark.parametrize("arguments", ["parameters --json", *slow("--help", "parameters")])
 def test_output_that_nobody_reads_ends_quietly(arguments: str, tmp_path: Path) -> None:
     for reader, code in (("true", "141"), ("head -1", "")):  # what head has not read may have been written before
         done = shell(f"{EMCAS} {arguments} | {reader}; echo ${{PIPESTATUS[0]}} >&2", tmp_path)
@@ -69,9 +65,9 @@ def test_output_that_nobody_reads_ends_quietly(arguments: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("arguments", [
-    slow("reference --directory made"), f"baseline record {SMALL} --fresh -o made",
-    slow(f"report {SMALL} -o made/page.html --json made/x.json"),
-    slow(f"validate {SMALL} --json made/x.json --report made/page.html")])
+    f"baseline record {SMALL} --fresh -o made", *slow(
+        "reference --directory made", f"report {SMALL} -o made/page.html --json made/x.json",
+        f"validate {SMALL} --json made/x.json --report made/page.html")])
 def test_ctrl_c_loses_nothing(arguments: str, tmp_path: Path) -> None:
     made = tmp_path / "made"
     made.mkdir()

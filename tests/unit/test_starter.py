@@ -24,6 +24,7 @@ from emcas_fmu.studies.campaign import study as campaign
 from emcas_fmu.studies.overview import offered
 from emcas_fmu.studies.tuning.study import load_study
 from emcas_fmu.support.files import models_directory
+from tests.marks import others_slow
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 
 MODELS = (*NAMES, "nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+supply+faults",
@@ -79,9 +80,8 @@ def names(text: str) -> list[str]:
 
 
 # Loading a campaign takes a second or two of each.
-@pytest.mark.parametrize("model", [
-    pytest.param(model, marks=() if model in ("electrohydraulic", DIRECT_DRIVE) else pytest.mark.slow)
-    for model in MODELS], ids=lambda model: Path(model).stem)
+@pytest.mark.parametrize("model", others_slow(MODELS, lambda model: model in ("electrohydraulic", DIRECT_DRIVE)),
+                         ids=lambda model: Path(model).stem)
 def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) -> None:
     base = shipped(model)
     assert init(tmp_path, "--model", model).exit_code == 0

@@ -36,6 +36,7 @@ from emcas_fmu.studies.validate.validation import RECORDED, CaseResult, validate
 from emcas_fmu.studies.validate.validation import Result as Validation
 from emcas_fmu.studies.validate.validation_output import as_dict, summary, write_junit, write_report
 from emcas_fmu.support.files import models_directory
+from tests.marks import others_slow
 
 from ..bench.subjects import FIN_PORT, Play
 from ..own_actuator.example import MODEL as DIRECT_DRIVE
@@ -453,9 +454,8 @@ def test_damaged_archive_is_refused(fmu: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.drawn
-@pytest.mark.parametrize("model", [
-    pytest.param(name, marks=() if name == "second-order" else pytest.mark.slow)
-    for name in (*NAMES, "nonlinear+lugre+heat") if name != NONLINEAR])
+@pytest.mark.parametrize("model", others_slow(
+    (name for name in (*NAMES, "nonlinear+lugre+heat") if name != NONLINEAR), lambda name: name == "second-order"))
 def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tmp_path: Path) -> None:
     files = {name: tmp_path / f"out.{kind}" for name, kind in KINDS.items()}
     done = emcas("--model", model, *(part for name, path in files.items() for part in (f"--{name}", path)))
