@@ -177,7 +177,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
 def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
     plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
-    with pytest.raises(EmcasError, match=r"does not contain its model; name it with --model"):
+    with pytest.raises(EmcasError, match=r"does not contain its model; name that as the FMU was built"):
         load_study(write(plain), faulty)
     assert load_study(write(FAULTS), faulty).model == "nonlinear+faults"
 

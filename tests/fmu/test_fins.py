@@ -415,7 +415,7 @@ def test_unusual_units(tmp_path: Path) -> None:
                         "the FMU has fins 1 to 4"),
                        (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, files=files),
                         "low.toml: drive.supply_voltage differs between fins"),
-                       (lambda: build(load_parameters(), tmp_path / "a.fmu", files=files), "add --fins")):
+                       (lambda: build(load_parameters(), tmp_path / "a.fmu", files=files), "of several: set fins")):
         with pytest.raises(EmcasError, match=said):
             call()
 

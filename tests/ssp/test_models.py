@@ -149,7 +149,7 @@ def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: p
     assert f"the {MODEL} actuator has no such parameter" in emcas(
         "--fmu", unit, "--variant", "hot=hot.toml", code=2)
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
-    with pytest.raises(EmcasError, match="does not contain its model; name it with --model"):
+    with pytest.raises(EmcasError, match="does not contain its model; name that as the FMU was built"):
         write_ssp(tmp_path / "a.ssp", unit)
     with pytest.raises(SspError, match=r"is not an FMU of one actuator of the model nonlinear\+heat: it lacks"):
         write_ssp(tmp_path / "a.ssp", unit, model="nonlinear+heat")
