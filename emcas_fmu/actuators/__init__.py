@@ -81,6 +81,20 @@ def _known(actuator: str, name: str) -> str:
     return actuator
 
 
+def is_shipped(name: str) -> bool:
+    """Return whether a name, which may have extensions, is that of a shipped actuator, not of a user's."""
+    return split(name)[0] in _MODULES
+
+
+def is_named(text: str) -> bool:
+    """Return whether a text names an actuator: a shipped or an installed one, or a Python file; extensions may follow.
+    """
+    from . import external
+
+    actuator, _ = split(text)
+    return actuator in _MODULES or actuator.endswith(".py") or actuator in external.installed()
+
+
 def full_name(name: str) -> str:
     """Return the unambiguous name of an actuator, its extensions in their order. Raises EmcasError."""
     actuator, extensions = parts(name)
@@ -128,8 +142,18 @@ def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = No
     for need in needs:
         if need not in chosen.provides:
             having = [each for each in NAMES if get(each).provides.issuperset(needs)]
-            raise EmcasError(f"model {name}: {purpose} needs {need}; {chosen.name} has none, {', '.join(having)} "
+            raise EmcasError(f"model {name}: {purpose} needs {need}; {chosen.name} "
+                             f"{'has none,' if is_shipped(name) else _not_provided(need)} {', '.join(having)} "
                              f"{'has' if len(having) == 1 else 'have'}")
+
+
+def _not_provided(need: str) -> str:
+    """Return the words for a capability that a user's actuator does not provide, with what it requires there."""
+    from . import capabilities
+
+    constant = next(key for key, words in vars(capabilities).items() if words == need)
+    declared = (*capabilities.NEEDED_VARIABLES[need], *(f"state {each}" for each in capabilities.NEEDED_STATES[need]))
+    return f"does not provide it (em.capabilities.{constant}{', of ' if declared else ''}{', '.join(declared)});"
 
 
 def extension_outputs(name: str) -> tuple[Variable, ...]:

@@ -49,7 +49,7 @@ def build(
     from ..fmi.interface import FmuInterface
     from ..fmi.package import build as build_fmu
     from ..parameters import load_parameters
-    from ..studies.overview import shipped_estimates
+    from ..studies.overview import in_words, remaining_estimates
 
     target = output or Path(f"{FmuInterface(fins, model).model}.fmu")
     placement, files = common.placed(fins, layout, fin)
@@ -62,6 +62,5 @@ def build(
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")
     if parameters:
-        count = sum(len(estimate.names) for estimate in shipped_estimates(chosen))
-        common.say(f"{count} of {len(chosen.entries)} values are shipped estimates: emcas parameters, with the "
-                   "same options, lists them")
+        common.say(f"still {escape(in_words(chosen, remaining_estimates(chosen)))}; emcas parameters, with the same "
+                   "options, lists them")

@@ -7,20 +7,20 @@ from typing import Annotated
 
 import typer
 
-from ..actuators import NONLINEAR
+from ..actuators import NONLINEAR, split
 from . import common
 
 EPILOG = common.examples(
     "compare", "", "default my_actuator.toml --report compare.html",
     "drive-si drive-pi -p my_actuator.toml --json compare.json",
-    "nonlinear worm-gear electrohydraulic --report kinds.html")
+    "nonlinear worm-gear electrohydraulic --report kinds.html", "my_actuator.py nonlinear --report kinds.html")
 
 
 def compare(
     sets: Annotated[list[str] | None, typer.Argument(
         help="Names of shipped sets (emcas parameters --sets), parameter files (TOML), the word default, or "
-             "actuators, whose default sets are compared. Default: the default set and the three readings of the "
-             "current loop.", metavar="[SET|FILE|ACTUATOR]...",
+             "actuators, as names or Python files, whose default sets are compared. Default: the default set and, of "
+             "an actuator with a current loop, its three readings.", metavar="[SET|FILE|ACTUATOR]...",
         show_default=False)] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
@@ -33,11 +33,12 @@ def compare(
     Exit code 0 even if requirements are missed (emcas validate judges); 2: an error. Every set overrides the files of
     --parameters.
     """
-    from ..studies.compare.sets import DRIVES, as_dict, load_sets, summary, write_report
+    from ..studies.compare.sets import as_dict, load_sets, summary, write_report
     from ..studies.compare.sets import compare as run
 
-    common.check_outputs(as_json, report, inputs=(map(Path, sets or ()), parameters, requirements))
-    chosen = load_sets(sets or DRIVES, model, parameters or ())
+    named = [Path(split(each)[0]) for each in sets or ()]
+    common.check_outputs(as_json, report, inputs=(named, parameters, requirements))
+    chosen = load_sets(sets or (), model, parameters or ())
     common.warn(warning for each in chosen.values() for warning in each.warnings)
     with common.work("compare") as step:
         result = run(chosen, step, requirements)

@@ -28,7 +28,7 @@ def init(
     """Write a parameter file to fill in from datasheets, with studies for tuning, campaign and report.
 
     The file lists, as comments, each value that a datasheet, drawing or controller has: its name there, its unit, the
-    shipped value and the source of that.
+    default value and the source of that.
     """
     from ..studies.starter import commands, starter_files
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import takewhile
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Annotated
@@ -31,11 +31,11 @@ def parameters(
     sets: Annotated[bool, typer.Option(
         "--sets", help="List the shipped sets, whose names --parameters accepts.")] = False,
     sensitivity: Annotated[float | None, common.value(
-        "Order the shipped estimates by how far 10 % of each move the fin within 0.5 s of a step to half of "
+        "Order the remaining estimates by how far 10 % of each move the fin within 0.5 s of a step to half of "
         "command.limit against this hinge moment in N.m (0: none).", "TORQUE")] = None,
 ) -> None:
-    """Print the checked parameter set with units and sources; of a file, also the remaining shipped estimates."""
-    from ..studies.overview import amounts_to, by_effect, shipped_estimates
+    """Print the checked parameter set with units and sources; of a file, also the remaining estimates."""
+    from ..studies.overview import amounts_to, by_effect, remaining_estimates
 
     if sets:
         if parameters or model != NONLINEAR:
@@ -45,11 +45,12 @@ def parameters(
     chosen = common.parameter_set(parameters, model)
     if sensitivity is not None and not isfinite(sensitivity):
         raise EmcasError(f"--sensitivity {sensitivity:g}: give a hinge moment in N.m")
-    estimates = shipped_estimates(chosen) if sensitivity is None else by_effect(chosen, sensitivity)
+    estimates = remaining_estimates(chosen) if sensitivity is None else by_effect(chosen, sensitivity)
     left = {name: estimate for estimate in estimates for name in estimate.names}
     records: list[dict[str, object]] = [
         {"name": e.variable.name, "value": e.value, "unit": e.variable.unit, "as_written": e.text, "source": e.source,
-         "note": e.note, "file": e.file, "shipped_estimate": e.variable.name in left} for e in chosen.entries]
+         "note": e.note, "file": e.file, "remaining_estimate": e.variable.name in left,
+         "shipped_estimate": e.variable.name in left and left[e.variable.name].shipped} for e in chosen.entries]
     if as_json:
         for record in records if sensitivity is not None else ():
             estimate = left.get(str(record["name"]))
@@ -74,25 +75,23 @@ def parameters(
         _show_estimates(chosen, estimates)
 
 
-def _show_estimates(chosen: ParameterSet, estimates: Iterable[Estimate]) -> None:
-    """Print which values are still shipped estimates, a line for each group."""
-    from ..studies.overview import by_group, offered
+def _show_estimates(chosen: ParameterSet, estimates: Sequence[Estimate]) -> None:
+    """Print which values are still estimates, a line for each group."""
+    from ..studies.overview import by_group, in_words, offered
 
-    count = sum(len(estimate.names) for estimate in estimates)
-    common.say(f"Still shipped estimates: {count} of {len(chosen.entries)} values, by --sensitivity in the order of "
-               "their effect")
+    common.say(f"Still {escape(in_words(chosen, estimates))}, by --sensitivity in the order of their effect")
     on_sheets = {e.variable.name for entries in offered(chosen).values() for e in entries}
     listed = [estimate for estimate in estimates if on_sheets.intersection(estimate.names)]
     for group, names in by_group(listed).items():
         common.say(f"  {escape(group)}: {escape(', '.join(names))}")
-    if others := count - sum(len(estimate.names) for estimate in listed):
+    if others := sum(len(estimate.names) for estimate in estimates if estimate not in listed):
         common.out.print(f"  and {others} that are on no datasheet (--json has all)")
 
 
 def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
-    """Print the shipped estimates with what 10 % of each do."""
+    """Print the remaining estimates with what 10 % of each do."""
     common.out.print(common.table(
-        ["still a shipped estimate", "10 % of it, deg"],
+        ["still an estimate", "10 % of it, deg"],
         ([each.label, f"{degrees(each.effect):.3g}"] for each in estimates if each.effect is not None),
         f"Largest change of the fin's angle by 10 % of each: a step to half of command.limit against {torque:g} N.m"))
     if rest := [estimate.label for estimate in estimates if estimate.effect is None]:

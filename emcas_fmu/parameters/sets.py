@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators import NAMES, NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, parts
+from ..actuators import NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, is_shipped, parts
 from ..actuators.declaration import Actuator
 from ..errors import hint
 from ..ops.arrays import ARRAYS
@@ -169,7 +169,7 @@ def _require_made_for(made_for: Any, path: Path, model: str) -> None:
         raise ParameterError(f"{path}: {MADE_FOR} = {made_for!r}: expected a list of names of actuators, or of "
                              'extensions with a +, such as ["elastic", "+heat"]')
     actuator, extensions = parts(model)
-    if actuator in NAMES and not {actuator, *(f"+{each}" for each in extensions)} & set(made_for):
+    if is_shipped(model) and not {actuator, *(f"+{each}" for each in extensions)} & set(made_for):
         name = path.stem if named_sets().get(path.stem) == path else str(path)
         raise ParameterError(f"{name}: is made for {', '.join(made_for)} ({MADE_FOR}) and not for {model}, where its "
                              "values have no meaning or were measured or tuned for another actuator: leave it out, or "
@@ -194,7 +194,7 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
         return sound
 
     entries = read(_document(shipped), shipped)
-    if parts(model)[0] not in NAMES:
+    if not is_shipped(model):
         # The motor resistance of a user's actuator, say, is not that of the thesis, nor is its fin: only the limits,
         # mounting and sampling of the fin port apply.
         none = {v.name: 0.0 for v in fin_port.TURNING if v.minimum <= 0.0}
@@ -208,7 +208,7 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
         if v.start is not None and v.name not in entries:
             text = as_text({"value": v.start, "unit": v.unit})
             entries[v.name] = Entry(v, v.start, text, "derived", "As declared; no file sets it.", "")
-    where = own[-1] if own else actuator.source or shipped
+    where = [shipped, *own][-1] if is_shipped(model) else [source, *actuator.files][-1]
     if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:
         raise ParameterError(missing)

@@ -1,16 +1,17 @@
-"""An overview of a user's set: the shipped estimates left in it, their effects, and figures that follow from it."""
+"""An overview of a user's set: the estimates left in it, their effects, and figures that follow from it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
 from math import degrees, pi
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..actuators import capabilities, fin_port
+from ..actuators import capabilities, fin_port, is_shipped
 from ..control import sensors
 from ..motions import LOAD_RISE
 from ..ops.floats import FLOATS
@@ -27,13 +28,15 @@ DURATION = 0.5  # s, of the step with which it is measured
 
 @dataclass(frozen=True)
 class Estimate:
-    """A shipped estimate, or several that belong together: an array, or a pair that is equal in SI units.
+    """An estimate of the default set, or several that belong together: an array, or a pair that is equal in SI units.
 
-    `effect` [rad] is the largest change of the fin's angle; None where it was not measured, or a change by 10 % has no
-    meaning: a value of 0, a switch, an integer, a temperature.
+    It is not `shipped` if it is a value of a user's actuator. `effect` [rad] is the largest change of the fin's angle;
+    None where it was not measured, or a change by 10 % has no meaning: a value of 0, a switch, an integer, a
+    temperature.
     """
 
     names: tuple[str, ...]
+    shipped: bool = True
     effect: float | None = None
 
     @property
@@ -50,20 +53,34 @@ def offered(base: ParameterSet) -> dict[str, list[Entry]]:
     """
     port = {v.name for v in fin_port.PARAMETERS}
     chosen = [e for e in base.entries if e.variable.sheet or (
-        base.actuator.source is not None and e.variable.name not in port)]
+        not is_shipped(base.model) and e.variable.name not in port)]
     return {name: list(group) for name, group in groupby(chosen, lambda e: e.variable.name.partition("[")[0])}
 
 
-def shipped_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
+def remaining_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
     """Return the estimates of the actuator's default set that a set has unchanged, in the actuator's order."""
-    shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
+    default = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
     left = [e.variable.name for e in parameters.entries
-            if e.source == "estimate" and e == shipped[e.variable.name]]
+            if e.source == "estimate" and e == default[e.variable.name]]
     follows = {other: name for name, other in parameters.actuator.equal_parameters if {name, other} <= {*left}}
     groups = [tuple(names) for _, names in groupby((name for name in left if name not in follows),
                                                    lambda name: name.partition("[")[0])]
     paired = {name: other for other, name in follows.items()}
-    return tuple(Estimate((*names, *(paired[name] for name in names if name in paired))) for names in groups)
+    actuator = parameters.actuator
+    users = () if is_shipped(parameters.model) else (
+        (actuator.source or Path(actuator.name)).name, *(file.name for file in actuator.files))
+    return tuple(Estimate((*names, *(paired[name] for name in names if name in paired)),
+                          default[names[0]].file not in users) for names in groups)
+
+
+def in_words(parameters: ParameterSet, estimates: Sequence[Estimate]) -> str:
+    """Return how many values of a set are remaining estimates, and how many of a user's actuator are shipped ones."""
+    count = sum(len(each.names) for each in estimates)
+    shipped = sum(len(each.names) for each in estimates if each.shipped)
+    of_all = f"{count} of {len(parameters.entries)} values"
+    if is_shipped(parameters.model):
+        return f"shipped estimates: {of_all}"
+    return f"estimates: {of_all}, {count - shipped} of your actuator and {shipped} shipped"
 
 
 def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
@@ -76,14 +93,15 @@ def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
 
 
 def by_effect(parameters: ParameterSet, torque: float = 0.0) -> tuple[Estimate, ...]:
-    """Return the shipped estimates with the effect of 10 % of each, the largest first.
+    """Return the remaining estimates with the effect of 10 % of each, the largest first.
 
     The effect is the largest difference of the fin's angle within 0.5 s after a step to half of command.limit against a
     hinge moment `torque` [N.m]. Plant and controllers both use the changed value, which is 10 % lower where 10 % more
     is refused.
     """
     before = _response(parameters, torque)
-    changed = [Estimate(e.names, _effect(parameters, e.names, torque, before)) for e in shipped_estimates(parameters)]
+    changed = [replace(each, effect=_effect(parameters, each.names, torque, before))
+               for each in remaining_estimates(parameters)]
     return tuple(sorted(changed, key=lambda e: -1.0 if e.effect is None else e.effect, reverse=True))
 
 

@@ -23,9 +23,9 @@ README = "README.md"
 SOURCES = {"thesis": "read in the thesis", "derived": "derived", "tuned": "by emcas tune", "estimate": "an estimate"}
 _WIDTH = 116
 _HOW = ("Remove the # before a value that you have, and write it in the unit of your sheet: \"4 mm/turn\", "
-        "\"35 ozf*in/A\", \"420 g*cm^2\". What stays commented keeps the shipped value; with nothing uncommented this "
-        "is the shipped actuator. docs/use/your_actuator.md relates datasheets to these values; "
-        "`emcas parameters -p FILE` checks the file and lists what is still a shipped estimate.")
+        "\"35 ozf*in/A\", \"420 g*cm^2\". What stays commented keeps the default value; with nothing uncommented this "
+        "is the default actuator. docs/use/your_actuator.md relates datasheets to these values; "
+        "`emcas parameters -p FILE` checks the file and lists what is still an estimate.")
 _BARE = re.compile("[A-Za-z0-9_-]+")
 _VARIED = re.compile(r'^\[vary\."(.+?)"\]', re.MULTILINE)
 _INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
@@ -42,7 +42,7 @@ def starter_files(base: ParameterSet) -> dict[str, str]:
 
 def parameter_text(base: ParameterSet) -> str:
     """Return a parameter file in which every offered value is commented out."""
-    lines = [f"# Parameters of your {base.actuator.name} actuator, over the shipped ones.", "#"]
+    lines = [f"# Parameters of your {base.actuator.name} actuator, over its default ones.", "#"]
     lines += _comment(_HOW, "# ")
     tables: dict[str, list[str]] = {}
     for name, entries in offered(base).items():
@@ -56,15 +56,15 @@ def parameter_text(base: ParameterSet) -> str:
 
 
 def _described(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield comments on a value: its description, where a datasheet has it, the shipped value and its source."""
+    """Yield comments on a value: its description, where a datasheet has it, the default value and its source."""
     first, variable = entries[0], entries[0].variable
     number = f" (and so on: {len(entries)} values)" if len(entries) > 1 else ""
     yield from _comment(f"{variable.description}{number}", "# ")
     if variable.sheet:
         yield from _comment(variable.sheet, "#   read in  ")
     unit = "" if variable.unit in ("", "1") else f" (unit: {variable.unit}, or another of its kind)"
-    shipped = ", ".join(e.text for e in entries)
-    yield from _comment(f"{shipped}{unit}, {SOURCES.get(first.source, first.source)}. {first.note}", "#   shipped  ")
+    default = ", ".join(e.text for e in entries)
+    yield from _comment(f"{default}{unit}, {SOURCES.get(first.source, first.source)}. {first.note}", "#   default  ")
 
 
 def _comment(text: str, begin: str) -> list[str]:
@@ -102,7 +102,7 @@ def commands(base: ParameterSet, files: Mapping[str, str]) -> list[list[str]]:
     """Return the next commands, each with its purpose."""
     model = [] if base.model == NONLINEAR else ["--model", base.model]
     tuned = "tuned.toml" if TUNING in files else PARAMETERS
-    lines = [(["parameters", "-p", PARAMETERS, *model], "checks, and what is still a shipped estimate"),
+    lines = [(["parameters", "-p", PARAMETERS, *model], "checks, and what is still an estimate"),
              (["simulate", "-p", PARAMETERS, *model, "--step", "5", "--plot", "step.html"], "a first step")]
     if TUNING in files:
         lines.append((["tune", TUNING, "-p", PARAMETERS, *model, "-o", tuned, "--report", "tuning.html"],
@@ -122,6 +122,7 @@ def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
     return "\n".join([
         f"# An actuator of the model {base.actuator.name}", "",
         *(f"- `{name}`: {what}" for name, what in about.items() if name in files), "",
-        "Limits in the studies are those of the shipped actuator: replace them by yours. In this folder:", "", "```sh",
+        "Limits in the studies are those of the shipped electromechanical actuator: replace them by yours. In this "
+        "folder:", "", "```sh",
         *(f"{command:<{width}}  # {purpose}" for command, purpose in listed), "```", "",
         "How a datasheet's terms become these values: docs/use/your_actuator.md of the project.", ""])

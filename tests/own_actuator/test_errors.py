@@ -188,8 +188,9 @@ def test_a_reference_that_is_missing(tmp_path: Path) -> None:
 
 
 def test_an_extension_says_what_is_missing() -> None:
-    with pytest.raises(EmcasError, match="homing needs a drive whose reference has a limit; direct-drive has none, "
-                                         "nonlinear, ristanovic"):
+    with pytest.raises(EmcasError, match=re.escape(
+            "homing needs a drive whose reference has a limit; direct-drive does not provide it "
+            "(em.capabilities.REFERENCE_LIMIT, of drive.reference_limit); nonlinear, ristanovic")):
         get(f"{FILE}+homing")
 
 

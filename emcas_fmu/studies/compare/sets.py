@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from ... import __version__
-from ...actuators import NAMES, split
+from ...actuators import NAMES, capabilities, is_named
 from ...bench import verdict
 from ...bench.measure import Test, excitation
 from ...bench.requirements import load_requirements
@@ -36,7 +36,7 @@ _WINDOW = -0.02, 0.35  # s from the command
 DEFAULT = "default"
 """Name of the default set."""
 DRIVES = (DEFAULT, "drive-si", "drive-scaled", "drive-pi")
-"""The sets compared by default."""
+"""The sets compared by default, of an actuator with a current loop."""
 _OUTPUTS = ("fin_angle", "fin_rate")
 PLOTTED: Mapping[str, Test] = {"Step to 20 deg": Test("step", radians(20.0), 0.45),
                              "Slew from -20 to 20 deg against 100 N.m": Test("slew", radians(20.0), 0.5, -100.0)}
@@ -95,23 +95,26 @@ class Result:
 
 
 def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> dict[str, ParameterSet]:
-    """Return parameter sets by their names or files; an actuator's name means its default set.
+    """Return parameter sets by their names or files; an actuator's name, or its Python file, means its default set.
 
-    Each set overrides the files `below`. Raises EmcasError.
+    Each set overrides the files `below`. Without names they are those of `DRIVES`, of an actuator without a current
+    loop its default set alone. Raises EmcasError.
     """
     if twice := [name for name in names if names.count(name) > 1]:
         raise EmcasError(f"{twice[0]}: appears twice; name each set once")
     base = load_parameters(below, model=model)
+    names = names or (DRIVES if capabilities.CURRENT_LOOP in base.actuator.provides else (DEFAULT,))
 
     def loaded(name: str) -> ParameterSet:
         if name == DEFAULT:
             return base
-        if split(name)[0] in NAMES:
+        if is_named(name):
             return load_parameters(below, model=name)
         try:
             parameter_file(name)
         except ParameterError as error:
-            raise EmcasError(f"{error}; the actuators are {', '.join(NAMES)}{hint(name, NAMES)}") from error
+            raise EmcasError(f"{error}; the actuators are {', '.join(NAMES)}{hint(name, NAMES)}, or a file of "
+                             "yours that ends in .py") from error
         return load_parameters(name, base)
 
     return {name: loaded(name) for name in names}
