@@ -35,8 +35,8 @@ ESTIMATES = {
     "cylinder.area": "16 cm^2", "cylinder.volume": "20 cm^3", "rack.radius": "20 mm", "friction.fin": "4 N*m",
     "inertia.fin": "0.05 kg*m^2", "gas.energy": "420 kJ/kg", "gas.exponent": 1.25, "gas.critical_ratio": 0.5,
     "gas.laminar_ratio": 0.98, "gas_supply.pressure": "5 MPa", "exhaust.pressure": "0.1 MPa", "valve.clearance": 0.1,
-    "monitor.minimum_pressure": "3 MPa", "valve.conductance": "3e-10 kg/(s*Pa)", "valve.time_constant": "2 ms",
-    "solver.max_tick": "0.1 ms", "controller.kp": "8 1/rad", "controller.ki": "40 1/(rad*s)", "controller.kd": "1 1/MPa"}
+    "monitor.minimum_pressure": "3 MPa", "controller.ki": "40 1/(rad*s)", "valve.conductance": "3e-10 kg/(s*Pa)",
+    "valve.time_constant": "2 ms", "solver.max_tick": "0.1 ms", "controller.kp": "8 1/rad", "controller.kd": "1 1/MPa"}
 EDGES = ("in_1", "in_2", "out_1", "out_2")
 
 

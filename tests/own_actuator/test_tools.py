@@ -1,0 +1,87 @@
+"""The tools with an actuator of a user's: words and figures that are about that actuator."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.cli import app
+from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.studies.compare.sets import load_sets
+from emcas_fmu.studies.overview import in_words, offered, remaining_estimates
+
+from .example import FOLDER, MODEL, changed
+
+HOT_GAS = str(FOLDER / "hot_gas.py")
+REQUIREMENTS = """
+[[requirements]]
+name = "rise"
+test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
+figure = "rise_time"
+maximum = "10 s"
+"""
+
+
+def emcas(*arguments: object) -> str:
+    """Return what a command prints that ends with exit code 0."""
+    done = CliRunner().invoke(app, list(map(str, arguments)))
+    assert done.exit_code == 0, done.output + done.stderr
+    return done.output
+
+
+def test_files_and_installed_actuators_are_compared(installed: Path, tmp_path: Path) -> None:
+    path, figures = tmp_path / "mine.toml", tmp_path / "c.json"
+    path.write_text(REQUIREMENTS, encoding="utf-8")
+    emcas("compare", MODEL, f"{HOT_GAS}+faults", "direct", "nonlinear", "--requirements", path, "--json", figures)
+    each = json.loads(figures.read_text(encoding="utf-8"))["sets"]
+    assert [one["model"] for one in each] == ["direct-drive", "hot-gas+faults", "direct-drive", "nonlinear"]
+    rises = [one["requirements"][0]["measured"] for one in each]
+    assert rises[0] == rises[2] < rises[1]
+
+
+@pytest.mark.parametrize(("model", "count"), [(MODEL, 1), ("second-order", 1), ("nonlinear", 4)])
+def test_readings_of_a_current_loop_are_compared_where_there_is_one(model: str, count: int) -> None:
+    assert len(load_sets((), model)) == count
+
+
+def test_an_estimate_of_a_user_is_not_called_shipped() -> None:
+    values = load_parameters(model=f"{HOT_GAS}+faults")
+    words, estimates = in_words(values, remaining_estimates(values)), remaining_estimates(values)
+    shipped = {name for each in estimates if each.shipped for name in each.names}
+    assert {"valve.clearance", "monitor.minimum_pressure", "gas_supply.pressure"}.isdisjoint(shipped)
+    assert {"fin.stop_angle", "monitor.persistence"} <= shipped  # of the port, and of the extension
+    count = sum(len(each.names) for each in estimates)
+    assert words == (f"estimates: {count} of {len(values.entries)} values, {count - len(shipped)} of your actuator and "
+                     f"{len(shipped)} shipped")
+
+
+def test_the_command_does_not_call_it_shipped(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("spring.stiffness = '25 N*m/rad'\n", encoding="utf-8")
+    said = emcas("parameters", "--model", MODEL, "-p", path)
+    assert "Still estimates: " in said
+    records = {r["name"]: r for r in json.loads(emcas("parameters", "--model", MODEL, "--json"))}
+    assert [(records[name]["remaining_estimate"], records[name]["shipped_estimate"])
+            for name in ("spring.stiffness", "fin.stop_angle")] == [(True, False), (True, True)]
+    assert "shipped" not in emcas("parameters", "--model", MODEL, "--sensitivity", "0")
+
+
+def test_an_installed_actuator_has_values_to_fill_in(installed: Path, tmp_path: Path) -> None:
+    """Its declaration names no file."""
+    base = load_parameters(model="direct")
+    assert offered(base).keys() == offered(load_parameters(model=MODEL)).keys()
+    assert not any(each.shipped for each in remaining_estimates(base) if "spring.stiffness" in each.names)
+    emcas("init", tmp_path / "new", "--model", "direct")
+    text = (tmp_path / "new" / "actuator.toml").read_text(encoding="utf-8")
+    assert "#stiffness" in text
+    assert "shipped" not in text
+
+
+def test_a_missing_value_of_an_extension_is_asked_of_the_user(tmp_path: Path) -> None:
+    path = changed(tmp_path, ('    "fault.demagnetised.share": 0.6,\n', ""))
+    with pytest.raises(ParameterError, match=re.escape(f"{path}: fault.demagnetised.share: missing")):
+        load_parameters(model=f"{path}+faults")
