@@ -84,7 +84,7 @@ class Test:
                  "slew": f"slew from one side to the other, {size}, both ways, over {self.duration:g} s",
                  "load": f"{self.torque:g} N.m at once on a fin held at 0, both ways, for {self.duration:g} s",
                  "release": f"{self.torque:g} N.m let go after {self.settle:g} s, both ways, over {self.duration:g} s",
-                 "sine": f"fundamental under sines of {size}", "linear": "linear loop, broken at the drive's reference",
+                 "sine": f"fundamental under sines of {size}", "linear": "linear loop",
                  "repeat": f"slew of ±{size} after one-sided cycles, stall, saturation, disabling and brown-out"}
         loaded = f", {'with' if self.torque > 0.0 else 'against'} {abs(self.torque):g} N.m"
         return (words[self.kind] + (loaded if self.torque and self.kind in MOTIONS else "")

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..errors import BuildError
-from ..figures.plots import INK, Picture, figure, style, svg
+from ..figures.plots import INK, Picture, figure, panels, style, svg
 from ..motions import STEP
 from ..parameters import ParameterSet, are_defaults
 from ..reference import files
@@ -49,12 +49,13 @@ def _slew(parameters: ParameterSet) -> Figure:
     shown = [(name, label, scale) for name, label, scale in (
         ("fin_angle", "fin angle [deg]", 180.0 / np.pi), ("fin_rate", "fin rate [deg/s]", 180.0 / np.pi),
         ("motor_current", "current [A]", 1.0), ("motor_voltage", "voltage [V]", 1.0)) if name in result]
-    plot, panels = figure(len(shown) // 2, 2, width=8.0, sharex=True)
-    for axes, (name, label, scale) in zip(panels.flat, shown, strict=True):
+    plot, grid = panels(len(shown), 2, width=8.0, sharex=True)
+    for axes, (name, label, scale) in zip(grid, shown, strict=True):
         axes.plot(result["time"] * 1e3, result[name] * scale)
         axes.set_ylabel(label)
-    for axes in panels[-1]:
+    for axes in grid[-2:]:  # the lowest of each column
         axes.set_xlabel("time [ms]")
+        axes.tick_params(labelbottom=True)
     return plot
 
 

@@ -136,6 +136,19 @@ def test_too_few_or_constant_say_nothing() -> None:
     assert effects == ()
 
 
+@pytest.mark.parametrize("level", [0.0, 0.02, -inf], ids=["decayed", "constant", "never"])
+def test_rounding_is_no_dependence(level: float) -> None:
+    """A figure that differs by rounding only, in the order of a factor, and a factor that does."""
+    many = np.arange(50.0)
+    figure = level * (1.0 + 1e-14 * many) + 1e-15 * many
+    assert np.isinf(level) or len(np.unique(figure)) > 10
+    assert summary.sensitivities(figure, {"a": many})[1] == ()
+    still = 3e-10 * (1.0 + 1e-14 * many)
+    assert [e.factor for e in summary.sensitivities(many, {"a": many[::-1], "still": still})[1]] == ["a"]
+    rising = figure + 1e-6 * many if np.isfinite(level) else np.where(many > 25.0, level, 0.0)
+    assert len(summary.sensitivities(rising, {"a": many})[1]) == 1
+
+
 def test_what_varies_elsewhere_is_no_cause(summarised: Summarised) -> None:
     text = SMALL + '[experiments.other]\nkind = "hold"\namplitude = { distribution = "uniform", low = "0 deg", ' \
                    'high = "9 deg" }\nduration = "0.2 s"\n'

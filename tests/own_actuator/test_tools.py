@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
+from emcas_fmu.fmi.figures import response_pictures
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.studies.compare.sets import load_sets
 from emcas_fmu.studies.overview import in_words, offered, remaining_estimates
@@ -85,3 +86,11 @@ def test_a_missing_value_of_an_extension_is_asked_of_the_user(tmp_path: Path) ->
     path = changed(tmp_path, ('    "fault.demagnetised.share": 0.6,\n', ""))
     with pytest.raises(ParameterError, match=re.escape(f"{path}: fault.demagnetised.share: missing")):
         load_parameters(model=f"{path}+faults")
+
+
+def test_the_page_of_an_fmu_has_a_current_without_a_voltage() -> None:
+    """Three panels, in two columns."""
+    strain_wave = load_parameters(model=str(FOLDER / "strain_wave.py"))
+    _, slew = response_pictures(strain_wave)
+    assert "current [A]" in slew.svg
+    assert "voltage [V]" not in slew.svg

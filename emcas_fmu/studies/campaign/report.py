@@ -36,7 +36,7 @@ _MOST_LEVELS = 8
 def drawings(summary: Summary) -> Iterator[Drawing]:
     """Yield the pictures of each experiment."""
     for experiment in summary.study.experiments:
-        spreads = [s for s in summary.spreads_of(experiment.name) if isfinite(s.mean) and s.smallest != s.largest]
+        spreads = [s for s in summary.spreads_of(experiment.name) if isfinite(s.mean) and s.varies]
         if spreads:
             yield histograms(experiment.name, spreads)
         if dependent := [s for s in spreads if s.effects]:

@@ -27,6 +27,8 @@ PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 WORST = 3  # samples listed for each figure
 _CONFIDENCE = 0.95
 _FEWEST = 10  # least number of samples for sensitivities
+# Differences that are rounding: relative to the largest value, and of a figure in SI, as of an error that has decayed.
+_RELATIVE, _ABSOLUTE = 1e-9, 1e-12
 _NUMBER = re.compile(r"(?<!\S)[(),;:]*[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|inf|nan)[(),;:]*(?!\S)")
 
 
@@ -72,6 +74,11 @@ class Spread:
     explained: float
     effects: tuple[Effect, ...]
     worst: tuple[tuple[int, float], ...]
+
+    @property
+    def varies(self) -> bool:
+        """Whether the figure differs between samples by more than rounding errors."""
+        return varies(np.array([self.smallest, self.largest]), _ABSOLUTE)
 
 
 @dataclass(frozen=True)
@@ -188,15 +195,23 @@ def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Map
         tuple((int(index[k]), float(ordered[k])) for k in worst))
 
 
+def varies(values: Array, rounding: float = 0.0) -> bool:
+    """Return whether values differ by more than rounding errors: relative ones, and those of a size `rounding`."""
+    finite = values[np.isfinite(values)]
+    if not len(finite) or len(finite) < len(values):
+        return len(np.unique(values)) > 1
+    return bool(np.ptp(finite) > max(rounding, _RELATIVE * float(np.abs(finite).max())))
+
+
 def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, tuple[Effect, ...]]:
     """Return the share of the variance that a regression explains, and the effects of the factors [n] on a figure [n].
 
     Ranks use all samples, infinite figures at the end; the regression uses the finite ones. Without variation of the
-    factor or the figure there is no effect. The interval of a rank correlation is Fisher's, with the variance of Bonett
-    and Wright (2000), (1 + r^2/2)/(n - 3).
+    factor or the figure, beyond rounding errors, there is no effect. The interval of a rank correlation is Fisher's,
+    with the variance of Bonett and Wright (2000), (1 + r^2/2)/(n - 3).
     """
-    varying = {name: x for name, x in factors.items() if np.ptp(x) > 0.0}
-    if len(figure) < max(_FEWEST, len(varying) + 3) or not varying or len(np.unique(figure)) < 2:
+    varying = {name: x for name, x in factors.items() if varies(x)}
+    if len(figure) < max(_FEWEST, len(varying) + 3) or not varying or not varies(figure, _ABSOLUTE):
         return nan, ()
     coefficients, errors, explained = _regression(figure, varying)
     ranks = [float(stats.spearmanr(x, figure).statistic) for x in varying.values()]
@@ -219,7 +234,7 @@ def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float
     x, y = np.column_stack([column[has] for column in factors.values()]), figure[has]
     n, count = x.shape
     nothing = [nan] * count
-    if n < count + 3 or np.ptp(y) == 0.0 or np.any(np.ptp(x, axis=0) == 0.0):
+    if n < count + 3 or not varies(y, _ABSOLUTE) or not all(map(varies, x.T)):
         return nothing, nothing, nan
     x, y = (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean()) / y.std()
     coefficients, *_ = np.linalg.lstsq(x, y)

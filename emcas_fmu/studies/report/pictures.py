@@ -146,7 +146,7 @@ def _mission(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     if "supply_power" not in panels:
         return figure, ""
     panels["supply_power"].axhline(0.0, **LIMIT)
-    return figure, "Power below zero is fed back to the bus."
+    return figure, "Power below zero is fed back to the supply."
 
 
 _DRAWINGS: Mapping[str, Callable[[Outcome, Sequence[float]], tuple[Figure, str]]] = {
