@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 
+from ..fmu.built import lean
 from .conftest import check, edit, emcas, record
 
 
@@ -90,7 +90,7 @@ def test_a_model_that_is_none(short: Path, model: str, options: tuple[str, ...],
 def test_one_fin_of_several(short: Path) -> None:
     """Fin 2 has another motor; the others are those of the baseline."""
     (short / "weaker.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
-    fmu = build(load_parameters(), short / "EMCAS2.fmu", fins=2, files={2: short / "weaker.toml"}).path
+    fmu = lean(load_parameters(), short / "EMCAS2.fmu", fins=2, files={2: short / "weaker.toml"})
     check(short, article=fmu)
     printed = check(short, "--fin", "2", article=fmu, code=1)
     assert "motor.torque_constant" in printed

@@ -8,11 +8,11 @@ import pytest
 
 from emcas_fmu.actuators import get
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.baseline.comparison import TEMPLATE
 from emcas_fmu.studies.baseline.files import read, read_plan
 
+from ..fmu.built import lean
 from ..marks import others_slow
 from .conftest import SHORT, check, edit, record
 
@@ -82,7 +82,7 @@ def test_an_fmu_is_checked_by_the_baseline_of_its_parameters(base: Path, model: 
     (base / "baseline/baseline.toml").write_text(f'model = "{get(model).name}"\n{text}')
     (base / "actuator.toml").write_text("homing.required = false\n" if "homing" in model else "")
     record(base, "--model", model)
-    fmu = build(load_parameters(base / "actuator.toml", model=model), base / "a.fmu").path
+    fmu = lean(load_parameters(base / "actuator.toml", model=model), base / "a.fmu")
     asked = ("--model", model) if model == DIRECT_DRIVE else ()
     check(base, *asked, article=fmu)
     if asked:

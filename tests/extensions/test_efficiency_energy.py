@@ -91,7 +91,7 @@ def test_energy_of_a_sine_in_every_model(model: str, overrides: Mapping[str, flo
 _OFF = acting(enabled=False)
 
 
-@settings(derandomize=True, max_examples=30)
+@settings(derandomize=True, max_examples=15)
 @given(forward=st.floats(0.05, 1.0), backward=st.floats(0.0, 1.0), gap=st.sampled_from([0.0, 1e-4, 1e-3]),
        speeds=st.tuples(st.floats(-300, 300), st.floats(-300, 300)), h=st.sampled_from([5e-6, 5e-5, 3e-4]))
 def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: float, speeds: tuple[float, float],

@@ -29,6 +29,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.compiler import PLATFORMS, local_platform
 
+from .built import lean
 from .host import DISCARD, ERROR, OK, Fmu, Instance, Instance3
 
 pytestmark = pytest.mark.fmu
@@ -36,12 +37,8 @@ FAULTS = "elastic+heat+homing+faults"
 SAMPLE = 1e-3  # s, of the shipped parameters
 
 
-def built(folder: Path, model: str = "nonlinear", fins: int = 1, fmi: str = "3", clock: bool = False,
-          references: bool = False) -> Path:
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(model=model), folder / f"{fmi}.fmu", "native", [local.name], fins=fins, fmi=fmi,
-                 clock=clock, references=references).path
+def built(folder: Path, model: str = "nonlinear", fins: int = 1, fmi: str = "3", clock: bool = False) -> Path:
+    return lean(load_parameters(model=model), folder / f"{fmi}.fmu", fins=fins, fmi=fmi, clock=clock)
 
 
 def unpacked(path: Path, folder: Path) -> Fmu:
@@ -394,7 +391,10 @@ def test_platforms_have_the_names_of_both_versions() -> None:
 
 
 def test_built_twice_the_same_bytes(native3: Path, tmp_path: Path) -> None:
-    assert built(tmp_path, references=True).read_bytes() == native3.read_bytes()
+    local = local_platform()
+    assert local is not None
+    again = build(load_parameters(), tmp_path / "3.fmu", "native", [local.name], fmi="3").path
+    assert again.read_bytes() == native3.read_bytes()
 
 
 def test_two_units_linked_into_one_program(native3: Path, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from emcas_fmu.ssp.archive import SspError, read_archive, write_archive
 from examples.ssp_hosts import hosts
 from tests.docs.recipes import recipes
 from tests.hosts.host import Trajectory, difference, missing, tool, trajectory
-from tests.marks import slow
+from tests.marks import others_slow, slow
 
 from .conftest import Edit
 from .run_in import ABSENT, STEPS
@@ -78,7 +78,7 @@ def test_same_trajectory_as_in_fmpy(host: str, variant: str, ssp: Path, expected
         assert difference(expected, found) > 1e-3  # were its parameters left out, this would be the same
 
 
-@pytest.mark.parametrize("host", hosts.HOSTS)
+@pytest.mark.parametrize("host", others_slow(hosts.HOSTS, lambda host: host != "ecospy"))
 def test_a_wire_between_components_is_a_step_late(host: str, edited: Edit, ssp: Path) -> None:
     """As late as a loop that reads after each step and sets before the next, in every host."""
     wired = edited("SystemStructure.ssd", 'startConnector="fin2_fin_command"',
@@ -94,7 +94,7 @@ def test_a_wire_between_components_is_a_step_late(host: str, edited: Edit, ssp: 
     assert abs(found["fin2.fin_angle"][99] - 0.06) < 0.02
 
 
-@pytest.mark.parametrize("host", OTHERS)
+@pytest.mark.parametrize("host", others_slow(OTHERS, lambda host: host != "ecospy"))
 def test_connectors_of_the_system_are_passed_over(host: str, wired: Path, expected: Trajectory) -> None:
     """In an archive that neither opens by itself."""
     assert difference(expected, run(host, wired)) < SAME
@@ -108,6 +108,7 @@ def parameters(host: str, ssp: Path, asked: str) -> list[tuple[float, ...]]:
     return [(round(np.degrees(row[0]), 9), *row[1:]) for row in rows]
 
 
+@pytest.mark.slow
 def test_the_file_as_it_is_in_libcosim_and_ecos(ssp: Path, tmp_path: Path) -> None:
     nominal = [(a, 24.0, 0.0, 39.0) for a in (45.0, 135.0, 225.0, 315.0)]
     cold = [(a, -6.0, 0.0, 39.0) for a, *_ in nominal]

@@ -21,6 +21,7 @@ from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
 from tests.fmu.built import lean
 from tests.hosts.host import difference
+from tests.marks import others_slow
 
 from .conftest import emcas, valid_documents
 from .test_hosts import OTHERS, ROOT, SAME, printed, run
@@ -94,7 +95,7 @@ def test_faults_show_in_the_system(expected: dict[str, Any]) -> None:
     assert expected["fin1.homed"][0] == 1.0
 
 
-@pytest.mark.parametrize("host", OTHERS)
+@pytest.mark.parametrize("host", others_slow(OTHERS, lambda host: host != "ecospy"))
 def test_the_same_in_the_other_hosts(host: str, archive: Path, expected: dict[str, Any]) -> None:
     """But for enumerations, which neither knows."""
     found = run(host, archive, "jammed")
@@ -123,7 +124,7 @@ def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
     assert len(printed("ecospy", archive, "nominal", "plain").splitlines()) == 4
 
 
-@pytest.mark.parametrize("host", hosts.HOSTS)
+@pytest.mark.parametrize("host", others_slow(hosts.HOSTS, lambda host: host != "ecospy"))
 def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> None:
     """In a separate process: Ecos and libcosim do not end well in this one after others."""
     program = ("import sys; from pathlib import Path; from examples.ssp_hosts import hosts\n"

@@ -298,6 +298,7 @@ def test_a_request_that_cannot_be_carried_out_writes_nothing(arguments: tuple[st
     assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
 
 
+@pytest.mark.slow
 def test_it_takes_a_set_by_name_and_its_page_says_the_command(tmp_path: Path) -> None:
     """As a program, from the checkout; nothing on standard error, where there is no terminal."""
     page = tmp_path / "t.html"
