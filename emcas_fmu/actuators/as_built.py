@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from ..namespace import value_of, with_values
 from ..ops.base import Ops
+from ..physics import mechanics
 from ..variables import Variable, parameter
 
 
@@ -43,9 +44,9 @@ FLUX = _deviation("motor.torque_constant", -0.5, 0.5, "torque and back-EMF const
                   "motor.torque_constant", "motor.back_emf_constant")
 FIN = _deviation("mass.fin", -0.9, 10.0, "mass and inertia of the fin", "mass.fin", "inertia.fin")
 COULOMB = _deviation("friction.coulomb", -1.0, 10.0, "Coulomb friction", "friction.coulomb.positive",
-                     "friction.coulomb.negative", "friction.fin_coulomb")
+                     "friction.coulomb.negative", *mechanics.HINGE_DRY)
 VISCOUS = _deviation("friction.viscous", -1.0, 10.0, "viscous friction", "friction.viscous.positive",
-                     "friction.viscous.negative", "friction.fin_viscous")
+                     "friction.viscous.negative", *mechanics.HINGE_VISCOUS)
 RATED_FLOW = _deviation("valve.rated_flow", -0.9, 10.0, "rated flow", "valve.rated_flow")
 
 

@@ -164,7 +164,7 @@ def faulted(ops: Ops, p: Any, actuator: Actuator, f: Held, declared: Mapping[str
 
 def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
     broken = f.free > 0.0
-    friction, hinge = p.friction, mechanics.hinge_friction(p)
+    friction = p.friction
     return {
         "inertia.motor": ops.where(f.jam > 0.0, _HEAVY, p.inertia.motor),
         "inertia.fin": ops.where(broken, _STUB, 1.0) * p.inertia.fin,
@@ -175,8 +175,8 @@ def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
         "friction.coulomb.negative": tuple(f.friction * c for c in friction.coulomb.negative),
         "friction.viscous.positive": f.friction * friction.viscous.positive,
         "friction.viscous.negative": f.friction * friction.viscous.negative,
-        "friction.fin_viscous": ops.where(broken, 0.0, f.friction * hinge.viscous),
-        "friction.fin_coulomb": ops.where(broken, 0.0, f.friction * hinge.dry),
+        **{name: ops.where(broken, 0.0, f.friction * value_of(p, name))
+           for name in (*mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY)},
     }
 
 

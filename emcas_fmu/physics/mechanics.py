@@ -15,13 +15,19 @@ motor's torque by (J_motor + J_screw) A_x, since rotor and screw also turn with 
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import add
 from typing import Any, NamedTuple
 
-from ..namespace import with_values
+from ..namespace import value_of, with_values
 from ..ops.base import Ops, Value
 from . import friction, kinematics, loads
 from .loads import fin_inertia
 
+HINGE_DRY = ("friction.fin_coulomb",)
+"""Parameters [N.m] whose sum is the dry friction about the hinge; deviations and faults scale each."""
+HINGE_VISCOUS = ("friction.fin_viscous",)
+"""Parameters [N.m.s/rad] whose sum is the viscous friction there."""
 _LEAST = 1e-12  # N.m: bristles with less friction slip at once
 
 
@@ -88,13 +94,12 @@ class HingeFriction(NamedTuple):
 
 def hinge_friction(p: Any) -> HingeFriction:
     """Return the friction about the hinge: the only equations of it, for every actuator."""
-    return HingeFriction(p.friction.fin_coulomb, p.friction.fin_viscous)
+    return HingeFriction(*(reduce(add, (value_of(p, name) for name in names)) for names in (HINGE_DRY, HINGE_VISCOUS)))
 
 
 def with_hinge_friction(p: Any, factor: Value) -> Any:
     """Return parameters with `factor` times the friction about the hinge."""
-    hinge = hinge_friction(p)
-    return with_values(p, {"friction.fin_viscous": factor * hinge.viscous, "friction.fin_coulomb": factor * hinge.dry})
+    return with_values(p, {name: factor * value_of(p, name) for name in (*HINGE_VISCOUS, *HINGE_DRY)})
 
 
 def hinge_dry(p: Any, m: Mechanics) -> Value:

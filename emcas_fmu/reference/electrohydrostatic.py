@@ -142,7 +142,7 @@ class Electrohydrostatic(Cylinder, Driven):
         p = self.p
         arm = p["kinematics.moment_arm"]
         tangent = piston / arm + math.tan(p["kinematics.initial_angle"])
-        force = p["cylinder.coulomb_friction"] + p["friction.fin_coulomb"] / (arm * (1.0 + tangent * tangent))
+        force = p["cylinder.coulomb_friction"] + self.dry / (arm * (1.0 + tangent * tangent))
         drop = force / p["cylinder.area"]
         return p["pump.coulomb_friction"] + (p["pump.displacement"] + p["pump.pressure_friction"]) * drop
 

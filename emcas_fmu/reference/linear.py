@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ..errors import EmcasError
 from .controllers import whole_samples
 from .screw import over_temperature
-from .vehicle import as_built
+from .vehicle import as_built, hinge_friction
 
 Array = NDArray[np.floating[Any]]
 
@@ -115,7 +115,7 @@ def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:
     # One viscous coefficient holds for both directions.
     motor_viscous = 0.5 * (values["friction.viscous.positive"] + values["friction.viscous.negative"])
     motor_viscous *= over_temperature(values, "viscous")
-    viscous = motor_viscous + values["friction.fin_viscous"] / ratio**2
+    viscous = motor_viscous + hinge_friction(values)[1] / ratio**2
     kp, ki, gain = values["drive.kp"], values["drive.ki"], values["drive.current_gain"]
     a = np.zeros((5, 5))
     a[0, 1] = 1.0

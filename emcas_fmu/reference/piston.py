@@ -13,7 +13,7 @@ from typing import Any
 
 from .actuator import Actuator
 from .events import Body, State
-from .vehicle import Surroundings, clip, hinge_moment, masses_of
+from .vehicle import Surroundings, clip, hinge_friction, hinge_moment, masses_of
 
 FIN, RATE, ONE, TWO = range(4)
 
@@ -32,6 +32,7 @@ class Cylinder(Actuator, ABC):
     def __init__(self, parameters: Mapping[str, float]):
         p = self.p = parameters
         self.inertia, self.masses = p["inertia.fin"] + p["inertia.shaft"] + p["inertia.fork"], masses_of(p)
+        self.dry, self.viscous = hinge_friction(p)
         self.bodies = Body("fin", itemgetter(RATE), self._excess, {RATE: 0.0}, FIN, p["fin.stop_angle"]),
 
     def _moment(self, y: State, ratio: float, around: Surroundings) -> float:
@@ -41,7 +42,7 @@ class Cylinder(Actuator, ABC):
 
     def _dry(self, ratio: float) -> float:
         """Return the dry friction [N.m] about the hinge at a ratio dx/d(angle) [m/rad]."""
-        return self.p["friction.fin_coulomb"] + ratio * self.p["cylinder.coulomb_friction"]
+        return self.dry + ratio * self.p["cylinder.coulomb_friction"]
 
     def _excess(self, y: State, _mode: Any, around: Surroundings, side: int) -> float:
         """Return the moment [N.m] on a resting fin towards `side` beyond what friction holds."""
@@ -54,7 +55,7 @@ class Cylinder(Actuator, ABC):
             return 0.0
         p, (_, ratio, bend) = self.p, lever(self.p, y[FIN])
         mass = p["cylinder.moving_mass"]
-        viscous = p["cylinder.viscous_friction"] * ratio**2 + p["friction.fin_viscous"]
+        viscous = p["cylinder.viscous_friction"] * ratio**2 + self.viscous
         net = (self._moment(y, ratio, around) - way * self._dry(ratio) - viscous * y[RATE]
                - mass * ratio * bend * y[RATE] ** 2)
         return net / (self.inertia + mass * ratio**2)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from .events import Value
-from .vehicle import Surroundings, hinge_moment, masses_of
+from .vehicle import Surroundings, hinge_friction, hinge_moment, masses_of
 
 POLYNOMIAL_ANGLE = math.radians(20.0)  # rad, the angle that scales the Coulomb polynomials
 _SIGNS = {1: "positive", -1: "negative"}
@@ -36,7 +36,7 @@ class Screw:
         self.motor_inertia = p["inertia.motor"] + p["inertia.screw"] + p["mass.nut"] * self.lead**2
         self.fin_inertia = p["inertia.fin"] + p["inertia.shaft"] + p["inertia.fork"]
         self.masses = masses_of(p)
-        self.fin_viscous, self.fin_coulomb = p["friction.fin_viscous"], p["friction.fin_coulomb"]
+        self.fin_coulomb, self.fin_viscous = hinge_friction(p)
         warm_to_now = over_temperature(p, "viscous")
         self.coulomb_factor = over_temperature(p, "coulomb")
         self.viscous = {s: p[f"friction.viscous.{n}"] * warm_to_now for s, n in _SIGNS.items()}

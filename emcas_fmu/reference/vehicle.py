@@ -13,6 +13,8 @@ _AXES = "xyz"
 MOTION = tuple(f"{kind}.{axis}" for kind in ("acceleration", "angular_rate", "angular_acceleration") for axis in _AXES)
 INPUTS_AT_REST = dict.fromkeys(
     ("fin_command", "aero_torque", *MOTION, "attitude.roll", "attitude.pitch", "attitude.yaw"), 0.0)
+# Of the fin about its hinge [N.m] and [N.m.s/rad].
+_HINGE_FRICTION = {"coulomb": ("friction.fin_coulomb",), "viscous": ("friction.fin_viscous",)}
 _FLUID_FRICTION = {
     "coulomb": ("cylinder.coulomb_friction", "pump.coulomb_friction", "pump.pressure_friction"),
     "viscous": ("cylinder.viscous_friction", "pump.viscous_friction")}
@@ -95,6 +97,12 @@ def masses_of(p: Mapping[str, float]) -> list[Triple]:
             for part in ("fin", "shaft", "fork")]
 
 
+def hinge_friction(p: Mapping[str, float]) -> tuple[float, float]:
+    """Return dry friction [N.m] and viscous friction [N.m.s/rad] about the hinge."""
+    dry, viscous = (sum(p.get(name, 0.0) for name in names) for names in _HINGE_FRICTION.values())
+    return dry, viscous
+
+
 def as_built(p: Mapping[str, float]) -> dict[str, float]:
     """Return the parameters of the plant: the nominal ones, which the controllers know, off by ``deviation.*``.
 
@@ -105,7 +113,7 @@ def as_built(p: Mapping[str, float]) -> dict[str, float]:
     shares |= {"inertia.fin": "mass.fin", "motor.back_emf_constant": "motor.torque_constant"}  # one flux makes both
     for kind in ("coulomb", "viscous"):
         for name in p:
-            if name.startswith((f"friction.{kind}.", f"friction.fin_{kind}")) or name in _FLUID_FRICTION[kind]:
+            if name.startswith(f"friction.{kind}.") or name in (*_HINGE_FRICTION[kind], *_FLUID_FRICTION[kind]):
                 shares[name] = f"friction.{kind}"
     angle = shares.pop("kinematics.initial_angle", "")
     built = {name: p[name] * (1.0 + off[share]) for name, share in shares.items() if name in p and share in off}

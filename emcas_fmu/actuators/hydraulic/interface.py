@@ -9,7 +9,7 @@ from typing import Any
 from ...control import fluid_power
 from ...namespace import Record
 from ...ops.base import Ops, Value
-from ...physics import cylinder
+from ...physics import cylinder, mechanics
 from ...rules import SLACK, rule, when
 from ...variables import only, parameter, real_output, tunable
 from .. import as_built, capabilities, fin_port
@@ -35,8 +35,8 @@ def friction(coulomb: tuple[str, ...] = (), viscous: tuple[str, ...] = ()) -> Gr
     The controllers know nothing of oil, cylinder and line: these have no deviations, as their values vary.
     """
     return Group(only((*groups.HINGE.parameters, *groups.HINGE_FRICTION.parameters), "friction."), deviations=(
-        as_built.FIN, as_built.COULOMB.scaling("friction.fin_coulomb", "cylinder.coulomb_friction", *coulomb),
-        as_built.VISCOUS.scaling("friction.fin_viscous", "cylinder.viscous_friction", *viscous)))
+        as_built.FIN, as_built.COULOMB.scaling(*mechanics.HINGE_DRY, "cylinder.coulomb_friction", *coulomb),
+        as_built.VISCOUS.scaling(*mechanics.HINGE_VISCOUS, "cylinder.viscous_friction", *viscous)))
 
 
 @rule("cylinder.dead_volume = %.6g m3 must be more than the piston sweeps up to a stop of the fin, %.6g m3 with "

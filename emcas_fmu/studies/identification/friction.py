@@ -20,7 +20,7 @@ from ...figures.plots import Drawing
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
-from ...physics import friction
+from ...physics import friction, mechanics
 from . import motion, pictures
 from .estimation import Fit
 from .records import DIRECTIONS, Array, Record, distinct, divided, require
@@ -29,7 +29,7 @@ from .result import Estimate, Experiment, Identification, estimates, require_cer
 EXPERIMENT = Experiment(
     "friction", "Viscous and Coulomb friction", ("motor_angle", "motor_current", "temperature"), ("motor_speed",),
     ("motor.torque_constant", "inertia.motor", "inertia.screw", "kinematics.moment_arm", "screw.lead",
-     "friction.fin_viscous", "friction.fin_coulomb"), "N.m")
+     *mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY), "N.m")
 VISCOUS = ("friction.viscous.positive", "friction.viscous.negative")
 COULOMB = {d: tuple(f"friction.coulomb.{d}[{n}]" for n in range(7)) for d in ("positive", "negative")}
 # The cold point of friction.table, -6 degC by default. The polynomials are those of the next point, 24 degC.
