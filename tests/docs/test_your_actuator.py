@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.studies.tuning.study import load_study
 
@@ -58,7 +58,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_every_block_is_run() -> None:
-    assert sorted(BLOCKS) == ["bounds", "check", "checked", "finish", "sheets", "start"]
+    assert sorted(BLOCKS) == ["bounds", "check", "checked", "finish", "made", "sheets", "start"]
+    assert TEXT.count("\n```") == 2 * len(BLOCKS)
+
+
+def test_a_set_that_is_made_for_others(tmp_path: Path) -> None:
+    (tmp_path / "set.toml").write_text(BLOCKS["made"][1], encoding="utf-8")
+    for model in ("elastic", "nonlinear+heat"):
+        load_parameters(tmp_path / "set.toml", model=model)
+    with pytest.raises(ParameterError, match=r"is made for elastic, \+heat \(made_for\) and not for nonlinear"):
+        load_parameters(tmp_path / "set.toml")
 
 
 def test_the_file_filled_in_is_that_of_the_page(folder: Path) -> None:

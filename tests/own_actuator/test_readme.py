@@ -1,20 +1,25 @@
-"""The declarations that the README shows, exactly as printed there."""
+"""The README: every block of code is run, or is an excerpt of an example; its messages are those that appear."""
 
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
+from emcas_fmu.actuators import external
 from emcas_fmu.cli import app
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.reference.files import read_csv
 from emcas_fmu.simulation import simulate
 
 from .example import FILE, FOLDER, MODEL, changed
+from .test_trial import STATES, inverted, stepped_by
 
 _DECLARATION = re.compile(r"^ACTUATOR = em\.Actuator\(\n.*?^\)\n", re.DOTALL | re.MULTILINE)
 
@@ -22,8 +27,139 @@ _DECLARATION = re.compile(r"^ACTUATOR = em\.Actuator\(\n.*?^\)\n", re.DOTALL | r
 def block(name: str) -> str:
     """Return a block of the README by its name."""
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
-    (shown,) = re.findall(rf"<!-- run: {name} -->\n```python\n(.*?)```", page, re.DOTALL)
+    (shown,) = re.findall(rf"<!-- run: {name} -->\n```\w*\n(.*?)```", page, re.DOTALL)
     return str(shown)
+
+
+def test_every_block_is_run_or_an_excerpt() -> None:
+    """Excerpts leave out what `...` stands for; comments are the README's."""
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"(?:<!-- (run|excerpt)(?:: [\w-]+)? -->\n)?```(\w*)\n(.*?)```", page, re.DOTALL)
+    assert [text for kind, _, text in blocks if not kind] == []
+    written = _plain(FILE.read_text(encoding="utf-8"))
+    parts = [_plain(part) for kind, _, text in blocks if kind == "excerpt" for part in re.split(r"\.\.\.|\n", text)]
+    assert len(parts) > 20
+    assert [part for part in parts if part not in written] == []
+
+
+def _plain(text: str) -> str:
+    """Return Python without comments, spaces and line ends."""
+    return re.sub(r"\s+", "", re.sub(r"(?m)#.*$", "", text))
+
+
+# Each message of the README, in its order: changes of the example, and of a parameter file beside it.
+_DAMPING = "- p.hinge.damping * x.fin_rate"
+_MESSAGES: tuple[tuple[tuple[tuple[str, str], ...], str | None], ...] = (
+    ((("p.spring.stiffness * x", "p.spring.stifness * x"),), None),
+    ((("    clipped = ops", "    if demand > 0.0: pass\n    clipped = ops"),), None),
+    ((("    clipped = ops", "    demand % 2.0\n    clipped = ops"),), None),
+    ((('"fin_rate": torque / inertia', '"fin_rte": torque / inertia'),), None),
+    ((('"A", "motor current", 10.0', '"A", "motor current", 0.0'),), None),
+    ((('"spring.stiffness", "N.m/rad"', '"spring.stiffness", "N.m/rod"'),), None),
+    ((('"spring.stiffness": "20 N*m/rad", ', ""),), None),
+    ((), "fin.stop_angle = '25 rad'\n"),
+    ((("from pathlib", "import random\nfrom pathlib"), (_DAMPING, "- random.random() * x.fin_rate")), None),
+    (((_DAMPING, _DAMPING.replace("-", "+")),), None),
+    (inverted("ops.fabs(x.fin_angle) - p.fin.stop_angle"), None),
+    (((_DAMPING, "- 1e-3 / x.fin_rate"),), None),
+    (stepped_by(f"{STATES}, 0.0 * h"), None),
+)
+
+
+def message(folder: Path, changes: tuple[tuple[str, str], ...], beside: str | None,
+            caplog: pytest.LogCaptureFixture) -> str:
+    """Return the error or warning of a simulation of the changed example, with files as the README names them."""
+    path = changed(folder, *changes, name="direct_drive.py")
+    if beside is not None:
+        path.with_suffix(".toml").write_text(beside, encoding="utf-8")
+    try:
+        simulate(load_parameters(model=str(path)).values, 0.01, kernel="python", model=str(path))
+        said = caplog.messages[-1]
+    except (EmcasError, ArithmeticError) as error:
+        said = str(error)
+    return said.replace(f"{folder}/", "")
+
+
+def test_messages(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    shown = "".join(re.findall(r"<!-- run: messages -->\n```\n(.*?)```", page, re.DOTALL)).splitlines()
+    for k, (line, (changes, beside)) in enumerate(zip(shown, _MESSAGES, strict=True)):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        assert message(folder, changes, beside, caplog) == line
+
+
+def test_a_value_with_a_source(tmp_path: Path) -> None:
+    (entry,) = re.findall(r'"motor\.resistance": \{.*?\}', block("values"))
+    path = changed(tmp_path, ('"motor.resistance": "0.5 Ohm"', entry))
+    sources = {e.variable.name: e.source for e in load_parameters(model=str(path)).entries}
+    assert (sources["motor.resistance"], sources["spring.stiffness"]) == ("datasheet", "estimate")
+
+
+def test_the_group_of_an_entry_point() -> None:
+    assert tomllib.loads(block("package"))["project"]["entry-points"].keys() == {external.GROUP}
+
+
+_CAMPAIGN = """
+[campaign]
+samples = 2
+[vary."controller.kp"]
+distribution = "uniform"
+low = "95 %"
+high = "105 %"
+[experiments.step]
+kind = "step"
+amplitude = "2 deg"
+duration = "0.3 s"
+"""
+_STUDY = """
+[tunables]
+"controller.kp" = { lower = "390 V/rad", upper = "410 V/rad" }
+[cases.nominal]
+[[requirements]]
+name = "rise"
+test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
+figure = "rise_time"
+maximum = "10 s"
+"""
+
+
+def run(line: str) -> Result:
+    """Run a command of the README where the user is, with the example where it is."""
+    words = shlex.split(line.replace("examples/own_actuator", str(FOLDER)), comments=True)
+    return CliRunner().invoke(app, words[1:] if words[0] == "emcas" else ["build", *words[2:]])
+
+
+def commands(*only: str) -> list[str]:
+    """Return the lines of the README's blocks of commands, or those that begin with one of `only`."""
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    lines = "".join(re.findall(r"<!-- run -->\n```sh\n(.*?)```", page, re.DOTALL)).splitlines()
+    return [line for line in lines if line.startswith(only or "")]
+
+
+def test_quick_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for line in commands("emcas simulate", "emcas parameters"):
+        done = run(line)
+        assert done.exit_code == 0, done.output + done.stderr
+
+
+@pytest.mark.slow
+def test_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One after the other; 1 is a verdict: the shipped requirements are not those of this actuator."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_campaign.toml").write_text(_CAMPAIGN, encoding="utf-8")
+    (tmp_path / "my_requirements.toml").write_text(_STUDY, encoding="utf-8")
+    for line in commands():
+        done = run(line)
+        judged = (0, 1) if line.split()[1] in ("validate", "report", "tune") else (0,)
+        assert done.exit_code in judged, line + done.output + done.stderr
+
+
+def test_the_error_about_a_capability() -> None:
+    command, shown = block("needs").splitlines()
+    said = run(command.removeprefix("$ ")).stderr
+    assert said.replace(str(FOLDER), "…").rstrip() == shown
 
 
 def test_stick_and_slip(tmp_path: Path) -> None:

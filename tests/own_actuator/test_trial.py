@@ -33,20 +33,26 @@ def step(ops, p, x, u, h):
 
 
 def output_values"""
-_STATES = '{name: getattr(x, name) + h * rates[name] for name in ("fin_angle", "fin_rate", "current")}'
+STATES = '{name: getattr(x, name) + h * rates[name] for name in ("fin_angle", "fin_rate", "current")}'
+
+
+def stepped_by(result: str) -> tuple[tuple[str, str], ...]:
+    """Changes of the example to a step() that returns `result`."""
+    return (("\ndef output_values", _STEP.replace("RESULT", result)),
+            ("    derivatives=derivatives,", "    step=step,"),
+            ("ACTUATOR = em.Actuator(", 'PARAMETERS += (em.parameter("step.share", "1", -1.0, 3.0, "of h"),)\n'
+             "ACTUATOR = em.Actuator("),
+            ("    values=ESTIMATES,", '    values={**ESTIMATES, "step.share": 1.0},'))
 
 
 def stepped(folder: Path, result: str) -> Path:
     """The example with a step() that returns `result`."""
-    return changed(folder, ("\ndef output_values", _STEP.replace("RESULT", result)),
-                   ("    derivatives=derivatives,", "    step=step,"),
-                   ("ACTUATOR = em.Actuator(", 'PARAMETERS += (em.parameter("step.share", "1", -1.0, 3.0, "of h"),)\n'
-                    "ACTUATOR = em.Actuator("))
+    return changed(folder, *stepped_by(result))
 
 
 @pytest.mark.parametrize(("result", "says"), [
-    (_STATES, "step() returns dict; a mapping of states and the time until then are needed"),
-    (f"{_STATES}, None", "step() returns the time of the step = None; a number is needed"),
+    (STATES, "step() returns dict; a mapping of states and the time until then are needed"),
+    (f"{STATES}, None", "step() returns the time of the step = None; a number is needed"),
 ])
 def test_what_a_step_returns(tmp_path: Path, result: str, says: str) -> None:
     with pytest.raises(EmcasError, match=r"mine\.py, line \d+: " + re.escape(says)):
@@ -56,7 +62,7 @@ def test_what_a_step_returns(tmp_path: Path, result: str, says: str) -> None:
 @pytest.mark.parametrize("kernel", ["python", "compiled"])
 def test_every_loop_ends(tmp_path: Path, kernel: str) -> None:
     """Of a step that takes no time, a negative one, hardly any, more than there is, or one that is not a number."""
-    model = str(stepped(tmp_path, f"{_STATES}, p.step.share * h + 0.0 * ops.sqrt(2.0 - p.step.share)"))
+    model = str(stepped(tmp_path, f"{STATES}, p.step.share * h + 0.0 * ops.sqrt(2.0 - p.step.share)"))
     if kernel == "compiled" and not library.available(model):
         pytest.skip("no compiler")
     for share in (0.0, -1.0, 1e-9, 2.0, 3.0):
@@ -186,15 +192,19 @@ def landed(ops, p, begin, x, u, m, events):
 def output_values"""
 
 
+def inverted(margin: str) -> tuple[tuple[str, str], ...]:
+    """Changes of the example to one that is stepped from event to event, with a `margin` of the stop."""
+    return (("\ndef output_values", _SWITCHED.replace("MARGIN", margin)),
+            ("    derivatives=derivatives,", "    step=SYSTEM.step(lambda ops, p: p),"),
+            ("ACTUATOR = em.Actuator(", "SYSTEM = Switched(mode, rates, margins, landed)\nACTUATOR = em.Actuator("),
+            ("import emcas_fmu.declare", "from emcas_fmu.namespace import Record\n"
+             "from emcas_fmu.steppers.events import Switched\nimport emcas_fmu.declare"))
+
+
 @pytest.mark.parametrize(("margin", "sound"), [("p.fin.stop_angle - ops.fabs(x.fin_angle)", True),
                                                ("ops.fabs(x.fin_angle) - p.fin.stop_angle", False)])
 def test_an_inverted_margin(tmp_path: Path, margin: str, sound: bool) -> None:
-    path = changed(tmp_path, ("\ndef output_values", _SWITCHED.replace("MARGIN", margin)),
-                   ("    derivatives=derivatives,", "    step=SYSTEM.step(lambda ops, p: p),"),
-                   ("ACTUATOR = em.Actuator(", "SYSTEM = Switched(mode, rates, margins, landed)\n"
-                    "ACTUATOR = em.Actuator("),
-                   ("import emcas_fmu.declare", "from emcas_fmu.namespace import Record\n"
-                    "from emcas_fmu.steppers.events import Switched\nimport emcas_fmu.declare"))
+    path = changed(tmp_path, *inverted(margin))
     values = load_parameters(model=str(path)).values
     if sound:
         assert simulate(values, 0.002, kernel="python", model=str(path))["fin_angle"][-1] == 0.0
