@@ -20,6 +20,7 @@ from emcas_fmu.simulation import simulate
 
 from ..fmu.built import both
 from ..fmu.host import ERROR, Fmu, Instance
+from ..marks import slow
 
 MODELS = ("nonlinear+efficiency", "elastic+efficiency")
 _HOST = """
@@ -38,7 +39,7 @@ def _hosted(path: Path, names: list[str], *starts: str) -> np.ndarray:
     return np.array([[float(x) for x in line.split()] for line in done.stdout.splitlines()])
 
 
-@pytest.mark.parametrize("model", [*MODELS, "ristanovic+efficiency"])
+@pytest.mark.parametrize("model", [MODELS[0], *slow(MODELS[1], "ristanovic+efficiency")])
 def test_kernels_are_one(model: str) -> None:
     if not library.available(model):
         pytest.skip("no C compiler")
@@ -50,7 +51,7 @@ def test_kernels_are_one(model: str) -> None:
         assert np.array_equal(python[name], c[name]), name
 
 
-@pytest.fixture(scope="module", params=[MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[MODELS[0], *slow(MODELS[1])])
 def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Path]:
     """A model and its FMUs, Python and native."""
     paths = both(load_parameters(model=request.param), tmp_path_factory.mktemp("efficiency"))

@@ -15,10 +15,12 @@ from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate, simulate_fins
 from tests.default_actuator import EVERY
+from tests.marks import others_slow
 
 from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, bits_of, equal, gust, scheduled, wave
 
 ELASTIC = "elastic+faults"
+QUICK = others_slow(NAMES, lambda name: name not in ("habibi", "worm-gear", "worm-gear-elastic"))
 # The general faults an actuator cannot have; the others it has, with their bits where they are in every other.
 IMPOSSIBLE = {
     "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
@@ -41,7 +43,7 @@ def test_a_fault_is_where_it_can_be(model: str) -> None:
         assert (run["fault_word"][1:] == bit[fault]).all()
 
 
-@pytest.mark.parametrize("model", NAMES)
+@pytest.mark.parametrize("model", QUICK)
 def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
     """At rest, for any ratio, to the encoder's count of 1.3e-5 rad at the fin, a transducer's, or the gap."""
     values = scheduled(f"{model}+faults", "encoder_bias", begin=0.1, fault__encoder_bias__angle=0.05)
@@ -50,7 +52,7 @@ def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
         0.05, abs=1e-3 if BACKLASH in get(model).provides else values.get("transducer.resolution", 1.3e-5))
 
 
-@pytest.mark.parametrize("model", NAMES)
+@pytest.mark.parametrize("model", QUICK)
 def test_without_a_fault_it_is_the_model(model: str) -> None:
     plain = simulate(load_parameters(model=model).values, 0.4, model=model, fin_command=wave, aero_torque=gust)
     values = load_parameters(model=f"{model}+faults").values

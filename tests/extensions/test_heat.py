@@ -25,6 +25,7 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import course, heat
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
+from tests.marks import others_slow
 from tests.simulation import acting
 
 from .held import MODEL, NO_COEFFICIENTS, held, values_of
@@ -170,7 +171,7 @@ def test_losses_are_stored_or_leave() -> None:
 # -- with and without -------------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", others_slow(MODELS, lambda model: model in ("nonlinear", "ozkan", "linear")))
 def test_without_coefficients_and_i2t_it_is_the_model(model: str) -> None:
     """Bit for bit; second-order has no current to be warm by."""
     has = load_parameters(model=f"{model}+heat").having  # there is no I2t where there is no limit
@@ -185,7 +186,7 @@ def test_without_coefficients_and_i2t_it_is_the_model(model: str) -> None:
 
 
 @pytest.mark.kernel(MODEL)
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", others_slow(MODELS, lambda model: model == "nonlinear"))
 def test_kernels_agree(model: str) -> None:
     has = load_parameters(model=f"{model}+heat").having
     values = values_of(has({"heat.peak_time": 0.05, "heat.continuous_current": 5.0, "heat.winding_start_rise": 30.0}),

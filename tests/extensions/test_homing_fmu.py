@@ -19,10 +19,11 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.simulation import simulate
 
 from ..fmu.host import OK, Fmu, Instance
+from ..marks import slow
 from .homing_run import BASE, MODEL, phases, run_of
 
 
-@pytest.mark.parametrize("model", ["nonlinear+homing", "elastic+homing"])
+@pytest.mark.parametrize("model", ["nonlinear+homing", *slow("elastic+homing")])
 def test_kernels_are_one(model: str) -> None:
     python, compiled = (run_of({"fin.start_angle": 0.4}, 5.5, model, kernel=kernel, home=lambda t: t > 0.1,
                              fin_command=0.1, aero_torque=lambda t: 20.0 * cos(3.0 * t))

@@ -15,14 +15,15 @@ from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.extensions.fault_list import possible
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-from tests.marks import slow
+from tests.marks import others_slow, slow
 
 from .fault_runs import scheduled
 
 FED = [name for name in NAMES if get(name).supply is not None]
 # Motors with a back-EMF, which the shaft's work is the counterpart of.
-RETURNING = ["nonlinear+faults", "nonlinear+efficiency+heat+homing+faults", "linear+faults", "ozkan+faults",
-             "electrohydrostatic+faults", *slow("nonlinear+supply+faults", "habibi+faults", "worm-gear+faults")]
+RETURNING = ["nonlinear+faults", "electrohydrostatic+faults", *slow(
+    "nonlinear+efficiency+heat+homing+faults", "linear+faults", "ozkan+faults", "nonlinear+supply+faults",
+    "habibi+faults", "worm-gear+faults")]
 SETTINGS = settings(derandomize=True, max_examples=8, suppress_health_check=[HealthCheck.too_slow])
 
 
@@ -31,7 +32,8 @@ def _inputs(command: float, load: float) -> dict[str, Any]:
             "aero_torque": lambda t: load if sin(25.0 * t) > 0.0 else -load}
 
 
-@pytest.mark.parametrize("model", [*FED, "nonlinear+supply"])
+@pytest.mark.parametrize("model", others_slow(
+    [*FED, "nonlinear+supply"], lambda model: model not in ("elastic", "habibi", "worm-gear", "worm-gear-elastic")))
 @SETTINGS
 @given(share=st.floats(0.01, 1.0), command=st.floats(-0.4, 0.4), load=st.floats(-300.0, 300.0))
 def test_a_brown_out_gives_nothing_back_that_the_actuator_does_not(model: str, share: float, command: float,

@@ -289,7 +289,7 @@ def test_a_good_supply_is_nearly_none() -> None:
 
 
 @pytest.mark.kernel(MODEL)
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", others_slow(MODELS, lambda model: model == "nonlinear"))
 def test_kernels_agree(model: str) -> None:
     values = values_of({"supply.source_resistance": 0.2, "supply.capacitance": 1e-3, "supply.trip_voltage": 22.0,
                         "supply.recovery_voltage": 26.0}, f"{model}+supply")

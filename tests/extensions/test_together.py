@@ -17,7 +17,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.codegen import inputs_at_rest
 from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
-from tests.marks import others_slow
+from tests.marks import others_slow, slow
 
 # Values with which an option does nothing; LuGre's bristles and a DC link have none.
 NEUTRAL: Mapping[str, Mapping[str, Any]] = {
@@ -52,7 +52,7 @@ def run(model: str, overrides: Mapping[str, Any], kernel: str = "python") -> Map
 
 
 # Its kernel alone takes a compiler a quarter of a minute.
-LARGEST = pytest.param("elastic+stribeck+efficiency+heat+homing+supply+faults", marks=pytest.mark.slow)
+(LARGEST,) = slow("elastic+stribeck+efficiency+heat+homing+supply+faults")
 
 
 # An elastic line with every option takes seconds to trace.
@@ -79,7 +79,8 @@ def test_an_option_among_neutral_ones_is_itself(model: str, alone: str) -> None:
 
 
 @pytest.mark.parametrize("model", [
-    "nonlinear+lugre+heat+homing+supply+faults", LARGEST, "ristanovic+stribeck+efficiency+heat+homing+supply+faults"])
+    "nonlinear+lugre+heat+homing+supply+faults", LARGEST,
+    *slow("ristanovic+stribeck+efficiency+heat+homing+supply+faults")])
 def test_both_kernels_with_all_of_them(model: str) -> None:
     changes = {"homing.required": False, "fault.friction_rise.begin": 0.05, "fault.friction_rise.end": 0.15,
                "fault.encoder_bias.begin": 0.2, "fault.encoder_bias.end": 1.0, "heat.winding_start_rise": 60.0}
