@@ -55,11 +55,12 @@ PARAMETER_ORDER = (
     "friction.identified_", "friction.temperature", "friction.fin_viscous", "friction.fin_coulomb",
     "compensation.", "encoder.", "loads.", "mounting.", "deviation.kinematics.", "deviation.screw.",
     "deviation.motor.", "deviation.mass.", "deviation.friction.coulomb", "deviation.friction.viscous",
-    "command.", "solver.", "motor.pole_pairs", "deviation.worm.")
+    "command.", "solver.", "motor.pole_pairs", "deviation.worm.", "pwm.", "load.", "drive_line.")
 OUTPUT_ORDER = (
     "fin_angle", "fin_rate", "motor_angle", "screw_angle", "screw_speed", "motor_speed", "motor_current",
     "motor_voltage", "motor_torque", "drive_reference", "nut_position", "hinge_torque", "supply_power",
-    "braking_power", "tracking_error", "measured_fin_angle", "saturated", "at_stop")
+    "braking_power", "tracking_error", "measured_fin_angle", "saturated", "at_stop", "current_error", "coil_current",
+    "clutch_torque", "slip_power", "clutch_temperature", "worm_loss", "screw_loss")
 
 
 def composed(moment: Callable[[Ops, Any, Record, PlantInputs], tuple[Any, Record]], *groups: Group) -> Composition:

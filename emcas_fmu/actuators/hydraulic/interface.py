@@ -79,7 +79,7 @@ def filled_cylinder(least: float = -inf) -> Group:
 
 AIR = tunable("share", "1", 1e-3, 1.0, "of the bulk modulus that is left")  # amount of the fault `air`
 _OUTPUT_ORDER = (*(v.name for v in fin_port.OUTPUTS), "piston_position", "pressure_", "motor_speed", "motor_current",
-                 "motor_voltage", "motor_torque")
+                 "motor_voltage", "motor_torque", "drive_reference", "valve_", "supply_", "current_error")
 
 
 def composed(moment: Callable[[Ops, Any, Record, PlantInputs], tuple[Any, Record]], delay: Group, friction: Group,
