@@ -6,7 +6,6 @@ limit and the mechanical stops make the right-hand side discontinuous; a `Mode` 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from operator import itemgetter
 from typing import NamedTuple
@@ -76,9 +75,8 @@ class Plant(Screw, Driven):
         motion = mode.motion
         if not motion:
             return 0.0
-        tangent = math.tan(delta + self.assembly)
-        ratio = self.arm / self.lead * (1.0 + tangent * tangent)
-        ratio_slope = 2.0 * ratio * tangent  # R' (2.7)
+        ratio = self.ratio(delta)
+        ratio_slope = ratio * self.bend(delta)  # R' (2.7)
         moment = (  # (2.15 - 2.17)
             ratio * self.p["motor.torque_constant"] * current
             - (ratio * ratio * self.viscous[motion] + self.fin_viscous) * omega
@@ -93,3 +91,28 @@ class Plant(Screw, Driven):
         """Return the moment [N.m] on a resting fin towards `side` beyond what friction holds."""
         moment = self.ratio(y[0]) * self.p["motor.torque_constant"] * y[2] + self.loads(y[0], around)
         return side * moment - self.coulomb(y[0], side)
+
+
+class Geared(Plant):
+    """Motor, drive and fin of the thesis's actuator, a gear of constant ratio between them."""
+
+    def __init__(self, parameters: Mapping[str, Value], turns: float, inertia: Value):
+        self.turns = turns  # of the motor in one of the fin
+        super().__init__({**parameters, "kinematics.moment_arm": turns, "kinematics.initial_angle": 0.0,
+                          "screw.lead": 1.0, "mass.nut": 0.0, "inertia.screw": inertia})
+
+    def motor_angle(self, delta: float) -> float:
+        """Return motor angle [rad] at fin angle `delta` [rad]."""
+        return self.turns * delta
+
+    def fin_angle(self, theta: float) -> float:
+        """Return fin angle [rad] at motor angle `theta` [rad]."""
+        return theta / self.turns
+
+    def ratio(self, delta: float) -> float:
+        """Return turns of the motor in one of the fin [-]."""
+        return self.turns
+
+    def bend(self, delta: float) -> float:
+        """Return R'/R [-], of a constant ratio 0."""
+        return 0.0

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from .events import Event, State, Value
-from .plant import Mode, Plant
+from .plant import Geared, Mode
 from .simulate import simulate as in_time
 from .vehicle import Surroundings
 
@@ -20,35 +20,17 @@ from .vehicle import Surroundings
 _KEPT = 1e-10
 
 
-class WormPlant(Plant):
-    """Motor, drive and fin of the thesis's actuator, a worm and its wheel between them."""
+class WormPlant(Geared):
+    """A worm and its wheel between motor and fin."""
 
     def __init__(self, parameters: Mapping[str, Value]):
         p = parameters
-        self.teeth = p["worm.teeth"] / p["worm.starts"]
-        super().__init__({**p, "kinematics.moment_arm": self.teeth, "kinematics.initial_angle": 0.0, "screw.lead": 1.0,
-                          "mass.nut": 0.0, "inertia.screw": p["inertia.worm"]})
+        super().__init__(p, p["worm.teeth"] / p["worm.starts"], p["inertia.worm"])
         self.worm_radius = 0.5 * p["worm.module"] * p["worm.diameter_quotient"]
         self.wheel_radius = 0.5 * p["worm.module"] * p["worm.teeth"]
         self.lead_angle = math.atan2(p["worm.starts"], p["worm.diameter_quotient"])
         self.normal = math.cos(p["worm.pressure_angle"])
         self.friction = float(p["worm.friction"])
-
-    def motor_angle(self, delta: float) -> float:
-        """Return motor angle [rad] at fin angle `delta` [rad]."""
-        return self.teeth * delta
-
-    def fin_angle(self, theta: float) -> float:
-        """Return fin angle [rad] at motor angle `theta` [rad]."""
-        return theta / self.teeth
-
-    def ratio(self, delta: float) -> float:
-        """Return turns of the motor in one of the fin [-]."""
-        return self.teeth
-
-    def bend(self, delta: float) -> float:
-        """Return R'/R [-], of a constant ratio 0."""
-        return 0.0
 
     def _levers(self, omega: float, along: int) -> tuple[float, float]:
         """Return moment on the wheel and against the worm [N.m] of 1 N between the flanks, at a fin rate [rad/s].
@@ -56,7 +38,7 @@ class WormPlant(Plant):
         `along` is 1 where the force is on the side to which the worm turns, else -1.
         """
         sine, cosine = math.sin(self.lead_angle), math.cos(self.lead_angle)
-        sliding = abs(self.teeth * omega) * self.worm_radius / cosine
+        sliding = abs(self.turns * omega) * self.worm_radius / cosine
         ratio, fast = self.p["worm.static_ratio"], self.p["worm.stribeck_speed"]
         rub = along * self.friction * (1.0 + (ratio - 1.0) * math.exp(-(sliding / fast) ** 2))
         return (self.wheel_radius * (self.normal * cosine - rub * sine),
@@ -66,14 +48,14 @@ class WormPlant(Plant):
         """Return torque on the worm and moment on the wheel [N.m] without the flanks', of motion along `way`."""
         delta, omega, current = y[:3]
         rotor = (self.p["inertia.motor"] + self.p["inertia.screw"]) * around.faster[0]
-        worm = (self.p["motor.torque_constant"] * current - rotor - self.viscous[way] * self.teeth * omega
+        worm = (self.p["motor.torque_constant"] * current - rotor - self.viscous[way] * self.turns * omega
                 - way * self.coulomb_factor * self.motor_coulomb(delta, way))
-        wheel = self.loads(delta, around) + self.teeth * rotor - self.fin_viscous * omega - way * self.fin_coulomb
+        wheel = self.loads(delta, around) + self.turns * rotor - self.fin_viscous * omega - way * self.fin_coulomb
         return worm, wheel
 
     def _pressing(self, worm: float, wheel: float) -> float:
         """Return a value of the sign of the force between the flanks [kg.m2 N.m] under torques without it."""
-        return worm * self.fin_inertia - self.motor_inertia * self.teeth * wheel
+        return worm * self.fin_inertia - self.motor_inertia * self.turns * wheel
 
     def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration of the fin [rad/s2]."""
@@ -81,7 +63,7 @@ class WormPlant(Plant):
             return 0.0
         worm, wheel = self._torques(y, mode.motion, around)
         on_wheel, on_worm = self._levers(y[1], mode.flank * mode.motion)
-        inertia = self.motor_inertia * self.teeth * on_wheel + self.fin_inertia * on_worm
+        inertia = self.motor_inertia * self.turns * on_wheel + self.fin_inertia * on_worm
         force = self._pressing(worm, wheel) / inertia
         return (wheel + force * on_wheel) / self.fin_inertia
 

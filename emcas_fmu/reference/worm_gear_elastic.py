@@ -84,7 +84,7 @@ class MeshPlant(WormPlant):
     def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration of the worm over the ratio [rad/s2]."""
         way = mode.motion
-        return self._worm_torque(y, mode, around, way) / (self.motor_inertia * self.teeth) if way else 0.0
+        return self._worm_torque(y, mode, around, way) / (self.motor_inertia * self.turns) if way else 0.0
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         """Return d/dt of the state, in SI per s, in `mode`."""
