@@ -94,3 +94,13 @@ def test_the_page_of_an_fmu_has_a_current_without_a_voltage() -> None:
     _, slew = response_pictures(strain_wave)
     assert "current [A]" in slew.svg
     assert "voltage [V]" not in slew.svg
+
+
+def test_only_what_is_compared_is_listed(tmp_path: Path) -> None:
+    """The reference of the example has no motor voltage; without one, a note says how to make it."""
+    emcas("reference", "--model", MODEL, "--directory", tmp_path, "--case", "step_plus1")
+    said = emcas("validate", "--model", MODEL, "--directory", tmp_path, "--case", "step_plus1")
+    assert "current [A]" in said
+    assert "voltage [V]" not in said
+    without = " ".join(emcas("validate", "--model", MODEL, "--case", "step_plus1").split())
+    assert "`emcas reference` with this --model writes references for --directory" in without

@@ -305,7 +305,9 @@ def _notes(subject: Subject, result: Result, further: Sequence[str]) -> Iterator
     elif not compared:
         none = (f"None of these cases has a reference inside {result.folder}" if result.inside else
                 f"There is no independent reference of {result.about.model} in {result.folder}")
-        yield f"{none}: trajectories are not judged{'; requirements are' * bool(result.requirements)}"
+        remedy = "; `emcas reference` with this --model writes references for --directory"
+        yield (f"{none}: trajectories are not judged{'; requirements are' * bool(result.requirements)}"
+               f"{remedy * (subject.actuator.reference is not None and not result.inside)}")
     elif result.inside:
         made = ("integrated independently of its own parameters" if result.independent else "recorded of the package's "
                 "own stepping: this shows that it runs here as it did when it was built")

@@ -25,11 +25,13 @@ SCHEMA = "emcas-validation/2"
 
 
 def _cases(result: Result) -> Table:
-    """Return the largest errors of the cases as a table."""
-    shown = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
+    """Return the largest errors of the cases that were compared as a table."""
+    units = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
              "motor_voltage": "voltage [V]"}
+    compared = [case for case in result.cases if case.errors]
+    shown = {name: title for name, title in units.items() if any(name in case.errors for case in compared)}
     rows = ([case.name, *(case.errors[name].maximum if name in case.errors else None for name in shown)]
-            for case in result.cases)
+            for case in compared)
     return table(["case", *(f">{each}" for each in shown.values())], rows,
                  f"largest error to {result.compared_with}", range(1 + len(shown)), plain=True)
 
