@@ -9,7 +9,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 
-from ..actuators import get
+from ..actuators import get, is_shipped
 from ..parameters import ParameterSet
 from ..reference.files import parameters_hash
 from ..support.dates import today
@@ -68,8 +68,9 @@ def repeatable(*fins: ParameterSet) -> Made:
 
 def shipped(model: str) -> str:
     """Return the name of an actuator's default parameters in words."""
-    source = get(model).source
-    return f"the parameters of {source.name}" if source else SHIPPED
+    actuator = get(model)
+    users = actuator.source.name if actuator.source else actuator.name
+    return SHIPPED if is_shipped(model) else f"the parameters of {users}"
 
 
 def _of_a_set(p: ParameterSet) -> Iterator[Source]:

@@ -84,7 +84,7 @@ def test_a_page_starts_from_what_is_given(explore: Any, tmp_path: Path) -> None:
     assert (values["aero_torque"], values["supply_voltage"]) == (-20.0, 30.0)
     assert "emcas explore --parameters mine.toml --set controller.position.kp=60" in text
     assert "2026-03-31" in text
-    assert "2 differ from the shipped ones" in text
+    assert "2 differ from the default ones" in text
     again = explore("-p", "mine.toml", "--set", "controller.position.kp=60", "--set", "aero_torque=-20", "--set",
                     "supply_voltage=30", "--date", "2026-03-31", "-o", "mine.html")
     assert again.exit_code == 0

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.figures import response_pictures
+from emcas_fmu.pages import provenance
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.studies.compare.sets import load_sets
 from emcas_fmu.studies.overview import in_words, offered, remaining_estimates
@@ -104,3 +105,10 @@ def test_only_what_is_compared_is_listed(tmp_path: Path) -> None:
     assert "voltage [V]" not in said
     without = " ".join(emcas("validate", "--model", MODEL, "--case", "step_plus1").split())
     assert "`emcas reference` with this --model writes references for --directory" in without
+
+
+@pytest.mark.parametrize(("model", "words"), [
+    ("direct", "the parameters of direct-drive"), (MODEL, "the parameters of direct_drive.py"),
+    ("elastic+heat", "the shipped parameters")])
+def test_whose_parameters_a_page_has(installed: Path, model: str, words: str) -> None:
+    assert provenance.shipped(model) == words

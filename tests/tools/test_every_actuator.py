@@ -14,12 +14,14 @@ from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import compiler, library
 from tests.marks import others_slow
+from tests.own_actuator.example import FOLDER
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 
 # The option sets of tests/extensions/test_together.py.
 TOGETHER = ("nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+supply+faults",
             "ristanovic+stribeck+efficiency+heat+homing+supply+faults", "second-order+faults")
-ACTUATORS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
+FURTHER = tuple(str(FOLDER / f"{name}.py") for name in ("strain_wave", "hot_gas"))
+ACTUATORS = (*NAMES, DIRECT_DRIVE, *FURTHER, *TOGETHER)
 # A user's, for which the tools have no other tests; the others take minutes together.
 ALWAYS = (DIRECT_DRIVE,)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tools" / "README.md"

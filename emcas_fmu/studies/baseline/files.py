@@ -123,13 +123,13 @@ def _sections(baseline: Baseline) -> Iterator[str]:
         return values[key] if pure else f"{values[key]!r} {variables[key].unit}"
 
     def line(key: str) -> str:
-        remark = f"  # shipped: {toml.value(quantity(key, shipped))}" if shipped[key] != present[key] else ""
+        remark = f"  # default: {toml.value(quantity(key, shipped))}" if shipped[key] != present[key] else ""
         return toml.entry(key, quantity(key, present)) + remark
 
     model = "" if name == NONLINEAR else f"\n{toml.entry('model', name)}"
     yield f"{_HEAD}{toml.entry('schema', SCHEMA)}{model}"
     yield toml.table("recorded", baseline.recorded)
-    yield "\n".join(["# All of them; a remark tells the shipped value where it is another.\n[parameters]",
+    yield "\n".join(["# All of them; a remark has the default value where it differs.\n[parameters]",
                      *map(line, present)])
     limits = baseline.written["limits"]
     yield ("# A figure may change by the larger of the two; one without an entry here is shown and not judged.\n"

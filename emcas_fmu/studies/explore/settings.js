@@ -103,7 +103,7 @@ function clipped(setting, {columns: {fin_command: command}}) {
     return [formatted(message, [most, degrees(most), degrees(limit)]) + (file ? inDegrees : "")];
 }
 
-/** A parameter file for -p with all values that differ from the shipped defaults. */
+/** A parameter file for -p with all values that differ from the defaults. */
 function parameterFile(setting) {
     const entries = [...DATA.parameters, ...HELD.filter(v => v.key)];
     const differing = new Set(entries.filter(v => setting.get(v.name) !== v.shipped).map(v => v.name));
