@@ -77,6 +77,10 @@ def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
     below: Counter[str] = Counter()
 
     def watched(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Mapping[str, Value], Value]:
+        try:
+            step.system.check(ops, step.as_built(ops, p), x, u)
+        except EmcasError as error:
+            raise EmcasError(f"{actuator.source}: {error}") from error
         for name, margin in step.margins(ops, p, x, u, h).items():
             below[name] = below[name] + 1 if margin < _BELOW else 0
             if below[name] == _IN_A_ROW:

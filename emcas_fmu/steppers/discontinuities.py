@@ -35,6 +35,7 @@ from .smooth import Derivatives
 Equation = Callable[[Ops, Any, Record, Record], Value] | str | float
 # Share of a limit by which its margin is wider than the limit: a value exactly at it is on neither side.
 _WIDER = 1e-12
+_LINEAR = 1e-6  # of a change: rounding of derivatives whose other terms are large
 
 
 def _value(equation: Equation, ops: Ops, p: Any, x: Record, u: Record) -> Value:
@@ -146,7 +147,8 @@ class System:
         self._bodies = [_Body(rate, frictions.get(rate), stops.get(rate)) for rate in {**frictions, **stops}]
         self._still = {friction.name: 0.0 for friction in frictions.values()}
         self.names = (*self._still, *(name for limit in self._limits for name in limit.names))
-        self.step = Switched(self._mode, self._rates, self._margins, self._landed).step(lambda ops, p: p)
+        system = Switched(self._mode, self._rates, self._margins, self._landed, check=self._check)
+        self.step = system.step(lambda ops, p: p)
 
     # -- what the equations read ------------------------------------------------
 
@@ -192,6 +194,36 @@ class System:
         torque = _value(body.friction.torque, ops, p, x, u)
         rubbed = self._derivatives(ops, p, x, _with(u, {**self._still, body.friction.name: torque}))[body.rate]
         return free, free - rubbed, torque, _value(body.friction.breakaway, ops, p, x, u)
+
+    def _check(self, ops: Ops, p: Any, x: Record, u: Record) -> None:
+        """Raise EmcasError for limits in the wrong order, negative ones, and equations that misuse a friction."""
+        u, _ = self._limited(ops, p, x, u)
+        for each in self._limits:
+            low, high = each.range(ops, p, x, u)
+            if low > high:
+                raise EmcasError(f"{type(each).__name__} {each.name}: its low limit {low:.4g} is above the high one, "
+                                 f"{high:.4g}")
+        for body in self._bodies:
+            if body.stop is not None and not body.place(ops, p, x, u)[1] > 0.0:
+                raise EmcasError(f"Stop of {body.stop.angle}: its limit must be above 0")
+            if body.friction is not None:
+                self._check_friction(ops, p, x, u, body.rate, body.friction)
+
+    def _check_friction(self, ops: Ops, p: Any, x: Record, u: Record, rate: str, friction: Coulomb) -> None:
+        name = friction.name
+        if (torque := _value(friction.torque, ops, p, x, u)) < 0.0:
+            raise EmcasError(f"Coulomb {name}: its torque is {torque:.4g}; it must be 0 or above")
+        free, above, below = (self._derivatives(ops, p, x, _with(u, {**self._still, name: value}))
+                              for value in (0.0, torque or 1.0, -(torque or 1.0)))
+        change = above[rate] - free[rate]
+        if change >= 0.0:
+            raise EmcasError(f"Coulomb {name}: the derivative of {rate} must fall with u.{name}, which opposes "
+                             "positive motion: subtract it there")
+        if abs(above[rate] + below[rate] - 2.0 * free[rate]) > _LINEAR * abs(change):
+            raise EmcasError(f"Coulomb {name}: the derivative of {rate} must be linear in u.{name}")
+        if other := [each for each in free if each != rate and above[each] != free[each]]:
+            raise EmcasError(f"Coulomb {name}: the derivative of {other[0]} depends on u.{name}, too; friction of "
+                             "bodies that are rigidly coupled needs a step")
 
     # -- a mode, which holds for a step -----------------------------------------
 

@@ -39,6 +39,8 @@ class Switched:
     margins(ops, p, x, u, mode)         event margins by name, above 0 while the mode holds
     landed(ops, p, begin, x, u, mode, events)  states that differ from `x` at the end of a step from `begin`: `events`
                                         says by name which margin was lost there
+    check(ops, p, x, u)                 raises EmcasError for values or equations that do not fit the events; called in
+                                        the first simulation of a user's actuator
     begun(ops, p, x, u, h)              states that an input switches as the step begins, and the longest step up to `h`
     """
 
@@ -47,6 +49,7 @@ class Switched:
     margins: Callable[[Ops, Any, Record, Any, Record], Values]
     landed: Callable[[Ops, Any, Record, Record, Any, Record, Values], Values]
     begun: Callable[[Ops, Any, Record, Any, Value], tuple[Record, Value]] = lambda ops, p, x, u, h: (x, h)
+    check: Callable[[Ops, Any, Record, Any], None] = lambda ops, p, x, u: None
 
     def step(self, as_built: Callable[[Ops, Any], Any]) -> SwitchedStep:
         """Return the function `step(ops, p, x, u, h)` of an actuator whose plant has the parameters `as_built`."""

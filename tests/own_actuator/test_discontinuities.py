@@ -211,3 +211,30 @@ ACTUATOR = em.Actuator(
         assert degrees(run["fin_angle"][-1]) == pytest.approx(angle, abs=0.01)
     with pytest.raises(EmcasError, match=r"spring\.angle = \[.*\] rad must rise from point to point"):
         parameters.with_values({"spring.angle[1]": "25 deg"})
+
+
+STICK_SLIP = """import emcas_fmu.declare as em
+
+ACTUATOR = em.Actuator(
+    "stick-slip", "fin on a spring", states=(*em.FIN, em.State("heat", "J")), values={"inertia.fin": 0.06},
+    derivatives=lambda ops, p, x, u: {
+        "fin_angle": x.fin_rate, "fin_rate": (-600.0 * x.fin_angle - u.friction) / p.inertia.fin, "heat": 0.0},
+    discontinuities=(em.Coulomb("friction", "fin_rate", 24.0), em.Limit("drive", 1.0, 2.0)))
+"""
+
+
+@pytest.mark.parametrize(("before", "after", "says"), [
+    ("- u.friction", "+ u.friction", "Coulomb friction: the derivative of fin_rate must fall with u.friction"),
+    ("- u.friction", "", "Coulomb friction: the derivative of fin_rate must fall with u.friction"),
+    ("- u.friction", "- u.friction - 0.1 * u.friction * u.friction", "must be linear in u.friction"),
+    ('"heat": 0.0', '"heat": u.friction', "the derivative of heat depends on u.friction, too"),
+    ('"fin_rate", 24.0', '"fin_rate", -24.0', "its torque is -24; it must be 0 or above"),
+    ("1.0, 2.0)", "1.0, -2.0)", "Limit drive: its low limit 2 is above the high one, -2"),
+    ("em.Limit(", 'em.Stop("fin_angle", "fin_rate", -0.4), em.Limit(', "Stop of fin_angle: its limit must be above 0"),
+])
+def test_what_a_first_simulation_refuses(tmp_path: Path, before: str, after: str, says: str) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(STICK_SLIP.replace(before, after), encoding="utf-8")
+    values = load_parameters(model=str(path)).values
+    with pytest.raises(EmcasError, match=re.escape(f"{path}: ") + ".*" + re.escape(says)):
+        simulate(values, 0.002, model=str(path), kernel="python")
