@@ -19,6 +19,7 @@ import numpy as np
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
 from emcas_fmu.actuators.line import BUS
 from emcas_fmu.bench.excitation import Excitation, reference_case
+from emcas_fmu.bench.linear.actuator import LOOPS as LINEAR_LOOPS
 from emcas_fmu.bench.measure import KINDS as TESTS
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import load_requirements
@@ -30,6 +31,8 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate, simulate_fins
+from emcas_fmu.studies.analysis import capability, envelope
+from emcas_fmu.studies.analysis.analyse import SECTIONS
 from emcas_fmu.studies.baseline import comparison_output as output
 from emcas_fmu.studies.baseline.comparison import compare, first, record
 from emcas_fmu.studies.compare import sets
@@ -186,6 +189,33 @@ def provided() -> str:
     return markdown(("provides", *NAMES), rows)
 
 
+def needs() -> str:
+    """What each extension and tool needs; those that are not here need only the fin port."""
+    uses: dict[str, Iterable[str]] = {f"`+{name}`": get_extension(name).needs for name in EXTENSIONS}
+    uses |= {f"`+faults`, fault {fault.name}": (" or ".join(fault.needs),)
+             for fault in fault_list.FAULTS if fault.needs}
+    uses |= {f"`+faults`, monitor {monitor.name}": monitor.needs for monitor in monitors.MONITORS if monitor.needs}
+    uses["`+heat`, I²t limit"] = (capabilities.CURRENT_LIMIT,)
+    uses["`emcas analyse`, margins in requirements"] = (capabilities.POSITION_LOOP,)
+    uses |= {f"`emcas analyse`, {name} loop": names for name, names in LINEAR_LOOPS.items() if name != "reference"}
+    uses |= {f"`emcas analyse`, {title}": names for title, names in SECTIONS.values()}
+    uses["`emcas envelope`"] = ("the extension heat", *envelope.NEEDS)
+    uses["`emcas parameters`, stall and rates"] = capability.NEEDS
+    return markdown(("extension or tool", "needs"),
+                    ([name, ", ".join(names) or "only the fin port"] for name, names in uses.items()))
+
+
+def declares() -> str:
+    """What an actuator with a capability declares."""
+    def listed(names: Iterable[str]) -> str:
+        return ", ".join(f"`{name}`" for name in names)
+
+    rows = [[words, listed(names), listed(capabilities.NEEDED_STATES[words]),
+             listed(name for name in capabilities.NEEDED_PARAMETERS[words] if name not in names)]
+            for words, names in capabilities.NEEDED_VARIABLES.items()]
+    return markdown(("capability", "inputs, outputs, parameters", "states", "parameters of shared equations"), rows)
+
+
 def extensions() -> str:
     """What each extension needs of an actuator, and the inputs and outputs it adds."""
     rows = []
@@ -325,8 +355,9 @@ TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "use/hosts.md": {"single": single, "several": several, "steps": steps}, "use/fins.md": {"bus": bus},
     "use/your_actuator.md": {"sheets": sheets},
     "tools/ci.md": {"drift": drift},
-    "model/models.md": {"provided": provided, "extensions": extensions, "models": models, "linear": linear,
-                        "fitted": fitted}, "model/elastic.md": {"structures": structures},
+    "model/models.md": {"provided": provided, "needs": needs, "declares": declares, "extensions": extensions,
+                        "models": models, "linear": linear, "fitted": fitted},
+    "model/elastic.md": {"structures": structures},
     "use/requirements.md": {"requirements": requirements, "kinds": figures_of_tests, "figures": figures},
     "model/drive.md": {"slopes": slopes, "presets": presets}}
 

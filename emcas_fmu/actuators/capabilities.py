@@ -1,44 +1,61 @@
-"""Capabilities of actuators, in words for messages: extensions and tools name those that they need."""
+"""Capabilities of actuators, in words for messages: extensions and tools name those that they need.
+
+An actuator with a capability declares its variables and states. Some stand for equations that the package shares
+(:mod:`emcas_fmu.physics`): their parameters are declared, too, or returned by ``equation_parameters``.
+"""
 
 from __future__ import annotations
 
 NEEDED_VARIABLES: dict[str, tuple[str, ...]] = {}
-"""Every capability, with the inputs, outputs and parameters that an actuator with it has."""
+"""Every capability, with the inputs, outputs, parameters and start values that an actuator with it has."""
 NEEDED_STATES: dict[str, tuple[str, ...]] = {}
 """Every capability, with the states that an actuator with it has."""
+NEEDED_PARAMETERS: dict[str, tuple[str, ...]] = {}
+"""Every capability, with the parameters of shared equations that it stands for."""
 
 
-def _capability(words: str, *variables: str, states: tuple[str, ...] = ()) -> str:
+def _capability(words: str, *variables: str, states: tuple[str, ...] = (), shared: tuple[str, ...] = ()) -> str:
     """Register a capability, and return its words."""
-    NEEDED_VARIABLES[words], NEEDED_STATES[words] = variables, states
+    NEEDED_VARIABLES[words], NEEDED_STATES[words], NEEDED_PARAMETERS[words] = variables, states, shared
     return words
 
 
+_MECHANICS = ("kinematics.moment_arm", "screw.lead", "inertia.motor", "friction.viscous.positive",
+              "friction.viscous.negative", "friction.fin_viscous")
+OF_LOOP = ("motor.inductance", "drive.kp", "drive.ki", "drive.current_gain")
+"""Those of a drive whose structure has a current loop."""
+
 MOTOR_CURRENT = _capability("a motor current", "motor_current", "motor.resistance", "motor.torque_constant",
                             "motor.back_emf_constant")
-CURRENT_LOOP = _capability("a current loop", "drive.kp", "drive.ki", "drive.current_gain")
+CURRENT_LOOP = _capability("a current loop", "drive.kp", "drive.ki", "drive.current_gain", "motor_voltage",
+                           shared=("drive.current_gain",))
 CURRENT_LIMIT = _capability("a limit of the motor current", "drive.current_limit")
-VOLTAGE_LIMIT = _capability("a supply that limits the motor voltage", "supply_voltage", "motor_voltage",
-                            "motor.inductance")
+VOLTAGE_LIMIT = _capability("a supply that limits the motor voltage", "supply_voltage", "drive.supply_voltage",
+                            "motor_voltage", "motor.inductance")
 RETURNS_POWER = _capability("a motor that returns power to its supply", "motor_current", "motor_voltage")
 COULOMB_FRICTION = _capability("Coulomb friction at the motor", "friction.coulomb.positive[0]",
                                "friction.coulomb.negative[0]")
-RIGID_DRIVE_LINE = _capability("a rigid drive line", states=("motor_angle",))
+RIGID_DRIVE_LINE = _capability("a rigid drive line", "motor_angle", "motor_speed", states=("motor_angle",))
 BACKLASH = _capability("backlash", "drive_line.backlash")
-SCREW_LOAD = _capability("a screw without losses", "screw.lead")
+SCREW_LOAD = _capability("a screw without losses", "screw.lead", "motor_speed", "motor_torque", shared=_MECHANICS)
 REFERENCE_LIMIT = _capability("a drive whose reference has a limit", "drive.reference_limit")
 ENCODER = _capability("an encoder on motor or fin", "encoder.pulses", "encoder.multiplier", "encoder.enabled",
                       states=("counts",))
-SCREW_DRIVE = _capability("motor, gear and hinge with their inertia and friction", "inertia.motor", "inertia.fin")
-SCREW_AND_LEVER = _capability("a screw and a lever", "screw.lead", "kinematics.moment_arm")
+SCREW_DRIVE = _capability("motor, gear and hinge with their inertia and friction", "inertia.motor", "inertia.fin",
+                          shared=_MECHANICS)
+SCREW_AND_LEVER = _capability("a screw and a lever", "screw.lead", "kinematics.moment_arm", shared=_MECHANICS)
 COMMAND_REFERENCE = _capability("a drive whose reference is the fin command")
 POSITION_LOOP = _capability("a sampled position loop")
-CASCADE = _capability("loops of position and velocity in cascade", "controller.position.kp", "controller.velocity.kp")
+CASCADE = _capability("loops of position and velocity in cascade", "controller.position.kp", "controller.position.ki",
+                      "controller.velocity.kp")
 SUPPLY_VOLTAGE = _capability("a supply voltage", "supply_voltage")
 SUPPLY_PRESSURE = _capability("a supply pressure", "supply_pressure")
 AMBIENT_TEMPERATURE = _capability("an ambient temperature", "friction.temperature")
 DRIVE_STEP = _capability("a motor current that the shared equations of the drive step", "motor.resistance",
-                         "motor.torque_constant", "motor.back_emf_constant",
-                         states=("motor_speed", "motor_current", "drive_integral"))
+                         "motor.torque_constant", "motor.back_emf_constant", "motor_speed", "motor_torque",
+                         states=("motor_speed", "motor_current", "drive_integral"),
+                         shared=OF_LOOP)
 SCREW_EQUATIONS = _capability("loops and equation parameters of motor, screw and lever", "drive.transport_delay",
-                              "inertia.motor", states=("integral", "velocity_integral"))
+                              "drive_reference", "inertia.motor", states=("integral", "velocity_integral"),
+                              shared=(*_MECHANICS, "controller.position.kp", "controller.position.ki",
+                                      "controller.velocity.kp", "motor.torque_constant"))

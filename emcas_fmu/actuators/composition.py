@@ -13,6 +13,7 @@ from ..rules import Rule
 from ..variables import Terminal, Variable
 from . import as_built, fin_port
 from .declaration import Actuator, PlantInputs, Values
+from .shared import WITHOUT_EFFECT
 
 Change = Callable[[Ops, Any], Any]
 """A function that returns changed parameters."""
@@ -29,8 +30,9 @@ class Output(NamedTuple):
 class Group:
     """Parameters, rules, outputs and capabilities that an actuator has or lacks together.
 
-    An actuator without the group may use the same equations, with the values `absent` of the group's parameters, and
-    `deviations` of 0. `terminal` is the name of the terminal of the outputs; empty: none.
+    An actuator without the group may use the same equations, with values of the group's parameters that are `absent` or
+    in :data:`.shared.WITHOUT_EFFECT`, and `deviations` of 0. `terminal` is the name of the terminal of the outputs;
+    empty: none.
     """
 
     parameters: tuple[Variable, ...] = ()
@@ -116,8 +118,11 @@ class Composition:
     def completed(self, p: Any, optional: tuple[Group, ...]) -> Any:
         """Return parameters with the values `absent` of those that only the `optional` groups have."""
         declared = {v.name.partition("[")[0] for v in self.parameters}
-        absent = {name: value for group in optional for name, value in (
-            {deviation.variable.name: 0.0 for deviation in group.deviations} | dict(group.absent)).items()}
+        absent: dict[str, Any] = {}
+        for group in optional:
+            names = dict.fromkeys(v.name.partition("[")[0] for v in group.parameters)
+            absent |= {deviation.variable.name: 0.0 for deviation in group.deviations}
+            absent |= {name: WITHOUT_EFFECT[name] for name in names if name in WITHOUT_EFFECT} | dict(group.absent)
         return with_values(p, {name: value for name, value in absent.items() if name not in declared})
 
     def declared(self, rules: tuple[Rule, ...] = (), **terminals: str) -> dict[str, Any]:

@@ -47,6 +47,7 @@ from .line import LINES, Line
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
 from .positional import complete
+from .shared import AsDeclared
 from .state import FIN as FIN
 from .state import State as State
 
@@ -156,8 +157,8 @@ class Actuator:
       by name, which files override, as a file has them: "0.5 mH", or a mapping of value, unit, source and note. Without
       a source a value is an estimate
     - ``initial``, ``sample``, ``derivatives``, ``discontinuities``, ``step``, ``output_values``: the equations
-    - ``structure``, ``equation_parameters``: which of the shared equations hold; and their parameters, with constants
-      for those that this actuator does not have
+    - ``structure``, ``equation_parameters``: which of the shared equations hold; and their parameters, by default with
+      values without effect for those that are not declared (:mod:`emcas_fmu.actuators.shared`)
     - ``as_built``, ``nominal``: the plant's parameters where they differ from those that the controllers know; and the
       values of the deviations without which they do not
     - ``longest_tick``, ``tick_remedy``, ``transport_delay``: largest internal tick [s], and how a user makes it longer;
@@ -196,7 +197,7 @@ class Actuator:
     step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step
     output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = _no_outputs
     structure: Structure = field(default_factory=Structure)
-    equation_parameters: Callable[[Ops, Parameters], Parameters] = lambda ops, p: p
+    equation_parameters: Callable[[Ops, Parameters], Parameters] = field(default_factory=AsDeclared)
     as_built: Callable[[Ops, Parameters], Parameters] = lambda ops, p: p
     nominal: Mapping[str, float] = field(default_factory=dict)
     longest_tick: Callable[[Ops, Parameters], Value] = fin_port.max_tick
@@ -237,6 +238,9 @@ class Actuator:
         if missing := [name for name in sensed if name not in {s.name for s in self.states}]:
             raise EmcasError(f"actuator {self.name}: there is no state {missing[0]}; the sensors read fin_angle and "
                              "fin_rate, or the states of angle and speed that encoder=(..., ...) names")
+        if isinstance(self.equation_parameters, AsDeclared):
+            declared = AsDeclared((v.name for v in self.parameters), self.provides, self.structure.current == "loop")
+            object.__setattr__(self, "equation_parameters", declared)
         count = Counter(v.name for v in (*self.inputs, *self.outputs, *self.parameters))
         if twice := [name for name, times in count.items() if times > 1]:
             raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; inputs, outputs and parameters have "
@@ -251,13 +255,18 @@ class Actuator:
             if not v.minimum <= v.maximum:
                 raise EmcasError(f"actuator {self.name}: {v.name} has minimum {v.minimum:g} above maximum "
                                  f"{v.maximum:g}")
+        starts = {v.key for v in self.inputs}
         for capability in self.provides:
             if capability not in capabilities.NEEDED_VARIABLES:
                 raise EmcasError(f"actuator {self.name} provides {capability!r}, which nothing needs"
                                  f"{hint(capability, capabilities.NEEDED_VARIABLES)}")
-            missing = [name for name in capabilities.NEEDED_VARIABLES[capability] if name not in count]
+            missing = [name for name in capabilities.NEEDED_VARIABLES[capability]
+                       if name not in count and name not in starts]
             missing += [f"state {name}" for name in capabilities.NEEDED_STATES[capability]
                         if name not in self._state_names]
+            if isinstance(self.equation_parameters, AsDeclared):
+                missing += [name for name in capabilities.NEEDED_PARAMETERS[capability]
+                            if name in self.equation_parameters.missing]
             if missing:
                 raise EmcasError(f"actuator {self.name} provides {capability!r}, which needs {missing[0]}; declare it, "
                                  "or leave that out of provides")

@@ -94,8 +94,12 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     def time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         # From one stop to the other, back to the first and to zero, each followed by the time of a stall. At a constant
         # motor speed zero is not the middle in time. Each way may be longer than the travel by the tolerance.
-        stop, initial = p.fin.stop_angle, actuator.equation_parameters(ops, p).kinematics.initial_angle
-        zero, high, low = ops.tan(initial), ops.tan(initial + stop), ops.tan(initial - stop)
+        stop = p.fin.stop_angle
+        if run.run_in_cascade(actuator):
+            initial = actuator.equation_parameters(ops, p).kinematics.initial_angle
+            zero, high, low = ops.tan(initial), ops.tan(initial + stop), ops.tan(initial - stop)
+        else:
+            zero, high, low = (actuator.start(ops, p, angle)[actuator.encoder[0]] for angle in (0.0, stop, -stop))
         back = ops.maximum(high - zero, zero - low) / (high - low)
         way = (2.0 + back) * 2.0 * stop + 2.5 * p.homing.travel_tolerance
         least = way / p.homing.speed + 3.0 * p.homing.stall_time + SETTLES
@@ -117,13 +121,12 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         lasts = p.homing.stall_time - p.drive.transport_delay
         return when(ops, needed >= lasts * (push - friction)), p.homing.stall_time, push, friction, p.homing.speed
 
-    return push, time, stall
+    return (push, time, stall) if run.run_in_cascade(actuator) else (push, time)
 
 
 EXTENSION = Extension(
     "homing", "homing on the hard stops", extend,
-    # The rule for a stall assumes that a motor current pushes against the stop; the run sets the cascade's integrals,
-    # with the motor angle that follows from screw and lever.
-    needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER, capabilities.MOTOR_CURRENT, capabilities.CASCADE,
-           capabilities.SCREW_EQUATIONS),
+    # A motor current pushes against the stop, as far as drive.reference_limit allows `sample`; initial and sample add
+    # encoder_offset to the encoder's counts.
+    needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER, capabilities.MOTOR_CURRENT, capabilities.POSITION_LOOP),
     parameters=lambda actuator: PARAMETERS, outputs=(STATUS, HOMED), rules=_rules)

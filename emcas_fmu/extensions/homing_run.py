@@ -1,9 +1,10 @@
 """A homing run, sample by sample. Positions are encoder readings in counts (with the encoder off, of the true angle).
 
 During a run the position is measured from a target that moves at homing.speed, and the command is zero. The loops, with
-their normal gains, then follow the target whatever the fin's unknown angle is, and command.limit does not matter. The
-target's speed is fed forward through the position loop's integral. The rest of this integral balances the loads and is
-kept for closed loop, so that nothing jumps.
+their normal gains, then follow the target whatever the fin's unknown angle is, and command.limit does not matter. In
+the shared loops in cascade, the target's speed is fed forward through the position loop's integral. The rest of this
+integral balances the loads and is kept for closed loop, so that nothing jumps. Other controllers follow the target with
+their lag, and their anti-windup holds their integrals at a stop.
 
     seeking    towards one stop until a stall: the reference is at its limit and the fin hardly moves for stall_time
     crossing   towards the other until a stall; the run fails unless the travel is 2 stop_angle
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from ..actuators import capabilities
 from ..actuators.declaration import Actuator, SampleInputs
 from ..control import controllers, sensors
 from ..namespace import Record, with_values
@@ -58,6 +60,11 @@ class _Way(NamedTuple):
 def moving(ops: Ops, phase: Value) -> Value:
     """Return whether a run is in progress, by its phase."""
     return ops.both(phase >= SEEKING, phase <= RETURNING)
+
+
+def run_in_cascade(actuator: Actuator) -> bool:
+    """Return whether a run uses the shared loops in cascade, of which it knows the integrals."""
+    return actuator.provides.issuperset((capabilities.CASCADE, capabilities.SCREW_EQUATIONS))
 
 
 def driven(ops: Ops, phase: Value) -> Value:
@@ -129,15 +136,18 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     rate = ops.where(seeks, first, ops.where(crosses, -first, ops.clip(-target / period, -speed, speed)))
     target = ops.where(stalled > _WAITS * p.homing.stall_time, target, target + rate * period)
     frame = _whole(ops, p, target)
-    forward = rate * way.motor
+    cascaded = run_in_cascade(actuator)
+    forward = rate * way.motor if cascaded else 0.0
     inputs = inputs.replace(command=0.0, encoder_offset=g.offset - frame)
     # A weight of 1, as the loop must not depend on the moving origin.
     pushing = with_values(p, {"drive.reference_limit": limit, "controller.position.setpoint_weight": 1.0,
                               "controller.position.velocity_feedforward": 0.0})
-    at_motor = kinematics.motor_angle(ops, actuator.equation_parameters(ops, p), seen["measured_fin_angle"])
-    weighed = controllers.resting_integral(p, at_motor)
-    integral = ops.where(starts, x.integral - weighed, x.integral)
-    moved = actuator.sampled(ops, pushing, x.replace(integral=integral + forward), inputs)
+    if cascaded:
+        at_motor = kinematics.motor_angle(ops, actuator.equation_parameters(ops, p), seen["measured_fin_angle"])
+        weighed = controllers.resting_integral(p, at_motor)
+        integral = ops.where(starts, x.integral - weighed, x.integral)
+        x = x.replace(integral=integral + forward)
+    moved = actuator.sampled(ops, pushing, x, inputs)
 
     pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time
@@ -169,7 +179,9 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     target, origin, mark = (ops.where(turns, here, x) for x in (target, origin, mark))
     anew = ops.either(turns, fails)
     now = Progress(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed)
-    return {**moved, "reference": ops.where(fails, 0.0, moved["reference"]),
-            "integral": ops.where(anew, 0.0, moved["integral"] - forward),
-            "velocity_integral": ops.where(anew, 0.0, moved["velocity_integral"]),
-            "measured_fin_angle": seen["measured_fin_angle"], **_named(after, now)}
+    after_sample = {**moved, "reference": ops.where(fails, 0.0, moved["reference"]),
+                    "measured_fin_angle": seen["measured_fin_angle"], **_named(after, now)}
+    if cascaded:
+        after_sample["integral"] = ops.where(anew, 0.0, moved["integral"] - forward)
+        after_sample["velocity_integral"] = ops.where(anew, 0.0, moved["velocity_integral"])
+    return after_sample

@@ -13,7 +13,7 @@ of a large step trips the monitor.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from math import radians
 from typing import Any, NamedTuple
@@ -90,7 +90,8 @@ MONITORS = (
             lambda ops, p, w, angle: ops.fabs(w.command) > p.command.limit),
     Monitor("pressure", "the pressure of the line is too low",
             lambda ops, p, w, angle: w.supply < p.monitor.minimum_pressure, (
-                tunable("minimum_pressure", "Pa", 0.0, 1e9, "pressure of the line below which it is too low"),),
+                replace(tunable("minimum_pressure", "Pa", 0.0, 1e9,
+                                "pressure of the line below which it is too low"), start=0.0),),
             (capabilities.SUPPLY_PRESSURE,)),
 )
 

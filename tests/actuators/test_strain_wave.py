@@ -52,7 +52,7 @@ def test_a_capability_asks_for_its_states(capability: str, lacking: dict[str, An
         replace(get(MODEL), provides=frozenset({capability}), **lacking)
 
 
-@pytest.mark.parametrize("need", [capabilities.CASCADE, capabilities.SCREW_EQUATIONS])
+@pytest.mark.parametrize("need", [capabilities.ENCODER, capabilities.REFERENCE_LIMIT])
 def test_homing_says_what_is_missing(need: str) -> None:
     actuator = get(MODEL)
     less = replace(actuator, provides=actuator.provides - {need})

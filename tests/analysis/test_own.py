@@ -36,7 +36,7 @@ def rates(more: str = "", **replaced: str) -> tuple[Change, Change]:
     named = {"fin_angle": "x.fin_rate", "fin_rate": "torque / inertia", "current": "rise / p.motor.inductance",
              **replaced}
     listed = ", ".join(f'"{name}": {rate}' for name, rate in named.items())
-    return (RATES, f"return {{{listed}}}"), ('State("current", "A")', f'State("current", "A"){more}')
+    return (RATES, f"return {{{listed}}}"), ('em.State("current", "A")', f'em.State("current", "A"){more}')
 
 
 def mine(folder: Path, *changes: Change, name: str = "mine.py") -> ParameterSet:
@@ -81,19 +81,20 @@ def test_a_command_at_the_end_of_its_range_acts_like_any_other(tmp_path: Path) -
 SINGULAR = {
     "an integrator": rates(fin_angle="u.reference", fin_rate="0.0", current="0.0"),
     "a static plant": rates(fin_angle="30.0 * (0.1 * u.reference - x.fin_angle)", fin_rate="0.0", current="0.0"),
-    "an undamped mode beside": rates(', State("q", "rad"), State("qd", "rad/s")', q="x.qd",
+    "an undamped mode beside": rates(', em.State("q", "rad"), em.State("qd", "rad/s")', q="x.qd",
                                      qd="-400.0 * x.q + 0.1 * x.fin_rate"),
-    "a redundant state": rates(', State("copy", "rad")', copy="3.0 * x.fin_rate",
+    "a redundant state": rates(', em.State("copy", "rad")', copy="3.0 * x.fin_rate",
                                fin_rate="(torque + 0.01 * x.copy) / inertia"),
-    "a state that integrates at rest": rates(', State("a", "rad"), State("b", "rad")', a="x.b", b="0.0"),
+    "a state that integrates at rest": rates(', em.State("a", "rad"), em.State("b", "rad")', a="x.b", b="0.0"),
     "a dead-beat loop": (*rates(fin_angle="1000.0 * u.reference", fin_rate="0.0", current="0.0"),
                          (CONTROL, "(command - x.fin_angle) * 0.001 / p.controller.sample_time"), (INTEGRAL, "0.0")),
 }
 REFUSED: dict[str, tuple[tuple[Change, ...], str]] = {
     "two integrators": (rates(fin_rate="50.0 * u.reference"), "unstable .* lower the gains"),
-    "a mode beyond all numbers": (rates(', State("q", "rad")', q="1e6 * x.q"), "beyond all numbers .* check the signs"),
+    "a mode beyond all numbers": (rates(', em.State("q", "rad")', q="1e6 * x.q"),
+                                  "beyond all numbers .* check the signs"),
     "a fixed fin": (rates(fin_angle="0.0", fin_rate="0.0", current="0.0"), "does not react to a small reference"),
-    "a clock": (rates(', State("clock", "s")', clock="1.0"), "d/dt of clock does not become 0"),
+    "a clock": (rates(', em.State("clock", "s")', clock="1.0"), "d/dt of clock does not become 0"),
     "a root of 0": (rates(fin_rate="(torque - ops.sqrt(ops.fabs(x.fin_rate))) / inertia"),
                     "d/dt of fin_rate has no finite slope, .* make `derivatives` smooth"),
     "a logarithm of 0": (rates(fin_rate="(torque + ops.log(x.fin_angle)) / inertia"),

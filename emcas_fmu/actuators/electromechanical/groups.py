@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf, radians
+from math import radians
 
 from ...physics import drive, kinematics
 from ...variables import array, integer_parameter, parameter, real_output, switch, tunable
 from .. import as_built, capabilities, fin_port
 from ..composition import Group, Output, port
+from ..shared import TABLE_POINTS
 from . import rules
 from .interface import SUPPLY_POWER
 
@@ -23,15 +24,14 @@ HINGE = replace(
     provides=(capabilities.SCREW_DRIVE,), deviations=(as_built.FIN,))
 HINGE_FRICTION = Group((
     parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
-              sheet="bench: friction torque of the hinge's bearings and seals"),), absent={"friction.fin_coulomb": 0.0})
+              sheet="bench: friction torque of the hinge's bearings and seals"),))
 LEVER = Group((
     parameter("kinematics.moment_arm", "m", 1e-3, 1.0, "distance of the hinge from the screw axis, d",
               sheet="drawing: lever arm, from the hinge to the axis of screw or cylinder"),
     parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
               "assembly angle of the lever at fin_angle 0",
               sheet="drawing: angle of the lever at fin angle 0, from square to that axis")),
-    rules=(rules.lever_angle,), absent={"kinematics.initial_angle": 0.0},
-    deviations=(as_built.MOMENT_ARM, as_built.INITIAL_ANGLE))
+    rules=(rules.lever_angle,), deviations=(as_built.MOMENT_ARM, as_built.INITIAL_ANGLE))
 SCREW = Group((
     parameter("screw.lead", "m/rad", 1e-6, 1e-1, "screw lead per radian", sheet="screw: lead"),
     parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis",
@@ -40,7 +40,7 @@ SCREW = Group((
               sheet="screw: mass of the nut, with what moves along the screw")),
     (Output(real_output("nut_position", "m", "nut displacement from the assembly position", 0.01),
             lambda ops, p, m: kinematics.nut_position(ops, p, m.nut)),),
-    (rules.some_inertia,), (capabilities.SCREW_AND_LEVER,), {"mass.nut": 0.0}, (as_built.LEAD,))
+    (rules.some_inertia,), (capabilities.SCREW_AND_LEVER,), deviations=(as_built.LEAD,))
 # The motor feels the whole load of the nut: extensions may add losses.
 LOSSLESS = Group(provides=(capabilities.SCREW_LOAD,))
 EFFICIENCY = Group((
@@ -56,9 +56,9 @@ EFFICIENCY = Group((
 VISCOUS = Group((
     *(parameter(f"friction.viscous.{way}", "N.m.s/rad", 0.0, 10.0, f"viscous friction at the motor, {way} motion",
                 sheet="bench: viscous friction without load") for way in ("positive", "negative")),
-    *array("friction.table.temperature", rules.TABLE_POINTS, "degC", -100.0, 200.0,
+    *array("friction.table.temperature", TABLE_POINTS, "degC", -100.0, 200.0,
            "temperature of the table of friction, rising"),
-    *array("friction.table.viscous", rules.TABLE_POINTS, "1", 0.0, 100.0,
+    *array("friction.table.viscous", TABLE_POINTS, "1", 0.0, 100.0,
            "viscous friction there over that at 24 degC"),
     parameter("friction.identified_from", "degC", -100.0, 200.0,
               "coldest temperature at which friction was tested"),
@@ -70,11 +70,9 @@ COULOMB = Group((
                 f"Coulomb friction at the motor for {way} motion: coefficient of (fin_angle/20 deg)^{power}",
                 "bench: friction torque without load; a constant one is the first number, the others 0")
       for way in ("positive", "negative") for power in range(7)),
-    *array("friction.table.coulomb", rules.TABLE_POINTS, "1", 0.0, 100.0,
+    *array("friction.table.coulomb", TABLE_POINTS, "1", 0.0, 100.0,
            "Coulomb friction there over that at 24 degC")),
-    rules=rules.FRICTION_RULES, provides=(capabilities.COULOMB_FRICTION,), absent={
-        "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7,
-        "friction.table.coulomb": (1.0,) * rules.TABLE_POINTS}, deviations=(as_built.COULOMB,))
+    rules=rules.FRICTION_RULES, provides=(capabilities.COULOMB_FRICTION,), deviations=(as_built.COULOMB,))
 
 # -- motor and drive ---------------------------------------------------------------
 
@@ -106,7 +104,7 @@ INDUCTANCE = Group((parameter("motor.inductance", "H", 1e-7, 10.0, "winding indu
 POLE_PAIRS = Group((
     integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs: the inductive voltage across the winding, pole pairs "
                       "times speed, inductance and current, uses its part of the supply (0: none)",
-                      sheet="motor: pole pairs, half the number of poles"),), absent={"motor.pole_pairs": 0})
+                      sheet="motor: pole pairs, half the number of poles"),))
 DELAY = Group((parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from DAC to current reference",
                         sheet="drive: delay from a command to the current", display="ms"),),
              (Output(real_output("drive_reference", "V", "analogue reference held by the controller's DAC", 10.0,
@@ -118,7 +116,7 @@ CURRENT_LIMIT = Group((
     parameter("drive.current_limit", "A", 1e-3, 1e4, "largest current reference",
               sheet="drive: peak current, or that of its load if that is less"),
     parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference")),
-    provides=(capabilities.CURRENT_LIMIT,), absent={"drive.current_limit": inf, "drive.current_offset": 0.0})
+    provides=(capabilities.CURRENT_LIMIT,))
 KP = parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",
                sheet="drive: proportional gain of the current loop")
 CURRENT_LOOP = Group((
@@ -161,13 +159,11 @@ LIMITS = Group((
             "back-calculation gain of the anti-windup where DAC or drive current are limited (0: none)"),
     parameter("controller.speed_limit", "rad/s", 1e-3, 1e5, "largest motor speed reference",
               sheet="controller: speed limit; not above the motor's permitted speed", display="rpm")),
-    rules=rules.ANTIWINDUP_RULES, provides=(capabilities.REFERENCE_LIMIT,), absent={
-        "drive.reference_limit": inf, "controller.speed_limit": inf, "controller.antiwindup": 0.0,
-        "controller.drive_antiwindup": 0.0})
+    rules=rules.ANTIWINDUP_RULES, provides=(capabilities.REFERENCE_LIMIT,))
 COMPENSATION = Group((
     tunable("compensation.gain", "1", 0.0, 10.0, "share of the Coulomb friction fed forward (0: none)"),
     tunable("compensation.speed_band", "rad/s", 1e-6, 1e4, "speed reference at which compensation is full",
-            display="rpm")), absent={"compensation.gain": 0.0, "compensation.speed_band": 1.0})
+            display="rpm")))
 ENCODER = Group((
     switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
     integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution",
@@ -176,8 +172,7 @@ ENCODER = Group((
                       sheet="encoder: edges counted of a pulse, 4 in quadrature"),
     switch("encoder.on_fin", "true: the position comes from an encoder on the fin shaft; false: from the motor's, "
            "as the speed always does", sheet="encoder: whether there is one on the fin's shaft")),
-    rules=(rules.encoder_multiplier,), provides=(capabilities.ENCODER,), absent={
-        "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1})
+    rules=(rules.encoder_multiplier,), provides=(capabilities.ENCODER,))
 OPTIONAL = (LEVER, SCREW, COULOMB, HINGE_FRICTION, COMPENSATION, ENCODER, CURRENT_LIMIT, LIMITS, POLE_PAIRS)
 LOOPS = (VELOCITY_LOOP, LIMITS, POSITION_LOOP)
 SERVO = (MOTOR, CURRENT, POWER, VOLTAGE_LIMIT, INDUCTANCE, DELAY, CURRENT_GAIN, CURRENT_LIMIT, CURRENT_LOOP,

@@ -10,8 +10,8 @@ from ...ops.base import Ops, Value
 from ...physics import mechanics
 from ...physics.friction import coulomb_polynomial
 from ...rules import ANGLE, SLACK, Rule, in_degrees, rising, rule, when
+from ..shared import TABLE_POINTS
 
-TABLE_POINTS = 5
 # The tangent of the lever's angle grows without bound towards 90 deg.
 LARGEST_LEVER_ANGLE = radians(85.0)
 

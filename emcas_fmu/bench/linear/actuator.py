@@ -36,9 +36,9 @@ from .plant import LinearPlant, UnsmoothError, linear_plant, solve
 from .smooth import gains_of, traced
 from .systems import Array, System, cleared, decays, delay_line, measured, moving, reaches, shown, wire
 
-LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE, "position": capabilities.CASCADE,
-         "reference": capabilities.POSITION_LOOP}
-"""Loops by name, with the capability that each needs."""
+LOOPS = {"current": (capabilities.CURRENT_LOOP, capabilities.DRIVE_STEP), "velocity": (capabilities.CASCADE,),
+         "position": (capabilities.CASCADE,), "reference": (capabilities.POSITION_LOOP,)}
+"""Loops by name, with the capabilities that each needs."""
 _ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0}
 _LEFT_OUT = ("homing", "faults")
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
@@ -118,7 +118,7 @@ class LinearActuator:
         left_out = {"compensation.gain": 0.0, **_AT_ONCE}
         self.values, self.p = {**values, **left_out}, with_values(p, left_out)
         self.period = float(p.controller.sample_time)
-        self.loops = tuple(name for name, need in LOOPS.items() if need in actuator.provides)
+        self.loops = tuple(name for name, needs in LOOPS.items() if actuator.provides.issuperset(needs))
         self._at, self.model = (fin_angle, aero_torque), model
         gains = gains_of(actuator, self.values)
         fixed = tuple((name, value) for name, value in self.values.items() if name not in gains)

@@ -27,7 +27,8 @@ _STEPS = 7
 # Sections that not every actuator has, with the capabilities that they need.
 SECTIONS = {
     "thesis_linear": ("the thesis's linear model", (
-        capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_AND_LEVER)),
+        capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_AND_LEVER,
+        capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS)),
     "modes": ("natural frequencies of the rod", (capabilities.SCREW_AND_LEVER,)),
     "limits": ("limits in the amplitude sweep", sweep.NEEDS),
     "capability": ("torque-speed capability", capability.NEEDS),

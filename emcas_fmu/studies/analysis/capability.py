@@ -10,7 +10,7 @@ with n = motor.pole_pairs. The fin's rate and the moment that it moves follow fr
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 from typing import Any
 
@@ -30,7 +30,7 @@ from ...reference.files import supply_start
 from ...simulation import Array
 
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
-         capabilities.COULOMB_FRICTION)
+         capabilities.COULOMB_FRICTION, capabilities.DRIVE_STEP)
 _POINTS = 101
 _HALVINGS = 60  # of the interval of speeds, down to rounding
 
@@ -60,10 +60,14 @@ def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> dict[str, Any
 
 
 def case_points(parameters: ParameterSet) -> dict[str, Columns]:
-    """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case by name."""
+    """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case by name.
+
+    A case leaves out parameters that the actuator does not have.
+    """
     subject, supply = ParameterSubject(parameters), supply_start(parameters.model, parameters.values)
-    return {case.name: subject.run(reference_case(case.name, supply=supply),
-                                   outputs=("motor_speed", "motor_torque")).finished() for case in CASES}
+    cases = {case.name: reference_case(case.name, supply=supply) for case in CASES}
+    return {name: subject.run(replace(case, start_values=parameters.having(case.start_values)),
+                              outputs=("motor_speed", "motor_torque")).finished() for name, case in cases.items()}
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,7 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     rates = [np.stack([steady_rate(p, fin, side, level.replace(aero_torque=-side * load), limit)
                        for side in (1.0, -1.0)])
-             for limit in (p.controller.speed_limit, free) for load in (0.0, RATED)]
+             for limit in (min(p.controller.speed_limit, free), free) for load in (0.0, RATED)]
     return Capability(fin, m.ratio, stall, held, *rates)
 
 

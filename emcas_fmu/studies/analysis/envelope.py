@@ -39,6 +39,7 @@ from ...parameters import ParameterSet
 from ...physics import drive, heat
 from ...simulation import Array
 
+NEEDS = (capabilities.MOTOR_CURRENT, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_DRIVE)
 _POINTS = 201
 _CURRENTS = 401  # of the grid of extremes of torque that brackets roots of the voltage
 _SHORTEST, _LONGEST = 1e-6, 1e9  # s
@@ -114,9 +115,8 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     """
     if "heat" not in parts(parameters.model)[1]:
         raise EmcasError(f"model {parameters.model}: an envelope needs the extension heat, as in nonlinear+heat")
-    require(parameters.model, "an envelope", capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT,
-            capabilities.SCREW_DRIVE)
-    p = parameters.nested()
+    require(parameters.model, "an envelope", *NEEDS)
+    p = parameters.actuator.equation_parameters(FLOATS, parameters.nested())
     if not _SHORTEST <= duration <= _LONGEST:
         raise EmcasError(f"--duration {duration:g} s: must be from {_SHORTEST:g} to {_LONGEST:g} s")
     if not 0.0 <= preload < 1.0:

@@ -260,7 +260,8 @@ def torque_speed(analysis: Analysis) -> Drawing:
         look = {"color": named[name], "alpha": 0.9, "zorder": 3.0, "label": name} if name in named else {
             "color": plots.SKY, "alpha": 0.35, "zorder": 2.0, "label": "other cases"}
         axes.plot(columns["motor_speed"][dots], columns["motor_torque"][dots], ".", markersize=2.6, **look)
-    plots.limits(axes, analysis.parameters.values["controller.speed_limit"], sides=True, across=False)
+    if np.isfinite(limit := _speed_limit(analysis)):
+        plots.limits(axes, limit, sides=True, across=False)
     fastest, most = (max(float(np.max(np.abs(columns[name]))) for columns in cases.values())
                      for name in ("motor_speed", "motor_torque"))
     end, top = 1.05 * max(free, fastest), max(1.05 * most, 1.1 * float(np.max(highest)))
@@ -272,6 +273,11 @@ def torque_speed(analysis: Analysis) -> Drawing:
                    f"Dashed: at first, before the drive's integral has closed the rest{slow}. Points: the reference "
                    "cases with these parameters; dotted verticals: the controllers' speed limit. Points outside are "
                    "transients, in which the current outlasts the voltage that made it.")
+
+
+def _speed_limit(analysis: Analysis) -> float:
+    """Return the controllers' limit of the motor speed [rad/s]; inf if they have none."""
+    return float(analysis.parameters.actuator.plant(analysis.parameters.values).controller.speed_limit)
 
 
 def fin_capability(analysis: Analysis) -> Drawing:
@@ -287,7 +293,7 @@ def fin_capability(analysis: Analysis) -> Drawing:
         rate.plot(angle, np.degrees(c.free_rate[row]), **look)
         rate.plot(angle, np.degrees(c.free_rate_loaded[row]), **{**look, "alpha": 0.45,
                                                                     "label": "paler: against 100 N.m"})
-    rate.plot(angle, np.degrees(analysis.parameters.values["controller.speed_limit"] / c.ratio), color=plots.PURPLE,
+    rate.plot(angle, np.degrees(_speed_limit(analysis) / c.ratio), color=plots.PURPLE,
               linewidth=1.8, label="controllers' speed limit")
     plots.limits(rate, 220.0, 200.0, color=plots.GREEN, label="Table 2")
     ratio.plot(angle, c.ratio, color=plots.GRAY)

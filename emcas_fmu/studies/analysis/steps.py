@@ -13,8 +13,8 @@ import numpy as np
 from ...bench.linear.actuator import LinearActuator
 from ...bench.linear.systems import Array
 from ...bench.metrics import step_metrics
-from ...reference.linear import LinearModel
 from ...simulation import simulate
+from .thesis import linear_model
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg
 STOP = 0.6  # s, past the settling of the slowest step
@@ -60,7 +60,7 @@ def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thes
     nonlinear = np.degrees(run["fin_angle"] - still["fin_angle"])[lead:]
     metrics = [step_metrics(time, one, 0.0, radians(size)) for one in (angle, np.radians(nonlinear))]
     return StepComparison(size, time, np.degrees(angle),
-                          np.degrees(LinearModel(values).simulate(command)) if thesis else None,
+                          np.degrees(linear_model(values).simulate(command)) if thesis else None,
                           nonlinear, run["saturated"][lead:] > 0.0, *metrics)
 
 

@@ -36,7 +36,8 @@ AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
 LIMITS = ("rate", "current", "voltage", "dac")
 """Limits of speed reference, drive current, supply voltage and analogue reference."""
 NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT,
-         capabilities.RIGID_DRIVE_LINE)
+         capabilities.RIGID_DRIVE_LINE, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
+         capabilities.SCREW_EQUATIONS)
 _SETTLE, _WINDOW = 1.0, 2.0  # s; the samples of whole periods in the window count
 _POINTS = 36
 _NUMBERS = 2_000_000  # of each variable in a batch of sines: 16 MB
@@ -99,7 +100,7 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
     active = np.empty((0, len(frequency)))
     if actuator.provides.issuperset(NEEDS):
         _, raw = replay(values, about, command, outputs, model)
-        p = actuator.namespace(values)
+        p = actuator.equation_parameters(FLOATS, actuator.namespace(values))
         u = outputs["drive_reference"]
         limit = outputs.get("current_limit", p.drive.current_limit)  # heat folds it back
         acting = np.stack([np.abs(raw) > p.controller.speed_limit,

@@ -7,13 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators.shared import completed
 from ...bench.linear.systems import System, delay_line, moving, wire
 from ...reference.linear import LinearModel
 
 
+def linear_model(values: Mapping[str, Any]) -> LinearModel:
+    """Return the model of an actuator with motor, screw and lever; parameters that it lacks have no effect."""
+    return LinearModel(completed(values))
+
+
 def closed(values: Mapping[str, Any]) -> System:
     """Return the system from the command [rad] on the bus to ``fin_angle`` [rad] at the sample times."""
-    model = LinearModel(values)
+    model = linear_model(values)
     loop = _system(model, model.update, model.drive, model.output, "command", "fin_angle")
     if not model.latency:
         return loop
@@ -23,7 +29,7 @@ def closed(values: Mapping[str, Any]) -> System:
 
 def reference_loop(values: Mapping[str, Any]) -> System:
     """Return the loop broken at the drive's reference u, which the last row of the closed model's update computes."""
-    model = LinearModel(values)
+    model = linear_model(values)
     law = model.update[-1]
     return -_system(model, model.update - np.outer(model.written, law), model.written, law, "dac", "reference")
 
