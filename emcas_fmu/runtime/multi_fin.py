@@ -77,9 +77,9 @@ class MultiFin:
             return "state of the supply's line"
         placed = type(instant) is int and instant >= 1 and finite(instant)
         if placed and self._line and self._line[0] > 0.0:
-            # The next update of a line that is not stiff is ahead, within an interval.
+            # The next update of a line that is not stiff is ahead, within an interval, but for rounding.
             ahead, interval = instant * self._line[-1] - now, self._line[-1]
-            placed = 0.0 <= ahead <= interval * (1.0 + 1e-9) + 1e-9
+            placed = 0.0 <= ahead <= interval + 1e-9
         return "" if placed else "place in time of the supply's line"
 
     def motion_loads(self, *motion: float) -> list[tuple[float, ...]]:

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
-from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics, stick
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.physics import clutched_screw, drive, friction, kinematics, loads, mechanics, stick
 from emcas_fmu.steppers.electrical import Plant, electrical_mode
 from tests.default_actuator import namespace
 
@@ -274,3 +277,28 @@ def test_what_lands_is_between_its_stops_and_rests_against_one(direction: float,
         assert (where, rate) == (min(max(place, -0.5), 0.5), 0.0)
     else:
         assert rate == speed
+
+
+@pytest.mark.parametrize("damping", [0.3, 1.0, 1.6])
+def test_a_second_order_actuator_follows_its_equation_exactly(damping: float) -> None:
+    w, h, angle, rate, command = 90.0, 7e-3, 0.02, -0.4, 0.05
+    actuator, values = get("second-order"), load_parameters(model="second-order").values
+    p = actuator.namespace({**values, "second_order.natural_frequency": w, "second_order.damping": damping})
+    u: Any = Record(enabled=True, reference=command)
+    at_end, used = actuator.step(FLOATS, p, Record(fin_angle=angle, fin_rate=rate), u, h)
+    error, speed = expm(np.array([[0.0, 1.0], [-w * w, -2.0 * damping * w]]) * h) @ (angle - command, rate)
+    assert used == h
+    # Of two equal roots, the equations are those of roots apart by sqrt(1e-9) of their size: (w h)^2 1e-9/6 = 7e-11.
+    assert at_end == pytest.approx({"fin_angle": command + error, "fin_rate": speed}, rel=1e-9)
+
+
+@pytest.mark.parametrize("felt", [1.0, -0.5])
+def test_the_margin_of_a_clutched_screw_s_load_is_the_load(felt: float) -> None:
+    """It is negative where the load is not that of its e: the screw drives it, or it drives the screw."""
+    for load in (3.0, -2.0):
+        t = clutched_screw.Train(rotor=1e-4, screw=2e-4, behind_inertia=0.0, rotor_torque=1.0, screw_torque=0.0,
+                                 dry=0.1, capacity=2.0, sliding=(0.2, 0.2), load=(load, load), behind=0.0, high=1.0,
+                                 low=-1.0, forward=1.0, backward=-0.5)
+        m = clutched_screw.Motion(screw=1.0, rotor=1.0, clutch=1.0, felt=felt)
+        margins = clutched_screw.margins(FLOATS, t, m, 5.0, 9.0)
+        assert margins["load"] == (load if felt == t.forward else -load)

@@ -98,7 +98,8 @@ def test_a_state_of_several_fins(model: str) -> None:
         assert fins.unsound(made, 0.0, inputs[0]) == said
     if line:  # the next instant is at most an interval ahead, and never behind
         period = fins.cores[0].schedule[0]
-        for now, at, sound in ((0.0, 1, True), (0.0, 2, False), (0.5 * period, 1, period <= 2e-3)):
+        for now, at, sound in ((0.0, 1, True), (0.0, 2, False), (-0.9e-9, 1, True), (-1.1e-9, 1, False),
+                               (0.5 * period, 1, period <= 2e-3)):
             there = tuple(core.state for core in fins.cores)
             assert (fins.unsound((of_line, at, there), now, inputs[0]) == "") == sound
     assert fins.slack == min(core.slack for core in fins.cores)
@@ -108,14 +109,18 @@ def test_of_several_fins_the_finest_counts() -> None:
     """Slack and latest time are those of the fin with the shortest tick, wherever it is among them."""
     coarse = load_parameters()
     fine = coarse.with_values({"solver.max_tick": 0.4 * coarse.values["solver.max_tick"]})
-    alone = [codegen.core(p.values) for p in (coarse, fine)]
+    # The shortest tick may be before the arrival of a reference, or after it.
+    early = coarse.with_values({"drive.transport_delay": 0.1 * coarse.values["controller.sample_time"]})
+    alone = [codegen.core(p.values) for p in (coarse, fine, early)]
     assert alone[1].latest < alone[0].latest
+    assert alone[2].schedule[4] < alone[2].schedule[5]
+    assert alone[0].schedule[4] > alone[0].schedule[5]
     for core in alone:
         assert core.latest == LATEST * min(core.schedule[4], core.schedule[5])
         assert core.slack <= 0.25 * min(core.schedule[4], core.schedule[5])
     for sets in ((coarse, fine), (fine, coarse)):
         fins = codegen.multi_fin([p.values for p in sets], (0.0, 1e-4))
-        assert (fins.slack, fins.latest) == (min(c.slack for c in alone), alone[1].latest)
+        assert (fins.slack, fins.latest) == (min(c.slack for c in alone[:2]), alone[1].latest)
 
 
 @pytest.mark.kernel

@@ -43,9 +43,9 @@ static const char *unsound_line(const multi_fin *m, const model_state *s)
     if (!core_finite(s->fins.line)) return "state of the supply's line";
     if (s->fins.instant < 1) return "place in time of the supply's line";
 #if MULTI_FIN_LINE
-    /* The next instant of a line that is not stiff is ahead, within an interval. */
+    /* The next instant of a line that is not stiff is ahead, within an interval, but for rounding. */
     const double interval = multi_fin_interval(m), ahead = (double)s->fins.instant * interval - s->now;
-    if (!multi_fin_stiff(m) && (ahead < 0.0 || ahead > interval * (1.0 + 1e-9) + 1e-9))
+    if (!multi_fin_stiff(m) && (ahead < 0.0 || ahead > interval + 1e-9))
         return "place in time of the supply's line";
 #else
     (void)m;
