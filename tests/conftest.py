@@ -26,6 +26,7 @@ from lark import Lark
 from matplotlib.figure import Figure
 
 from emcas_fmu.figures import plots
+from emcas_fmu.fmi import figures
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import library
@@ -78,11 +79,15 @@ def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def leave_undrawn(patch: pytest.MonkeyPatch) -> None:
-    """Leave the pictures of pages empty: they are plotted, but not laid out and written, a third of a second each."""
+    """Leave pictures out: those of pages are plotted, but not laid out and written, a third of a second each.
+
+    FMUs have none on their pages.
+    """
     def empty(_: Figure, label: str = "", __: str = "") -> str:
         return f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 1 1"></svg>'
 
     patch.setattr(plots, "svg", empty)
+    patch.setattr(figures, "response_pictures", lambda _: ())
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,7 @@ from emcas_fmu.cli import app
 from emcas_fmu.reference.files import read_csv
 from emcas_fmu.runtime import compiler
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -160,6 +161,7 @@ def test_native_build_without_a_compiler_names_the_extra(tmp_path: Path, monkeyp
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.drawn
 def test_simulate_a_step(tmp_path: Path) -> None:
     table, page, figures = tmp_path / "r.csv", tmp_path / "r.html", tmp_path / "r.json"
     done = emcas("simulate", "--step", "10 deg", "--torque", "-50 N*m", "--stop", "0.3", "-o", str(table), "--plot",
