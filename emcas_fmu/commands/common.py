@@ -206,6 +206,25 @@ def parameter_set(files: Iterable[Path] | None, model: str = NONLINEAR) -> Param
     return chosen
 
 
+def nonlinear_set(files: Iterable[Path] | None, command: str) -> ParameterSet:
+    """Load parameters of the nonlinear actuator, of which alone a command is, and print their warnings.
+
+    Raises EmcasError, in one line if they are those of another.
+    """
+    from ..parameters import ParameterError
+
+    try:
+        return parameter_set(files)
+    except ParameterError as error:
+        unknown = [problem.partition(" = ")[0].rpartition(": ") for problem in error.problems
+                  if ": unknown parameter" in problem]
+        if len(unknown) < max(2, len(error.problems)):  # a misspelt name, or another mistake
+            raise
+        names = ", ".join(name for _, _, name in unknown)
+        raise EmcasError(f"{unknown[0][0]}: {command} needs the parameters of the nonlinear actuator, which has no "
+                         f"{names}; give a file of that actuator") from error
+
+
 @contextmanager
 def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
                  parameters: Sequence[Path] | None = None) -> Iterator[Subject]:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from ..actuators import NONLINEAR, full_name
 from ..errors import EmcasError
 from . import common
-
-if TYPE_CHECKING:
-    from ..parameters import ParameterSet
 
 EPILOG = common.examples("fit", "", "-p my_actuator.toml --output my_second_order.toml", last=[
     "  python build_fmu.py --model second-order -p my_second_order.toml"])
@@ -27,7 +24,10 @@ def fit(
     from ..studies import fitting
 
     common.check_outputs(output, as_json, inputs=(parameters,))
-    fitted = fitting.fit(_nonlinear(parameters, model))
+    if full_name(model) != NONLINEAR:
+        raise EmcasError(f"--model {model}: emcas fit needs the parameters of the nonlinear actuator; leave --model "
+                         "out")
+    fitted = fitting.fit(common.nonlinear_set(parameters, "emcas fit"))
     common.warn(fitted.warnings)
     command = shlex.join(["emcas", "fit", *common.parameter_arguments(parameters)])
     common.write_results(fitted, (output, lambda each, path: fitting.write_fitted(each, path, command)))
@@ -38,21 +38,3 @@ def fit(
     common.conclude([common.table(["step / deg", "largest difference / %", "rms / %"], (
         [f"{size:g}", f"{largest:.2g}", f"{rms:.2g}"]
         for size, largest, rms in zip(fitted.sizes, fitted.largest, fitted.rms, strict=True)))], output)
-
-
-def _nonlinear(files: list[Path] | None, model: str) -> ParameterSet:
-    """Return the parameters of the nonlinear actuator. Raises EmcasError, in one line if they are those of another."""
-    from ..parameters import ParameterError
-
-    needs = "emcas fit needs the parameters of the nonlinear actuator"
-    if full_name(model) != NONLINEAR:
-        raise EmcasError(f"--model {model}: {needs}; leave --model out")
-    try:
-        return common.parameter_set(files)
-    except ParameterError as error:
-        unknown = [problem.partition(" = ")[0].rpartition(": ") for problem in error.problems
-                  if ": unknown parameter" in problem]
-        if len(unknown) < max(2, len(error.problems)):  # a misspelt name, or another mistake
-            raise
-        names = ", ".join(name for _, _, name in unknown)
-        raise EmcasError(f"{unknown[0][0]}: {needs}, which has no {names}; give a file of that actuator") from error

@@ -56,7 +56,8 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
     common.check_outputs(report, as_json, inputs=(files, parameters))
     common.check_outputs(output, report, as_json, inputs=(files,))
     experiment = import_module(f"..studies.identification.{kind}", __package__)
-    result: Identification = experiment.identify(files, common.parameter_set(parameters), **choice)
+    result: Identification = experiment.identify(
+        files, common.nonlinear_set(parameters, f"emcas identify {kind}"), **choice)
     common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
                          (report, type(result).write_report))
     common.write_json(result.document(), as_json)

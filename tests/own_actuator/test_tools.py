@@ -10,11 +10,13 @@ import pytest
 from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.figures import response_pictures
 from emcas_fmu.pages import provenance
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.studies.compare.sets import load_sets
 from emcas_fmu.studies.overview import in_words, offered, remaining_estimates
+from emcas_fmu.studies.tuning.study import shipped_study
 
 from .example import FOLDER, MODEL, changed
 
@@ -112,3 +114,20 @@ def test_only_what_is_compared_is_listed(tmp_path: Path) -> None:
     ("elastic+heat", "the shipped parameters")])
 def test_whose_parameters_a_page_has(installed: Path, model: str, words: str) -> None:
     assert provenance.shipped(model) == words
+
+
+def test_what_is_of_the_nonlinear_actuator_alone_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("spring.stiffness = '25 N*m/rad'\ngas.exponent = 1.3\n", encoding="utf-8")
+    record = tmp_path / "a.csv"
+    record.write_text("time\n0\n", encoding="utf-8")
+    for command, words in ((["fit"], "emcas fit"), (["identify", "drive", str(record)], "emcas identify drive")):
+        done = CliRunner().invoke(app, [*command, "-p", str(path)])
+        assert done.exit_code == 2
+        assert (f"{words} needs the parameters of the nonlinear actuator, which has no spring.stiffness, gas.exponent"
+                in " ".join(done.stderr.split()))
+
+
+def test_a_study_is_named_for_an_actuator_of_a_user() -> None:
+    with pytest.raises(EmcasError, match=r"name a study of this actuator's parameters .*: controller\.kp, controller"):
+        shipped_study(load_parameters(model=MODEL))

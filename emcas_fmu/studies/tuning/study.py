@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, ValidationInfo
 
-from ...actuators import NAMES, NONLINEAR, parts
+from ...actuators import NAMES, NONLINEAR, is_shipped, parts
 from ...bench.requirements import (
     NOMINAL,
     Case,
@@ -163,6 +163,10 @@ def shipped_study(base: ParameterSet) -> Study:
         if has_shipped_study(base):
             extras.require("analysis", "the margins of the shipped study need", "control", "casadi")
             raise
+        if not is_shipped(base.model):
+            tunable = ", ".join(v.name for v in base.actuator.parameters if v.variability == "tunable")
+            raise StudyError(f"model {base.model}: the shipped studies are of shipped actuators; name a study of this "
+                             f"actuator's parameters (docs/tools/tuning.md){f': {tunable}' * bool(tunable)}") from error
         first, *_ = str(error).splitlines()
         having = [name for name in NAMES if has_shipped_study(load_parameters(model=name))]
         raise StudyError(f"model {base.model}: the shipped studies are of {', '.join(having)}, and do not fit "
