@@ -201,6 +201,8 @@ def needs() -> str:
     uses |= {f"`emcas analyse`, {title}": names for title, names in SECTIONS.values()}
     uses["`emcas envelope`"] = ("the extension heat", *envelope.NEEDS)
     uses["`emcas parameters`, stall and rates"] = capability.NEEDS
+    uses["`emcas compare` without names, readings of the current loop"] = (capabilities.CURRENT_LOOP,)
+    uses |= {f"`emcas {name}`": ("to be the nonlinear actuator",) for name in ("fit", "identify")}
     return markdown(("extension or tool", "needs"),
                     ([name, ", ".join(names) or "only the fin port"] for name, names in uses.items()))
 
@@ -210,7 +212,8 @@ def declares() -> str:
     def listed(names: Iterable[str]) -> str:
         return ", ".join(f"`{name}`" for name in names)
 
-    rows = [[words, listed(names), listed(capabilities.NEEDED_STATES[words]),
+    constants = {words: name for name, words in vars(capabilities).items() if isinstance(words, str)}
+    rows = [[f"{words}, `{constants[words]}`", listed(names), listed(capabilities.NEEDED_STATES[words]),
              listed(name for name in capabilities.NEEDED_PARAMETERS[words] if name not in names)]
             for words, names in capabilities.NEEDED_VARIABLES.items()]
     return markdown(("capability", "inputs, outputs, parameters", "states", "parameters of shared equations"), rows)
