@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, degrees, radians, tan
+from math import atan, cos, degrees, radians, tan
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,7 @@ def _efficiency(axis: Any) -> None:
 
 
 def _locking(axis: Any) -> None:
-    needed = np.array([worm.locks_from(FLOATS, plant(lead, 0.1)) for lead in LEADS])
+    needed = cos(BASE["worm.pressure_angle"]) * np.tan(np.radians(LEADS))  # where the backward efficiency is 0
     axis.plot(LEADS, needed, color=plots.BLUE)
     axis.fill_between(LEADS, needed, 0.45, color=plots.GREEN, alpha=0.18, linewidth=0.0)
     for mu, text in ((0.05, "in motion, well oiled: 0.05"), (0.10, "default: 0.10"), (0.15, "at rest, dry: 0.15")):

@@ -42,11 +42,6 @@ def coefficient(ops: Ops, p: Any, speed: Value) -> Value:
     return worm.friction * stribeck(ops, worm.static_ratio, worm.stribeck_speed, sliding_speed(ops, p, speed))
 
 
-def locks_from(ops: Ops, p: Any) -> Value:
-    """Return the least mu [-] with which no load drives the worm."""
-    return ops.cos(p.worm.pressure_angle) * lead_tangent(p)
-
-
 def forward(ops: Ops, p: Any, speed: Value) -> Value:
     """Return eta_f [-] at a speed of the worm [rad/s]."""
     mu, tangent, normal = coefficient(ops, p, speed), lead_tangent(p), ops.cos(p.worm.pressure_angle)

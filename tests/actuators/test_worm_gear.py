@@ -75,7 +75,7 @@ def test_efficiencies_are_those_of_the_forces(starts: int, quotient: float, alph
     # Rounding; near the limit of locking, of what is left of two numbers of the order of 1.
     assert backward == pytest.approx(expected[1], rel=1e-12, abs=1e-12)
     assert max(forward, backward) < 1.0
-    assert (backward < 0.0) == (mu > limit) == (mu > worm.locks_from(FLOATS, p))
+    assert (backward < 0.0) == (mu > limit)
 
 
 @pytest.mark.parametrize("alpha", [14.5, 20.0, 30.0])
