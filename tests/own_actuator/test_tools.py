@@ -17,6 +17,7 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.studies.compare.sets import load_sets
 from emcas_fmu.studies.overview import in_words, offered, remaining_estimates
 from emcas_fmu.studies.tuning.study import shipped_study
+from tests.tools.test_every_actuator import CAMPAIGN
 
 from .example import FOLDER, MODEL, changed
 
@@ -131,3 +132,17 @@ def test_what_is_of_the_nonlinear_actuator_alone_says_so(tmp_path: Path) -> None
 def test_a_study_is_named_for_an_actuator_of_a_user() -> None:
     with pytest.raises(EmcasError, match=r"name a study of this actuator's parameters .*: controller\.kp, controller"):
         shipped_study(load_parameters(model=MODEL))
+
+
+def test_pages_have_no_empty_tables(tmp_path: Path) -> None:
+    """Of one set nothing differs, of two samples nothing is known of sensitivities."""
+    requirements, page = tmp_path / "mine.toml", tmp_path / "page.html"
+    requirements.write_text(REQUIREMENTS, encoding="utf-8")
+    emcas("compare", MODEL, "--requirements", requirements, "--report", page)
+    assert "<td>none</td>" not in page.read_text(encoding="utf-8")
+    study = tmp_path / "study.toml"
+    study.write_text(CAMPAIGN.format(parameter="controller.kp"), encoding="utf-8")
+    emcas("campaign", study, "--model", MODEL, "-o", tmp_path / "c", "--workers", "0", "--report", page)
+    text = page.read_text(encoding="utf-8")
+    assert "<p>None: there are too few samples" in text
+    assert "<td>none</td>" not in text
