@@ -23,9 +23,11 @@ from emcas_fmu.studies import overview
 from emcas_fmu.studies.analysis import capability, envelope
 from emcas_fmu.studies.analysis.analyse import SECTIONS, analyse
 from emcas_fmu.studies.analysis.report import figures_of, write_report
+from tests.marks import others_slow
 from tests.own_actuator.least import least, written
 
 ALL = tuple(capabilities.NEEDED_VARIABLES)
+DEAR = others_slow(ALL, lambda words: words == capabilities.CASCADE)  # dozens of seconds for all
 
 
 def loaded(folder: Path, *provided: str, extension: str = "") -> ParameterSet:
@@ -63,7 +65,7 @@ def test_faults_and_monitors_of_several_capabilities(tmp_path: Path) -> None:
         moves(loaded(folder, *monitor.needs, extension="+faults"))
 
 
-@pytest.mark.parametrize("words", ALL)
+@pytest.mark.parametrize("words", DEAR)
 def test_the_analysis_needs_no_more_than_it_says(words: str, tmp_path: Path) -> None:
     parameters = loaded(tmp_path, *dict.fromkeys((POSITION_LOOP, words))).with_values({"command.limit": "2 deg"})
     found = analyse(parameters, locus_name="controller.kp")
@@ -95,7 +97,7 @@ def test_a_figure_needs_no_more_than_it_says(figure: str, tmp_path: Path) -> Non
     assert compute(loaded(tmp_path, *dict.fromkeys(needs), extension=extension))
 
 
-@pytest.mark.parametrize("words", ALL)
+@pytest.mark.parametrize("words", DEAR)
 def test_the_other_commands_need_no_more_than_the_fin_port(words: str, tmp_path: Path) -> None:
     model = written(tmp_path, words)
     for command in (["parameters"], ["build", "-o", str(tmp_path / "one.fmu"), "--backend", "python"],
