@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..actuators import fin_port, get
-from ..actuators.declaration import Actuator, PlantInputs
+from ..actuators.declaration import Actuator, PlantInputs, SampleInputs
 from ..actuators.positional import identifier
+from ..control import command as bus
 from ..errors import EmcasError, location
 from ..namespace import Record
 from ..ops.base import Ops, Value
+from ..ops.floats import FLOATS
 from ..ops.located import LocatedFloats, located
 from ..parameters import check_parameters
 from ..physics.loads import LOADS
@@ -56,6 +58,8 @@ def try_out(model: str, row: Array, inputs: Sequence[float], points: int, run: R
         return
     at_rest = dict(zip((v.name for v in actuator.inputs), inputs, strict=True))
     at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.MOTION)), 0.0)
+    if model.endswith(".py"):
+        _require_all_set(actuator, values, at_rest)
     if isinstance(actuator.step, SwitchedStep):
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
         bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step))
@@ -70,6 +74,20 @@ def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mappin
          *bind: Callable[..., Any]) -> Tables:
     rows, columns = np.array([list(values.values()) for values in sets]), [np.full(points, x) for x in inputs.values()]
     return run(rows, columns, _INTERVAL, ("fin_angle",), model, 1, (), 0.0, *bind)
+
+
+def _require_all_set(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]) -> None:
+    """Raise EmcasError for a state of the controllers that no sample sets."""
+    p = actuator.namespace(values)
+    x = Record(**actuator.start(FLOATS, p))
+    at = SampleInputs(command=0.0, enable=True, supply=inputs[actuator.supply.input.name] if actuator.supply else 0.0,
+                      position=actuator.position(FLOATS, p, x), encoder_offset=None,
+                      **{identifier(v.name): inputs[v.name] for v in actuator.further_inputs})
+    returned = {*actuator.sample(FLOATS, p, x, at), *bus.STATES}
+    for state in (*actuator.controller_states, *actuator.sampled_states):
+        if state.name not in returned:
+            raise EmcasError(f"{location(actuator.sample)} returns no {state.name}, which nothing else changes: return "
+                             "it, or leave it out of the states")
 
 
 def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
@@ -108,7 +126,8 @@ def _unstable(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str
         found = actuator.rates(ops, p, Record(**dict(zip(names, map(of_file, at.tolist()), strict=True))), u)
         return np.array([float(found[name]) for name in names])
 
-    x = np.array([float(start[name]) for name in names])
+    begun = vars(actuator.begun(ops, p, Record(**start), u))
+    x = np.array([float(begun[name]) for name in names])
     differences, before = np.diag(_DIFFERENCE * (1.0 + np.abs(x))), rates(x)
     after = np.stack([rates(x + difference) for difference in differences], axis=1)
     if not np.isfinite([before, *after.T]).all():

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from math import inf
+from math import inf, isclose
 from typing import Any, NamedTuple
 
 from ..errors import EmcasError, hint
@@ -196,16 +196,22 @@ class System:
         return free, free - rubbed, torque, _value(body.friction.breakaway, ops, p, x, u)
 
     def _check(self, ops: Ops, p: Any, x: Record, u: Record) -> None:
-        """Raise EmcasError for limits in the wrong order, negative ones, and equations that misuse a friction."""
+        """Raise EmcasError for limits in the wrong order, negative ones, and equations that misuse a value."""
+        u, read = _reading(u)
         u, _ = self._limited(ops, p, x, u)
+        rates = self._derivatives(ops, p, x, _with(u, self._still))
         for each in self._limits:
             low, high = each.range(ops, p, x, u)
             if low > high:
                 raise EmcasError(f"{type(each).__name__} {each.name}: its low limit {low:.4g} is above the high one, "
                                  f"{high:.4g}")
+            if not read.intersection(each.names):
+                raise EmcasError(f"{type(each).__name__} {each.name}: no derivative depends on u.{each.name}")
         for body in self._bodies:
             if body.stop is not None and not body.place(ops, p, x, u)[1] > 0.0:
                 raise EmcasError(f"Stop of {body.stop.angle}: its limit must be above 0")
+            if body.stop is not None and not isclose(rates[body.stop.angle], getattr(x, body.rate), rel_tol=_LINEAR):
+                raise EmcasError(f"Stop of {body.stop.angle}: the derivative of that state must be {body.rate}")
             if body.friction is not None:
                 self._check_friction(ops, p, x, u, body.rate, body.friction)
 
@@ -288,6 +294,18 @@ class System:
                 speed = ops.where(met, 0.0, speed)
             landed[body.rate] = speed
         return landed
+
+
+def _reading(u: Any) -> tuple[Any, set[str]]:
+    """Return inputs that record the names that are read of them, and these names."""
+    read: set[str] = set()
+
+    class Reading(type(u)):  # type: ignore[misc]
+        def __getattribute__(self, name: str) -> Any:
+            read.add(name)
+            return super().__getattribute__(name)
+
+    return Reading(**vars(u)), read
 
 
 def _by_rate(discontinuities: Any) -> dict[str, Any]:

@@ -182,10 +182,11 @@ ACTUATOR = em.Actuator("geared", "geared", states=em.FIN, values={"inertia.fin":
         (tmp_path / name).mkdir()
         (tmp_path / name / "mine.py").write_text(text, encoding="utf-8")
         (tmp_path / name / "gear.py").write_text(
-            f"def derivatives(ops, p, x, u):\n    return {{'fin_angle': {rate}, 'fin_rate': 0.0}}\n", encoding="utf-8")
+            f"def derivatives(ops, p, x, u):\n    return {{'fin_angle': x.fin_rate, 'fin_rate': {rate}}}\n",
+            encoding="utf-8")
     ends = [simulate(load_parameters(model=model).values, 0.1, model=model, kernel="python")["fin_angle"][-1]
             for model in (str(tmp_path / name / "mine.py") for name in ("one", "other"))]
-    assert ends == pytest.approx([0.05, 0.025])
+    assert ends == pytest.approx([0.0025, 0.00125], rel=1e-6)
     with pytest.raises(EmcasError, match=r"gear\.py, line 2: AttributeError: there is no missing"):
         simulate(load_parameters(model=str(tmp_path / "one" / "mine.py")).values, 0.1,
                  model=str(tmp_path / "wrong" / "mine.py"), kernel="python")
@@ -218,7 +219,8 @@ STICK_SLIP = """import emcas_fmu.declare as em
 ACTUATOR = em.Actuator(
     "stick-slip", "fin on a spring", states=(*em.FIN, em.State("heat", "J")), values={"inertia.fin": 0.06},
     derivatives=lambda ops, p, x, u: {
-        "fin_angle": x.fin_rate, "fin_rate": (-600.0 * x.fin_angle - u.friction) / p.inertia.fin, "heat": 0.0},
+        "fin_angle": x.fin_rate, "fin_rate": (-600.0 * x.fin_angle - u.friction) / p.inertia.fin,
+        "heat": 0.0 * u.drive},
     discontinuities=(em.Coulomb("friction", "fin_rate", 24.0), em.Limit("drive", 1.0, 2.0)))
 """
 
@@ -226,8 +228,11 @@ ACTUATOR = em.Actuator(
 @pytest.mark.parametrize(("before", "after", "says"), [
     ("- u.friction", "+ u.friction", "Coulomb friction: the derivative of fin_rate must fall with u.friction"),
     ("- u.friction", "", "Coulomb friction: the derivative of fin_rate must fall with u.friction"),
+    ("0.0 * u.drive", "0.0", "Limit drive: no derivative depends on u.drive"),
+    ('"fin_angle": x.fin_rate', '"fin_angle": x.fin_rate + 1.0', "the derivative of that state must be fin_rate"),
     ("- u.friction", "- u.friction - 0.1 * u.friction * u.friction", "must be linear in u.friction"),
-    ('"heat": 0.0', '"heat": u.friction', "the derivative of heat depends on u.friction, too"),
+    ('"heat": 0.0 * u.drive', '"heat": u.friction + 0.0 * u.drive',
+     "the derivative of heat depends on u.friction, too"),
     ('"fin_rate", 24.0', '"fin_rate", -24.0', "its torque is -24; it must be 0 or above"),
     ("1.0, 2.0)", "1.0, -2.0)", "Limit drive: its low limit 2 is above the high one, -2"),
     ("em.Limit(", 'em.Stop("fin_angle", "fin_rate", -0.4), em.Limit(', "Stop of fin_angle: its limit must be above 0"),

@@ -212,3 +212,9 @@ def test_an_inverted_margin(tmp_path: Path, margin: str, sound: bool) -> None:
     for _ in range(2):
         with pytest.raises(EmcasError, match=r"mine\.py, line \d+: margins\(\): stop = -0\.43\d* is below 0 in 10 st"):
             simulate(values, 0.002, kernel="python", model=str(path))
+
+
+def test_a_state_that_no_sample_sets(tmp_path: Path) -> None:
+    path = changed(tmp_path, (' "integral": ops.where(inputs.enable, moved, 0.0),', ""))
+    with pytest.raises(EmcasError, match=r"mine\.py, line \d+: sample\(\) returns no integral, which nothing else"):
+        simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
