@@ -8,9 +8,9 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
     sample(ops, p, x, inputs)    outputs of the sampled controllers, every controller.sample_time
     step(ops, p, x, u, h)        the plant's states after `h` [s] or at the first event, and the time until then; or
     derivatives(ops, p, x, u)    d/dt of the states. If there is no `step`, they are stepped with the `discontinuities`
-                                 (:mod:`emcas_fmu.steppers.discontinuities`); the fin has its stop without one listed.
-                                 Linear analysis uses them (:mod:`emcas_fmu.bench.linear.actuator`): beside a `step`
-                                 they are enabled, without dry friction, gaps and events
+                                 (:mod:`emcas_fmu.steppers.discontinuities`); a fin whose angle and rate are states has
+                                 its stop. Linear analysis (:mod:`emcas_fmu.bench.linear.actuator`) uses them, too; beside
+                                 a `step` they are enabled, without dry friction, gaps and events
     output_values(ops, p, x, u)  every output; those of the port may be left out
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
@@ -219,6 +219,9 @@ class Actuator:
         if self.step is _no_step:
             for name, value in stepped.fields(self).items():
                 object.__setattr__(self, name, value)
+        elif self.discontinuities or len(signature(self.initial).parameters) == 4:
+            raise EmcasError(f"actuator {self.name}: has a step, beside which discontinuities and inputs in `initial` "
+                             "have no effect; leave the step out, or these")
         elif not hasattr(self.output_values, "__wrapped__"):
             object.__setattr__(self, "output_values", _with_port(self.output_values))
         declared = (s for s in self.controller_states if s not in _BUS)  # a replaced actuator has them already

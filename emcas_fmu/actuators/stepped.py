@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import wraps
 from inspect import signature
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,9 @@ def fields(actuator: Actuator) -> dict[str, Any]:
                         (*actuator.discontinuities, *stops), names)
     except EmcasError as error:
         raise EmcasError(f"actuator {actuator.name}: {error}") from error
+    if wrong := [name for name in system.names if not name.isidentifier()]:
+        raise EmcasError(f"actuator {actuator.name}: discontinuity {wrong[0]!r}: its name is a Python identifier, such "
+                         "as friction")
     used = {*names, *_INPUTS, *(s.name for s in actuator.sampled_states), *identifiers(actuator.further_inputs)}
     if twice := [name for name in system.names if name in used or system.names.count(name) > 1]:
         raise EmcasError(f"actuator {actuator.name}: {twice[0]} is the name of two things; give the discontinuity "
@@ -57,7 +61,7 @@ def fields(actuator: Actuator) -> dict[str, Any]:
     def smooth(ops: Ops, p: Any, x: Record, u: Record) -> Mapping[str, Value]:
         return system.smooth(ops, p, x, u)
 
-    found = {"step": system.step, "derivatives": smooth, "output_values": outputs}
+    found = {"step": system.step, "derivatives": smooth, "output_values": outputs, "discontinuities": ()}
     return found | (_begun(actuator, found) if len(signature(actuator.initial).parameters) == 4 else {})
 
 
@@ -75,10 +79,14 @@ def _begun(actuator: Actuator, found: Mapping[str, Any]) -> dict[str, Any]:
         states = {name: ops.where(fresh, start[name], value) for name, value in vars(x).items() if name in start}
         return x.replace(**states, **{BEGUN: 1.0})
 
+    def from_start(function: Any) -> Any:
+        """Return a function of (ops, p, x, u) for the states that follow from the inputs."""
+        return wraps(function)(lambda ops, p, x, u: function(ops, p, begun(ops, p, x, u), u))
+
+    switched = replace(found["step"].system, begun=lambda ops, p, x, u, h: (begun(ops, p, x, u), h))
+    rates = found["derivatives"]
     return {
-        "states": (*actuator.states, State(BEGUN)), "begun": begun,
-        "step": lambda ops, p, x, u, h: found["step"](ops, p, begun(ops, p, x, u), u, h),
+        "states": (*actuator.states, State(BEGUN)), "begun": begun, "step": switched.step(found["step"].as_built),
         "initial": lambda ops, p, start: {},
-        "derivatives": lambda ops, p, x, u: {**found["derivatives"](ops, p, x, u), BEGUN: 0.0},
-        "sample": lambda ops, p, x, inputs: sample(ops, p, begun(ops, p, x, inputs), inputs),
-        "output_values": lambda ops, p, x, u: found["output_values"](ops, p, begun(ops, p, x, u), u)}
+        "derivatives": wraps(rates)(lambda ops, p, x, u: {**rates(ops, p, x, u), BEGUN: 0.0}),
+        "sample": from_start(sample), "output_values": from_start(found["output_values"])}

@@ -96,7 +96,8 @@ def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
 
     def watched(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Mapping[str, Value], Value]:
         try:
-            step.system.check(ops, step.as_built(ops, p), x, u)
+            built = step.as_built(ops, p)
+            step.system.check(ops, built, step.system.begun(ops, built, x, u, h)[0], u)
         except EmcasError as error:
             raise EmcasError(f"{actuator.source}: {error}") from error
         for name, margin in step.margins(ops, p, x, u, h).items():

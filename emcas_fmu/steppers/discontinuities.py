@@ -3,15 +3,15 @@
 Each has a name, under which the equations read its value from the plant inputs ``u``:
 
     Coulomb("friction", "fin_rate", torque)   u.friction, the torque [N.m] that opposes the rate; at rest it is what
-                                              holds the body, at most `torque`
+                                              holds the body, at most `torque` times breakaway (outputs only)
     Stop("fin_angle", "fin_rate", limit)      no value: the angle stays within +-limit, and an impact is inelastic
     Backlash("mesh", deflection, half_gap)    u.mesh, the deflection beyond the gap; u.mesh_closed, 1 in contact, else 0
     Limit("voltage", value, high, low)        u.voltage, the value between low (default -high) and high
 
 A torque, deflection, gap, value or limit is a number, the name of a parameter, or a function of (ops, p, x, u), where
-``u`` has the values of those listed before. The equations are stepped from event to event
-(:mod:`emcas_fmu.steppers.events`): a body starts, comes to rest or meets its stop; a contact closes or opens; a limit
-is met or left. Linear analysis has no friction, and a backlash in contact.
+``u`` has the values of limits and gaps (for these: of those listed before), but not of frictions. The equations are
+stepped from event to event (:mod:`emcas_fmu.steppers.events`): a body starts, comes to rest or meets its stop; a
+contact closes or opens; a limit is met or left. Linear analysis has no friction, and a backlash in contact.
 
 A body that rests is one whose rate the friction would reverse: no inertia is needed to find that, but the derivative of
 the rate must be linear in the friction.
@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from math import inf, isclose
+from math import inf, isclose, isinf
 from typing import Any, NamedTuple
 
 from ..errors import EmcasError, hint
@@ -33,9 +33,13 @@ from .events import Switched, Values
 from .smooth import Derivatives
 
 Equation = Callable[[Ops, Any, Record, Record], Value] | str | float
-# Share of a limit by which its margin is wider than the limit: a value exactly at it is on neither side.
+# Share of one plus a limit by which its margin is wider: a value exactly at the limit is on neither side.
 _WIDER = 1e-12
 _LINEAR = 1e-6  # of a change: rounding of derivatives whose other terms are large
+
+
+def _wider(ops: Ops, limit: Value) -> Value:
+    return 0.0 if isinstance(limit, float) and isinf(limit) else _WIDER * (1.0 + ops.fabs(limit))
 
 
 def _value(equation: Equation, ops: Ops, p: Any, x: Record, u: Record) -> Value:
@@ -48,8 +52,9 @@ def _value(equation: Equation, ops: Ops, p: Any, x: Record, u: Record) -> Value:
 class Coulomb:
     """Dry friction of the body with a `rate` [rad/s]: it opposes motion with `torque`, which is 0 or above.
 
-    A body at rest starts beyond `breakaway` times that torque. The derivative of the rate must be linear in the value;
-    no other derivative may depend on it.
+    A body at rest starts beyond `breakaway` times that torque, 1 or above. The derivative of the rate must be linear in
+    the value; no other derivative may depend on it. Where a body starts and turns back within a step, its angle is kept
+    if it has a Stop.
     """
 
     name: str
@@ -97,8 +102,11 @@ class Limit:
         return {self.name: ops.clip(value, low, high)}
 
 
+@dataclass(frozen=True)
 class Backlash(Limit):
     """A gap of +-`high` in a `value`, the deflection between two bodies: a force acts on what is beyond it."""
+
+    saturates: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -162,7 +170,7 @@ class System:
         """Return the plant inputs with every value, and whether a limit is active; friction holds a body at rest."""
         u, sides = self._limited(ops, p, x, u)
         active = reduce(ops.either, (ops.negate(ops.equal(sides[each.name], 0.0)) for each in self._limits
-                                     if each.saturates and not isinstance(each, Backlash)), False)
+                                     if each.saturates), False)
         frictions = {}
         for body in self._bodies:
             if body.friction is not None:
@@ -180,8 +188,8 @@ class System:
         sides = {}
         for each in self._limits:
             value, (low, high) = _value(each.value, ops, p, x, u), each.range(ops, p, x, u)
-            side = ops.where(value > high, 1.0, ops.where(value < low, -1.0, 0.0)) if mode is None else getattr(
-                mode, each.name)
+            side = ops.where(value > high, 1.0, ops.where(value < low, -1.0, 0.0)) if mode is None else mode.sides[
+                each.name]
             sides[each.name] = side
             u = _with(u, each.values(ops, value, side, low, high))
         return u, sides
@@ -209,7 +217,8 @@ class System:
                 raise EmcasError(f"{type(each).__name__} {each.name}: no derivative depends on u.{each.name}")
         for body in self._bodies:
             if body.stop is not None and not body.place(ops, p, x, u)[1] > 0.0:
-                raise EmcasError(f"Stop of {body.stop.angle}: its limit must be above 0")
+                raise EmcasError(f"Stop of {body.stop.angle}: its limit is {body.place(ops, p, x, u)[1]:.4g}; it must be "
+                                 "above 0")
             if body.stop is not None and not isclose(rates[body.stop.angle], getattr(x, body.rate), rel_tol=_LINEAR):
                 raise EmcasError(f"Stop of {body.stop.angle}: the derivative of that state must be {body.rate}")
             if body.friction is not None:
@@ -219,8 +228,11 @@ class System:
         name = friction.name
         if (torque := _value(friction.torque, ops, p, x, u)) < 0.0:
             raise EmcasError(f"Coulomb {name}: its torque is {torque:.4g}; it must be 0 or above")
+        if (ratio := _value(friction.breakaway, ops, p, x, u)) < 1.0:
+            raise EmcasError(f"Coulomb {name}: its breakaway is {ratio:.4g}; it must be 1 or above, a ratio to torque")
+        probe = 1.0 + torque  # a torque near 0 would be lost in rounding
         free, above, below = (self._derivatives(ops, p, x, _with(u, {**self._still, name: value}))
-                              for value in (0.0, torque or 1.0, -(torque or 1.0)))
+                              for value in (0.0, probe, -probe))
         change = above[rate] - free[rate]
         if change >= 0.0:
             raise EmcasError(f"Coulomb {name}: the derivative of {rate} must fall with u.{name}, which opposes "
@@ -243,7 +255,7 @@ class System:
             # Without friction nothing but a stop holds a body.
             holds = ops.either(dry > 0.0, ops.fabs(angle) >= limit)
             bodies[body.rate] = slide, ops.both(ops.equal(slide.direction, 0.0), holds)
-        return Record(**sides, bodies=bodies)
+        return Record(sides=sides, bodies=bodies)
 
     def _acting(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Any:
         """Return the plant inputs with every value in a mode."""
@@ -260,11 +272,10 @@ class System:
         margins, acting = {}, u
         for each in self._limits:
             value, (low, high) = _value(each.value, ops, p, x, acting), each.range(ops, p, x, acting)
-            side = getattr(m, each.name)
+            side = m.sides[each.name]
             acting = _with(acting, each.values(ops, value, side, low, high))
-            wider = _WIDER * (1.0 + ops.fabs(high) + ops.fabs(low))
-            margins[f"{each.name} high"] = ops.where(side > 0.0, value - high, high - value) + wider
-            margins[f"{each.name} low"] = ops.where(side < 0.0, low - value, value - low) + wider
+            margins[f"{each.name} high"] = ops.where(side > 0.0, value - high, high - value) + _wider(ops, high)
+            margins[f"{each.name} low"] = ops.where(side < 0.0, low - value, value - low) + _wider(ops, low)
         for body in self._bodies:
             slide, held = m.bodies[body.rate]
             free = self._derivatives(ops, p, x, _with(acting, self._still))[body.rate]
@@ -281,16 +292,17 @@ class System:
         landed = {}
         for body in self._bodies:
             slide, held = m.bodies[body.rate]
-            speed, moves = getattr(x, body.rate), ops.negate(held)
+            speed, moves, back = getattr(x, body.rate), ops.negate(held), False
             if body.friction is not None:
-                halted = ops.both(moves, events[body.rate])
-                speed = stick.speed_after(ops, slide, getattr(begin, body.rate), speed, halted)
+                started = ops.both(moves, ops.negate(ops.equal(slide.direction, 0.0)))
+                back = ops.both(started, stick.nowhere(ops, slide, getattr(begin, body.rate), speed))
+                speed = ops.where(ops.either(back, ops.both(moves, events[body.rate])), 0.0, speed)
             if body.stop is not None:
                 angle, limit = body.place(ops, p, x, u)
                 beyond = ops.both(ops.fabs(angle) >= limit, angle * speed > 0.0)
                 met = ops.both(moves, ops.either(events[body.stop.angle], beyond))
-                landed[body.stop.angle] = ops.where(met, ops.where(angle > 0.0, limit, -limit),
-                                                    ops.clip(angle, -limit, limit))
+                inside = ops.where(met, ops.where(angle > 0.0, limit, -limit), ops.clip(angle, -limit, limit))
+                landed[body.stop.angle] = ops.where(back, getattr(begin, body.stop.angle), inside)
                 speed = ops.where(met, 0.0, speed)
             landed[body.rate] = speed
         return landed
@@ -312,7 +324,8 @@ def _by_rate(discontinuities: Any) -> dict[str, Any]:
     by_rate: dict[str, Any] = {}
     for each in discontinuities:
         if each.rate in by_rate:
-            raise EmcasError(f"{type(each).__name__} of {each.rate} is listed twice; list one with the sum")
+            remedy = "the narrower" if isinstance(each, Stop) else "one with the sum"
+            raise EmcasError(f"{type(each).__name__} of {each.rate} is listed twice; list {remedy}")
         by_rate[each.rate] = each
     return by_rate
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from math import degrees, exp, pi
+from math import degrees, exp, inf, pi
 from pathlib import Path
 from typing import Any
 
@@ -146,6 +146,29 @@ def test_a_stop_without_friction_is_left_at_once() -> None:
     assert left["fin_angle"] == pytest.approx(0.4 - 0.5 * 2.0 * 0.1**2, rel=1e-9)
 
 
+def test_a_body_that_starts_and_turns_back_within_a_step_stays() -> None:
+    """Torque 3.1 that falls towards -2.9 with 1 ms, against 3 N.m of friction: it moves for 17 us, by 4e-10 rad."""
+    system = System(lambda ops, p, x, u: {"fin_angle": x.fin_rate, "fin_rate": (x.torque - u.friction) / 0.05,
+                                          "torque": (-2.9 - x.torque) / 1e-3},
+                    (em.Coulomb("friction", "fin_rate", 3.0), em.Stop("fin_angle", "fin_rate", 1.0)),
+                    ("fin_angle", "fin_rate", "torque"))
+    for tick in (1e-3, 1e-4, 1e-5):
+        end = run(system, {"fin_angle": 0.0, "fin_rate": 0.0, "torque": 3.1}, 5e-3, tick)
+        assert 0.0 <= end["fin_angle"] < 1e-9  # friction drives nothing backwards
+
+
+def test_a_limit_on_one_side() -> None:
+    """A check valve, from 0 to infinity: to second order, as with any other high limit."""
+    def leak(high: float, tick: float) -> float:
+        system = System(lambda ops, p, x, u: {"y": 1.0 - 2.0 * u.flow},
+                        (em.Limit("flow", lambda ops, p, x, u: x.y, high, 0.0),), ("y",))
+        return run(system, {"y": -0.35}, 1.0, tick)["y"]
+
+    exact = 0.5 * (1.0 - exp(-2.0 * 0.65))
+    for high in (inf, 1e12, 5.0):
+        assert leak(high, 0.05) == pytest.approx(exact, abs=1e-4)
+
+
 # -- the declaration ---------------------------------------------------------------
 
 
@@ -233,13 +256,17 @@ ACTUATOR = em.Actuator(
     ("- u.friction", "- u.friction - 0.1 * u.friction * u.friction", "must be linear in u.friction"),
     ('"heat": 0.0 * u.drive', '"heat": u.friction + 0.0 * u.drive',
      "the derivative of heat depends on u.friction, too"),
+    ('"fin_rate", 24.0', '"fin_rate", 24.0, 0.5', "its breakaway is 0.5; it must be 1 or above"),
     ('"fin_rate", 24.0', '"fin_rate", -24.0', "its torque is -24; it must be 0 or above"),
     ("1.0, 2.0)", "1.0, -2.0)", "Limit drive: its low limit 2 is above the high one, -2"),
-    ("em.Limit(", 'em.Stop("fin_angle", "fin_rate", -0.4), em.Limit(', "Stop of fin_angle: its limit must be above 0"),
+    ("em.Limit(", 'em.Stop("fin_angle", "fin_rate", -0.4), em.Limit(', "Stop of fin_angle: its limit is -0.4; it must be above 0"),
 ])
-def test_what_a_first_simulation_refuses(tmp_path: Path, before: str, after: str, says: str) -> None:
+@pytest.mark.parametrize("start", ["parameters", "inputs"])
+def test_what_a_first_simulation_refuses(tmp_path: Path, start: str, before: str, after: str, says: str) -> None:
     path = tmp_path / "mine.py"
-    path.write_text(STICK_SLIP.replace(before, after), encoding="utf-8")
+    declared = STICK_SLIP.replace(before, after)
+    path.write_text(declared if start == "parameters" else declared.replace(
+        "discontinuities=", "initial=lambda ops, p, start, u: {}, discontinuities="), encoding="utf-8")
     values = load_parameters(model=str(path)).values
     with pytest.raises(EmcasError, match=re.escape(f"{path}: ") + ".*" + re.escape(says)):
         simulate(values, 0.002, model=str(path), kernel="python")
