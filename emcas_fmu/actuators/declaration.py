@@ -9,8 +9,8 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
     step(ops, p, x, u, h)        the plant's states after `h` [s] or at the first event, and the time until then; or
     derivatives(ops, p, x, u)    d/dt of the states. If there is no `step`, they are stepped with the `discontinuities`
                                  (:mod:`emcas_fmu.steppers.discontinuities`); a fin whose angle and rate are states has
-                                 its stop. Linear analysis (:mod:`emcas_fmu.bench.linear.actuator`) uses them, too; beside
-                                 a `step` they are enabled, without dry friction, gaps and events
+                                 its stop. Linear analysis uses them, too (:mod:`emcas_fmu.bench.linear.actuator`);
+                                 beside a `step` they are enabled, without dry friction, gaps and events
     output_values(ops, p, x, u)  every output; those of the port may be left out
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).

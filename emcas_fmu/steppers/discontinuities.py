@@ -216,9 +216,9 @@ class System:
             if not read.intersection(each.names):
                 raise EmcasError(f"{type(each).__name__} {each.name}: no derivative depends on u.{each.name}")
         for body in self._bodies:
-            if body.stop is not None and not body.place(ops, p, x, u)[1] > 0.0:
-                raise EmcasError(f"Stop of {body.stop.angle}: its limit is {body.place(ops, p, x, u)[1]:.4g}; it must be "
-                                 "above 0")
+            _, limit = body.place(ops, p, x, u)
+            if body.stop is not None and not limit > 0.0:
+                raise EmcasError(f"Stop of {body.stop.angle}: its limit is {limit:.4g}; it must be above 0")
             if body.stop is not None and not isclose(rates[body.stop.angle], getattr(x, body.rate), rel_tol=_LINEAR):
                 raise EmcasError(f"Stop of {body.stop.angle}: the derivative of that state must be {body.rate}")
             if body.friction is not None:

@@ -259,7 +259,8 @@ ACTUATOR = em.Actuator(
     ('"fin_rate", 24.0', '"fin_rate", 24.0, 0.5', "its breakaway is 0.5; it must be 1 or above"),
     ('"fin_rate", 24.0', '"fin_rate", -24.0', "its torque is -24; it must be 0 or above"),
     ("1.0, 2.0)", "1.0, -2.0)", "Limit drive: its low limit 2 is above the high one, -2"),
-    ("em.Limit(", 'em.Stop("fin_angle", "fin_rate", -0.4), em.Limit(', "Stop of fin_angle: its limit is -0.4; it must be above 0"),
+    ("em.Limit(", 'em.Stop("fin_angle", "fin_rate", -0.4), em.Limit(',
+     "Stop of fin_angle: its limit is -0.4; it must be above 0"),
 ])
 @pytest.mark.parametrize("start", ["parameters", "inputs"])
 def test_what_a_first_simulation_refuses(tmp_path: Path, start: str, before: str, after: str, says: str) -> None:
