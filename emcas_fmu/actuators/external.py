@@ -37,6 +37,7 @@ _REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
     (r"indices must be|as an integer", "a list or a loop needs a fixed number; choose between values by ops.where"),
     (r"\| .*\b(?:np|numpy|math)\.(sin|cos|tan|atan2?|tanh|exp|log|sqrt|fabs|floor|minimum|maximum|clip|where|interp"
      r"|sign|pow)\(", r"use ops.\1"),
+    (r"\| .*\b(?:np|numpy)\.(?:abs|absolute)\(", "use ops.fabs"),
     (r"\| .*(?<!\.)\b(min|max)\(", r"use ops.\1imum"),
     (r"\bExpr\b|real number", "equations are traced: use functions of ops, as in ops.sin(x)"),
 ))

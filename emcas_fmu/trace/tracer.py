@@ -63,6 +63,7 @@ class Expr:
         return self.name
 
     __hash__ = None  # type: ignore[assignment]
+    __array_ufunc__ = None  # NumPy refuses it, instead of calling its operators one by one
 
     def __eq__(self, other: object) -> bool:
         raise TypeError("traced values are compared by ops.equal, not by == or !=")

@@ -213,7 +213,7 @@ def test_the_least_limit_binds() -> None:
 
 
 def test_refusals() -> None:
-    with pytest.raises(EmcasError, match=r"needs the extension heat, as in nonlinear\+heat"):
+    with pytest.raises(EmcasError, match=r"needs the extension heat: nonlinear\+heat"):
         envelope(load_parameters(), 1.0)
     for overrides, message in (
             ({"friction.temperature": 140.0}, "friction.temperature = 140 degC must be below heat.winding_limit = 130"),

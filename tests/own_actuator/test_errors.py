@@ -92,6 +92,7 @@ def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place:
     ("range(demand)", "a loop needs a fixed number"),
     ("np.interp(demand, [0.0, 1.0], [0.0, 2.0])", "use ops.interp"),
     ("np.clip(demand, -1.0, 1.0)", "use ops.clip"),
+    ("np.abs(demand)", "use ops.fabs"),
     ("np.sin(demand)", "use ops.sin"),
     ("max(demand, 0.0)", "use ops.maximum"),
     ("math.atan2(demand, 1.0)", "use ops.atan2"),

@@ -114,7 +114,7 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     The model needs the extension heat; `preload` is a share of the continuous current, `duration` is in s.
     """
     if "heat" not in parts(parameters.model)[1]:
-        raise EmcasError(f"model {parameters.model}: an envelope needs the extension heat, as in nonlinear+heat")
+        raise EmcasError(f"model {parameters.model}: an envelope needs the extension heat: {parameters.model}+heat")
     require(parameters.model, "an envelope", *NEEDS)
     p = parameters.actuator.equation_parameters(FLOATS, parameters.nested())
     if not _SHORTEST <= duration <= _LONGEST:
