@@ -66,7 +66,8 @@ def least(*provided: str) -> Actuator:
     def sample(ops: Any, p: Any, x: Any, inputs: Any) -> Any:
         command = fin_port.clipped_command(ops, p, inputs.command)
         gain = p.controller.kp if looped else 1.0
-        return {"reference": ops.where(inputs.enable, x.fin_angle + gain * (command - x.fin_angle), 0.0)}
+        return {"reference": ops.where(inputs.enable, x.fin_angle + gain * (command - x.fin_angle), 0.0),
+                **{state.name: getattr(x, state.name) for state in kept}}
 
     def derivatives(ops: Any, p: Any, x: Any, u: Any) -> Any:
         torque = fin_port.hinge_torque(ops, p, x.fin_angle, u)
