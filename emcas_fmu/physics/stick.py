@@ -53,10 +53,14 @@ def moves(ops: Ops, s: Slide, value: Value) -> Value:
     return ops.where(ops.equal(s.direction, 0.0), 0.0, value)
 
 
+def reserve(ops: Ops, s: Slide, torque: Value) -> Value:
+    """Return how far a torque [N.m] is from starting a body at rest."""
+    return ops.minimum(s.high - torque, torque - s.low)
+
+
 def margin(ops: Ops, s: Slide, speed: Value, torque: Value) -> Value:
     """Return the event margin of the direction: the speed [rad/s], or at rest the friction reserve [N.m]."""
-    rest = ops.minimum(s.high - torque, torque - s.low)
-    return ops.where(ops.equal(s.direction, 0.0), rest, s.direction * speed)
+    return ops.where(ops.equal(s.direction, 0.0), reserve(ops, s, torque), s.direction * speed)
 
 
 def stop_margin(ops: Ops, s: Slide, position: Value, stop: Value) -> Value:

@@ -123,6 +123,15 @@ class Backlash(Limit):
 Discontinuity = Coulomb | Stop | Limit
 
 
+class _At(NamedTuple):
+    """A limit or gap at one moment: its value, its range, and the side that it is limited to (1, -1; 0 between)."""
+
+    value: Value
+    low: Value
+    high: Value
+    side: Value
+
+
 class _Body(NamedTuple):
     """The dry friction and the stop of one rate."""
 
@@ -164,17 +173,18 @@ class System:
         """Return d/dt of the states without friction, and in contact."""
         for limit in self._limits:
             u = _with(u, limit.smooth(ops, _value(limit.value, ops, p, x, u), *limit.range(ops, p, x, u)))
-        return self._derivatives(ops, p, x, _with(u, self._still))
+        return self._free(ops, p, x, u)
 
     def present(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Any, Value]:
         """Return the plant inputs with every value, and whether a limit is active; friction holds a body at rest."""
-        u, sides = self._limited(ops, p, x, u)
-        active = reduce(ops.either, (ops.negate(ops.equal(sides[each.name], 0.0)) for each in self._limits
+        u, limits = self._limited(ops, p, x, u)
+        active = reduce(ops.either, (ops.negate(ops.equal(limits[each.name].side, 0.0)) for each in self._limits
                                      if each.saturates), False)
-        frictions = {}
+        rates, frictions = self._free(ops, p, x, u), {}
         for body in self._bodies:
             if body.friction is not None:
-                free, dry, torque, breakaway = self._forces(ops, p, x, u, body)
+                free = rates[body.rate]
+                dry, torque, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, free)
                 most = torque * breakaway
                 holding = ops.clip(torque * free / ops.where(dry > 0.0, dry, 1.0), -most, most)
                 speed = getattr(x, body.rate)
@@ -183,36 +193,39 @@ class System:
         return _with(u, frictions), active
 
     def _limited(self, ops: Ops, p: Any, x: Record, u: Record, mode: Record | None = None
-                 ) -> tuple[Record, dict[str, Value]]:
-        """Return the plant inputs with the values of limits and gaps, and the side of each: of a mode, or of now."""
-        sides = {}
+                 ) -> tuple[Record, dict[str, _At]]:
+        """Return the plant inputs with the values of limits and gaps, and each of these: on the side of a mode, or of
+        now."""
+        limits = {}
         for each in self._limits:
             value, (low, high) = _value(each.value, ops, p, x, u), each.range(ops, p, x, u)
             side = ops.where(value > high, 1.0, ops.where(value < low, -1.0, 0.0)) if mode is None else mode.sides[
                 each.name]
-            sides[each.name] = side
+            limits[each.name] = _At(value, low, high, side)
             u = _with(u, each.values(ops, value, side, low, high))
-        return u, sides
+        return u, limits
 
-    def _forces(self, ops: Ops, p: Any, x: Record, u: Record, body: _Body) -> tuple[Value, Value, Value, Value]:
-        """Return acceleration of a body without friction, deceleration by it, its torque, and breakaway ratio."""
-        free = self._derivatives(ops, p, x, _with(u, self._still))[body.rate]
-        if body.friction is None:
-            return free, 0.0, 0.0, 1.0
-        torque = _value(body.friction.torque, ops, p, x, u)
-        rubbed = self._derivatives(ops, p, x, _with(u, {**self._still, body.friction.name: torque}))[body.rate]
-        return free, free - rubbed, torque, _value(body.friction.breakaway, ops, p, x, u)
+    def _free(self, ops: Ops, p: Any, x: Record, u: Record) -> Values:
+        """Return d/dt of the states without friction."""
+        return self._derivatives(ops, p, x, _with(u, self._still))
+
+    def _friction(self, ops: Ops, p: Any, x: Record, u: Record, rate: str, friction: Coulomb, free: Value
+                  ) -> tuple[Value, Value, Value]:
+        """Return deceleration by a friction, its torque, and breakaway ratio; `free` is d/dt of `rate` without it."""
+        torque = _value(friction.torque, ops, p, x, u)
+        rubbed = self._derivatives(ops, p, x, _with(u, {**self._still, friction.name: torque}))[rate]
+        return free - rubbed, torque, _value(friction.breakaway, ops, p, x, u)
 
     def _check(self, ops: Ops, p: Any, x: Record, u: Record) -> None:
         """Raise EmcasError for limits in the wrong order, negative ones, and equations that misuse a value."""
         u, read = _reading(u)
-        u, _ = self._limited(ops, p, x, u)
-        rates = self._derivatives(ops, p, x, _with(u, self._still))
+        u, limits = self._limited(ops, p, x, u)
+        rates = self._free(ops, p, x, u)
         for each in self._limits:
-            low, high = each.range(ops, p, x, u)
-            if low > high:
-                raise EmcasError(f"{type(each).__name__} {each.name}: its low limit {low:.4g} is above the high one, "
-                                 f"{high:.4g}")
+            at = limits[each.name]
+            if at.low > at.high:
+                raise EmcasError(f"{type(each).__name__} {each.name}: its low limit {at.low:.4g} is above the high "
+                                 f"one, {at.high:.4g}")
             if not read.intersection(each.names):
                 raise EmcasError(f"{type(each).__name__} {each.name}: no derivative depends on u.{each.name}")
         for body in self._bodies:
@@ -246,16 +259,18 @@ class System:
     # -- a mode, which holds for a step -----------------------------------------
 
     def _mode(self, ops: Ops, p: Any, x: Record, u: Record, h: Value) -> Record:
-        u, sides = self._limited(ops, p, x, u)
-        bodies = {}
+        u, limits = self._limited(ops, p, x, u)
+        rates, bodies = self._free(ops, p, x, u), {}
         for body in self._bodies:
-            free, dry, _, breakaway = self._forces(ops, p, x, u, body)
+            free = rates[body.rate]
+            dry, _, breakaway = (0.0, 0.0, 1.0) if body.friction is None else self._friction(
+                ops, p, x, u, body.rate, body.friction, free)
             angle, limit = body.place(ops, p, x, u)
             slide = stick.slide(ops, getattr(x, body.rate), free, dry * breakaway, angle, limit)
             # Without friction nothing but a stop holds a body.
             holds = ops.either(dry > 0.0, ops.fabs(angle) >= limit)
             bodies[body.rate] = slide, ops.both(ops.equal(slide.direction, 0.0), holds)
-        return Record(sides=sides, bodies=bodies)
+        return Record(sides={name: at.side for name, at in limits.items()}, bodies=bodies)
 
     def _acting(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Any:
         """Return the plant inputs with every value in a mode."""
@@ -269,22 +284,20 @@ class System:
         return {**rates, **{rate: ops.where(held, 0.0, rates[rate]) for rate, (_, held) in m.bodies.items()}}
 
     def _margins(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Values:
-        margins, acting = {}, u
-        for each in self._limits:
-            value, (low, high) = _value(each.value, ops, p, x, acting), each.range(ops, p, x, acting)
-            side = m.sides[each.name]
-            acting = _with(acting, each.values(ops, value, side, low, high))
-            margins[f"{each.name} high"] = ops.where(side > 0.0, value - high, high - value) + _wider(ops, high)
-            margins[f"{each.name} low"] = ops.where(side < 0.0, low - value, value - low) + _wider(ops, low)
+        u, limits = self._limited(ops, p, x, u, m)
+        margins = {}
+        for name, (value, low, high, side) in limits.items():
+            margins[f"{name} high"] = ops.where(side > 0.0, value - high, high - value) + _wider(ops, high)
+            margins[f"{name} low"] = ops.where(side < 0.0, low - value, value - low) + _wider(ops, low)
+        rates = self._free(ops, p, x, u)
         for body in self._bodies:
             slide, held = m.bodies[body.rate]
-            free = self._derivatives(ops, p, x, _with(acting, self._still))[body.rate]
             # A body that slides comes to rest; one that started at rest in this step has a speed of 0 at its start.
             slides = 1.0 if body.friction is None else ops.where(
                 ops.equal(slide.direction, 0.0), 1.0, slide.direction * getattr(x, body.rate))
-            margins[body.rate] = ops.where(held, ops.minimum(slide.high - free, free - slide.low), slides)
+            margins[body.rate] = ops.where(held, stick.reserve(ops, slide, rates[body.rate]), slides)
             if body.stop is not None:
-                angle, limit = body.place(ops, p, x, acting)
+                angle, limit = body.place(ops, p, x, u)
                 margins[body.stop.angle] = ops.where(held, 1.0, limit - ops.fabs(angle))
         return margins
 
