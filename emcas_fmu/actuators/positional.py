@@ -58,8 +58,8 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         x = Record(**dict(zip(names, arguments, strict=False)))
         command, supply, enable, *further = arguments[len(names):]
         inputs = SampleInputs(command=command, supply=supply, enable=enable, encoder_offset=None,
-                        position=actuator.position(ops, p, x),
-                        **dict(zip(identifiers(actuator.further_inputs), further, strict=True)))
+                              position=actuator.position(ops, p, x),
+                              **dict(zip(identifiers(actuator.further_inputs), further, strict=True)))
         values = actuator.commanded(ops, p, x, inputs)
         return tuple(values[name] for name in ("reference", *controllers, "measured_fin_angle", "limited", *sampled))
 

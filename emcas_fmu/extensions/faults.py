@@ -138,7 +138,7 @@ class _Faulty:
 
         supply = now.supply * inputs.supply
         sampled = actuator.sampled(ops, p, x.replace(**turned),
-                                 inputs.replace(command=command, supply=supply, position=seen))
+                                   inputs.replace(command=command, supply=supply, position=seen))
         reference = sampled["reference"]
         if any(fault.name == "hard_over" for fault in self.faults):
             limited = capabilities.REFERENCE_LIMIT in actuator.provides
@@ -147,8 +147,8 @@ class _Faulty:
 
         # The monitors are active only in closed loop.
         here = PlantInputs(reference=0.0, **vars(NONE), supply=supply, enabled=inputs.enable, rated_current_limit=None,
-                      **{v.name: 0.0 for v in actuator.acting_inputs},
-                      **{s.name: sampled[s.name] for s in actuator.sampled_states})
+                           **{v.name: 0.0 for v in actuator.acting_inputs},
+                           **{s.name: sampled[s.name] for s in actuator.sampled_states})
         watching = ops.both(inputs.enable, ops.equal(self._status(ops, p, x, here), OPERATIONAL))
         has_current = capabilities.MOTOR_CURRENT in actuator.provides
         seen_by = monitors.Watched(
