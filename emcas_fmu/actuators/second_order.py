@@ -17,7 +17,7 @@ from ..ops.base import Ops, Value
 from ..variables import parameter
 from . import capabilities, fin_port
 from .composition import Composition, Group, port
-from .declaration import Actuator, PlantInputs, SampleInputs, State, Values
+from .declaration import FIN, Actuator, PlantInputs, SampleInputs, Values
 
 PARAMETERS = (
     parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from the sampled command to the fin",
@@ -102,7 +102,7 @@ ACTUATOR = Actuator(
     title="second-order actuator with limits of rate and position",
     origin="No load moves it: hinge moment, gravity and the vehicle's motion appear in hinge_torque alone. It has no "
            "motor and no supply.",
-    states=(State("fin_angle", "rad"), State("fin_rate", "rad/s")),
+    states=FIN,
     descriptions={
         "enable": "false: the fin stays where it is, whatever the load",
         "angular_acceleration.x": "vehicle angular acceleration about body x; nothing here depends on it",

@@ -24,7 +24,7 @@ from ...variables import parameter, real_input, real_output, tunable
 from .. import as_built as deviations
 from .. import capabilities, fin_port
 from ..composition import Group, Output
-from ..declaration import Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
+from ..declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from ..electromechanical import groups
 from . import fin, interface
 
@@ -175,7 +175,7 @@ ACTUATOR = Actuator(
     title="electrohydraulic actuator: pressure line, servovalve, cylinder, lever and fin",
     origin="The structure is that of section 1.1.3 of the thesis of Yerlikaya (2016), which gives no numbers: every "
            "value is an engineering estimate.",
-    states=(*interface.FIN, *interface.CHAMBERS, *VALVE),
+    states=(*FIN, *interface.CHAMBERS, *VALVE),
     controller_states=interface.CONTROLLER,
     supply=Supply(SUPPLY_PRESSURE, SUPPLY_POWER),
     descriptions={"enable": "false: the valve centres itself, and the fin is held by the oil in the chambers"},

@@ -32,7 +32,7 @@ from ...steppers import electrical, events
 from ...variables import only, parameter, switch, tunable
 from .. import capabilities, fin_port
 from ..composition import Group
-from ..declaration import PlantFault, PlantInputs, SampleInputs, State, Values
+from ..declaration import FIN, PlantFault, PlantInputs, SampleInputs, State, Values
 from ..electromechanical import groups, nonlinear, plausibility
 from ..electromechanical import interface as electromechanical
 from . import fin, interface
@@ -211,7 +211,7 @@ ACTUATOR = replace(
     title="electrohydrostatic actuator: servomotor, pump, cylinder, lever and fin",
     origin="The structure is that of section 1.1.2 of the thesis of Yerlikaya (2016), which gives no numbers: motor, "
            "drive and supply are those of the electromechanical actuator, all other values are engineering estimates.",
-    states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
+    states=(*FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
     encoder=("fin_angle", "fin_rate"),
     descriptions={"enable": "false opens the drive's bridge: the fin is held by friction and leakage of the pump, "

@@ -17,7 +17,6 @@ from ..composition import Composition, Group, Output, port
 from ..declaration import PlantInputs, State, Values
 from ..electromechanical import groups
 
-FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
 CHAMBERS = (State("pressure_1", "Pa", "in the chamber that turns the fin to positive angles"),
             State("pressure_2", "Pa", "in the other one"))
 CONTROLLER = (State("integral", "m/s", "of the position controller"),
