@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ..actuators import NAMES, NONLINEAR, parts
+from ..actuators import NONLINEAR, is_shipped, parts
 from ..errors import EmcasError, in_words
 from ..support.files import cache_directory
 from ..support.progress import LOG, warn
@@ -80,7 +80,7 @@ def worth(model: str, steps: float, lanes: int = 1) -> bool:
     compiled library is in the cache. A user's actuator is always compiled: it may divide by zero in an unused result,
     which Python refuses.
     """
-    if lanes == 1 and parts(model)[0] not in NAMES:
+    if lanes == 1 and not is_shipped(model):
         return True
     key, least = (model, lanes), WORTH_VECTORS if lanes > 1 else WORTH_COMPILING
     _steps[key] += steps

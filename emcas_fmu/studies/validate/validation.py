@@ -9,7 +9,7 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from ...actuators import NAMES, NONLINEAR, parts
+from ...actuators import NONLINEAR, is_shipped, parts
 from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, with_encoder
 from ...bench.requirements import Specification, load_requirements
@@ -144,7 +144,7 @@ class Result:
     @property
     def of_thesis(self) -> bool:
         """Whether the actuator is one of those shipped that come from the thesis."""
-        return bool(self.origin) and parts(self.about.model)[0] in NAMES
+        return bool(self.origin) and is_shipped(self.about.model)
 
     @property
     def criteria(self) -> tuple[Judged, ...]:
