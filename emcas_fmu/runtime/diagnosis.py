@@ -15,10 +15,11 @@ from ..ops.located import LocatedFloats, located
 from . import codegen
 from .core import ROUNDED, Functions
 
+_NEVER_0 = "divide by a value that is never 0, as in ops.where(ops.fabs(x) > 1e-9, x, 1e-9)"
 # Remedies, by a part of the operation whose result is not finite.
 _REMEDIES = {
-    " / 0 =": "divide by a value that is never 0, as in ops.where(ops.fabs(x) > 1e-9, x, 1e-9)",
-    " / -0 =": "divide by a value that is never 0, as in ops.where(ops.fabs(x) > 1e-9, x, 1e-9)",
+    " / 0 =": _NEVER_0,
+    " / -0 =": _NEVER_0,
     "sqrt(-": "use ops.sqrt(ops.maximum(x, 0.0))",
     "log(": "use ops.log(ops.maximum(x, 1e-9))",
     "": "the values have grown without bound: check the signs of the equations, or lower solver.max_tick",
