@@ -161,8 +161,7 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     by_machine = kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model))
     run_tables = compiled.run_tables if by_machine else _by_python
     if len(sets) and rows:
-        trial.try_out(model, sets[0], [float(np.ravel(column)[0]) for column in inputs],
-                      500 if by_machine else 100, run_tables, _by_python)
+        trial.try_out(model, sets[0], inputs, 500 if by_machine else 100, run_tables, _by_python)
     tables = run_tables(sets, inputs, step, outputs, model, held, fine, spring)
     run = next((run for run, error in tables.failures.items() if isinstance(error, ArithmeticError)
                 and tables.reached[run] * step < LONGEST_DIAGNOSIS), None)

@@ -10,6 +10,7 @@ from math import degrees
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..actuators import fin_port, get
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs
@@ -41,13 +42,14 @@ Run = Callable[..., Tables]
 _tried: set[str] = set()
 
 
-def try_out(model: str, row: Array, inputs: Sequence[float], points: int, run: Run, by_floats: Run) -> None:
+def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, run: Run, by_floats: Run) -> None:
     """Warn, once in a process, of a user's actuator that is unstable at rest.
 
-    `row` are its parameters, and `inputs` a row of its inputs, SI, of which the supply and the further ones are used. A
-    fin off centre is released for `points` of time, 1 ms apart. `run` simulates as :func:`.compiled.run_tables`, and so
-    does `by_floats`, with a last argument that binds functions to parameters. Raises EmcasError for an event margin
-    that is below 0 while its mode holds.
+    `row` are its parameters. Of each of its `inputs`, SI, the first value is used if it is the supply's or a further
+    one. A fin off centre is released for `points` of time, 1 ms apart. `run` simulates as
+    :func:`.compiled.run_tables`, and so does `by_floats`, with a last argument that binds functions to parameters.
+    Raises EmcasError for equations that cannot be traced, misused discontinuities, a state that no sample sets, and an
+    event margin that is below 0 while its mode holds.
     """
     actuator = get(model)
     if actuator.source is None or model in _tried:
@@ -56,7 +58,7 @@ def try_out(model: str, row: Array, inputs: Sequence[float], points: int, run: R
     values = dict(zip((v.name for v in actuator.parameters), row.tolist(), strict=True))
     if check_parameters(values, model):
         return
-    at_rest = dict(zip((v.name for v in actuator.inputs), inputs, strict=True))
+    at_rest = {v.name: float(np.asarray(x).flat[0]) for v, x in zip(actuator.inputs, inputs, strict=True)}
     at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.MOTION)), 0.0)
     if model.endswith(".py"):
         _require_all_set(actuator, values, at_rest)
@@ -76,11 +78,15 @@ def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mappin
     return run(rows, columns, _INTERVAL, ("fin_angle",), model, 1, (), 0.0, *bind)
 
 
+def _supply(actuator: Actuator, inputs: Mapping[str, float]) -> float:
+    return inputs[actuator.supply.input.name] if actuator.supply else 0.0
+
+
 def _require_all_set(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]) -> None:
     """Raise EmcasError for a state of the controllers that no sample sets."""
     p = actuator.namespace(values)
     x = Record(**actuator.start(FLOATS, p))
-    at = SampleInputs(command=0.0, enable=True, supply=inputs[actuator.supply.input.name] if actuator.supply else 0.0,
+    at = SampleInputs(command=0.0, enable=True, supply=_supply(actuator, inputs),
                       position=actuator.position(FLOATS, p, x), encoder_offset=None,
                       **{identifier(v.name): inputs[v.name] for v in actuator.further_inputs})
     returned = {*actuator.sample(FLOATS, p, x, at), *bus.STATES}
@@ -119,7 +125,7 @@ def _unstable(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str
     p = actuator.namespace({name: of_file(value) for name, value in values.items()})
     start, names = actuator.start(ops, p, of_file(0.0), of_file(0.0)), [s.name for s in actuator.states]
     acting = {**{s.name: start[s.name] for s in actuator.sampled_states}, **dict.fromkeys((*LOADS, "reference"), 0.0),
-              "supply": inputs[actuator.supply.input.name] if actuator.supply else 0.0,
+              "supply": _supply(actuator, inputs),
               **{identifier(v.name): inputs[v.name] for v in actuator.acting_inputs}}
     u = PlantInputs(**{name: of_file(value) for name, value in acting.items()}, enabled=False, rated_current_limit=None)
 
