@@ -17,6 +17,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.reference.files import read_csv
 from emcas_fmu.simulation import simulate
+from tests import studies
 
 from .example import FILE, FOLDER, MODEL, changed
 from .test_trial import STATES, inverted, stepped_by
@@ -100,30 +101,6 @@ def test_the_group_of_an_entry_point() -> None:
     assert tomllib.loads(block("package"))["project"]["entry-points"].keys() == {external.GROUP}
 
 
-_CAMPAIGN = """
-[campaign]
-samples = 2
-[vary."controller.kp"]
-distribution = "uniform"
-low = "95 %"
-high = "105 %"
-[experiments.step]
-kind = "step"
-amplitude = "2 deg"
-duration = "0.3 s"
-"""
-_STUDY = """
-[tunables]
-"controller.kp" = { lower = "390 V/rad", upper = "410 V/rad" }
-[cases.nominal]
-[[requirements]]
-name = "rise"
-test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
-figure = "rise_time"
-maximum = "10 s"
-"""
-
-
 def run(line: str) -> Result:
     """Run a command of the README where the user is, with the example where it is."""
     words = shlex.split(line.replace("examples/own_actuator", str(FOLDER)), comments=True)
@@ -148,8 +125,9 @@ def test_quick_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 def test_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One after the other; 1 is a verdict: the shipped requirements are not those of this actuator."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "my_campaign.toml").write_text(_CAMPAIGN, encoding="utf-8")
-    (tmp_path / "my_requirements.toml").write_text(_STUDY, encoding="utf-8")
+    (tmp_path / "my_campaign.toml").write_text(studies.campaign("controller.kp"), encoding="utf-8")
+    (tmp_path / "my_requirements.toml").write_text(
+        studies.tuning("controller.kp", "390 V/rad", "410 V/rad"), encoding="utf-8")
     for line in commands():
         done = run(line)
         judged = (0, 1) if line.split()[1] in ("validate", "report", "tune") else (0,)

@@ -17,7 +17,7 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.studies.compare.sets import load_sets
 from emcas_fmu.studies.overview import in_words, offered, remaining_estimates
 from emcas_fmu.studies.tuning.study import shipped_study
-from tests.tools.test_every_actuator import CAMPAIGN
+from tests import studies
 
 from .example import FOLDER, MODEL, changed
 
@@ -141,7 +141,7 @@ def test_pages_have_no_empty_tables(tmp_path: Path) -> None:
     emcas("compare", MODEL, "--requirements", requirements, "--report", page)
     assert "<td>none</td>" not in page.read_text(encoding="utf-8")
     study = tmp_path / "study.toml"
-    study.write_text(CAMPAIGN.format(parameter="controller.kp"), encoding="utf-8")
+    study.write_text(studies.campaign("controller.kp"), encoding="utf-8")
     emcas("campaign", study, "--model", MODEL, "-o", tmp_path / "c", "--workers", "0", "--report", page)
     text = page.read_text(encoding="utf-8")
     assert "<p>None: there are too few samples" in text

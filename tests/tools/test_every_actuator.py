@@ -13,6 +13,7 @@ from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import compiler, library
+from tests import studies
 from tests.marks import others_slow
 from tests.own_actuator.example import FOLDER
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
@@ -26,45 +27,19 @@ ACTUATORS = (*NAMES, DIRECT_DRIVE, *FURTHER, *TOGETHER)
 ALWAYS = (DIRECT_DRIVE,)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tools" / "README.md"
 
-CAMPAIGN = """
-[campaign]
-samples = 2
-[vary."{parameter}"]
-distribution = "uniform"
-low = "95 %"
-high = "105 %"
-[experiments.step]
-kind = "step"
-amplitude = "2 deg"
-duration = "0.3 s"
-"""
-TUNING = """
-[tunables]
-"{parameter}" = {{ lower = {lower}, upper = {upper} }}
-[cases.nominal]
-[[requirements]]
-name = "rise"
-test = {{ kind = "step", amplitude = "2 deg", duration = "0.3 s" }}
-figure = "rise_time"
-maximum = "10 s"
-"""
-
-
-def written(folder: Path, template: str, model: str) -> str:
-    """A study of what an actuator of any kind has: the gain of its position loop, or how fast it follows."""
+def gain(model: str) -> tuple[str, str, str]:
+    """A parameter that an actuator of any kind has, and 95 and 105 % of it: a gain, or how fast the fin follows."""
     base = load_parameters(model=model)
     parameter = next(v for v in get(model).parameters
                      if v.name in ("controller.position.kp", "controller.kp", "second_order.natural_frequency"))
-    lower, upper = (f'"{share * base.values[parameter.name]!r} {parameter.unit}"' for share in (0.95, 1.05))
-    path = folder / "study.toml"
-    path.write_text(template.format(parameter=parameter.name, lower=lower, upper=upper), encoding="utf-8")
-    return str(path)
+    lower, upper = (f"{share * base.values[parameter.name]!r} {parameter.unit}" for share in (0.95, 1.05))
+    return parameter.name, lower, upper
 
 
-def empty(folder: Path) -> str:
-    """A parameter file that changes nothing."""
-    path = folder / "unit.toml"
-    path.write_text("", encoding="utf-8")
+def written(folder: Path, text: str) -> str:
+    """A file with a text; a parameter file that changes nothing has none."""
+    path = folder / "written.toml"
+    path.write_text(text, encoding="utf-8")
     return str(path)
 
 
@@ -78,10 +53,12 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "validate": lambda folder, model: ["--case", "step_plus1", "--report", str(folder / "v.html")],
     "report": lambda folder, model: ["-o", str(folder / "r.html"), "--json", str(folder / "r.json")],
     "compare": lambda folder, model: ["default", "--report", str(folder / "c.html")],
-    "baseline": lambda folder, model: ["record", empty(folder), "-o", str(folder / "baseline")],
-    "tune": lambda folder, model: [written(folder, TUNING, model), "--generations", "1", "--workers", "1"],
+    "baseline": lambda folder, model: ["record", written(folder, ""), "-o", str(folder / "baseline")],
+    "tune": lambda folder, model: [
+        written(folder, studies.tuning(*gain(model))), "--generations", "1", "--workers", "1"],
     "analyse": lambda folder, model: ["--json", str(folder / "analysis.json")],
-    "campaign": lambda folder, model: [written(folder, CAMPAIGN, model), "-o", str(folder / "c"), "--workers", "0"],
+    "campaign": lambda folder, model: [
+        written(folder, studies.campaign(gain(model)[0])), "-o", str(folder / "c"), "--workers", "0"],
     "ssp": lambda folder, model: ["-o", str(folder / "four.ssp")],
     "explore": lambda folder, model: ["-o", str(folder / "e.html")],
     "reference": lambda folder, model: ["--directory", str(folder), "--case", "step_plus1"],

@@ -17,34 +17,12 @@ from emcas_fmu.commands import common
 from emcas_fmu.reference import files
 from emcas_fmu.runtime import library
 from emcas_fmu.studies.baseline import comparison
+from tests import studies
 from tests.marks import slow
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 OLD = b"# what was there\n"
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
-CAMPAIGN = """
-[campaign]
-samples = 2
-
-[vary."second_order.rate_limit"]
-distribution = "normal"
-sd = "3 %"
-
-[experiments.step]
-kind = "step"
-amplitude = "5 deg"
-duration = "0.3 s"
-"""
-STUDY = """
-[tunables]
-"second_order.natural_frequency" = { lower = "150 rad/s", upper = "250 rad/s" }
-[cases.nominal]
-[[requirements]]
-name = "rise"
-test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
-figure = "rise_time"
-maximum = "20 ms"
-"""
 SMALL = "--model second-order"
 # What writes each output: small runs, which are carried out. A baseline and an archive to check are made before.
 RUNS = {
@@ -87,8 +65,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
                         f"ssp --fmu made.fmu {SMALL} -o made.ssp"):
             done = CliRunner().invoke(app, command.split())
             assert done.exit_code == 0, done.output
-    (folder / "campaign.toml").write_text(CAMPAIGN)
-    (folder / "study.toml").write_text(STUDY)
+    (folder / "campaign.toml").write_text(studies.campaign("second_order.rate_limit"))
+    (folder / "study.toml").write_text(
+        studies.tuning("second_order.natural_frequency", "150 rad/s", "250 rad/s", "20 ms"))
     return folder
 
 
