@@ -89,7 +89,7 @@ ACTUATOR = em.Actuator(
     outputs=tuple(em.real_output(f"pressure_{k}", "Pa", f"pressure in chamber {k}", 1e6) for k in (1, 2)),
     supply=em.Supply.pressure("gas_supply.pressure", "pressure of the gas generator"),
     provides=frozenset({em.capabilities.POSITION_LOOP, em.capabilities.SUPPLY_PRESSURE}),
-    initial=lambda ops, p, start, u: {"pressure_1": 0.9 * u.supply, "pressure_2": 0.9 * u.supply},
+    initial=lambda ops, p, start, u: {"pressure_1": 0.8 * u.supply, "pressure_2": 0.8 * u.supply},
     sample=sample, derivatives=derivatives, output_values=output_values,
     discontinuities=(
         *(em.Limit(edge, lambda ops, p, x, u, edge=edge: ends(p, x, u)[edge][1] / ends(p, x, u)[edge][0],

@@ -31,7 +31,7 @@ class HotGas(Actuator):
         self.bodies = Body("fin", lambda y: y[RATE], self.excess, {RATE: 0.0}, FIN, p["fin.stop_angle"]),
 
     def start(self):
-        pressure = 0.9 * self.p["gas_supply.pressure"]
+        pressure = 0.8 * self.p["gas_supply.pressure"]
         return [self.p["fin.start_angle"], 0.0, pressure, pressure, 0.0], Mode()
 
     def controller(self, nominal):

@@ -35,7 +35,7 @@ def _inputs(command: float, load: float) -> dict[str, Any]:
 @pytest.mark.parametrize("model", others_slow(
     [*FED, "nonlinear+supply"], lambda model: model not in ("elastic", "habibi", "worm-gear", "worm-gear-elastic")))
 @SETTINGS
-@given(share=st.floats(0.01, 1.0), command=st.floats(-0.4, 0.4), load=st.floats(-300.0, 300.0))
+@given(share=st.floats(0.01, 0.999) | st.just(1.0), command=st.floats(-0.4, 0.4), load=st.floats(-300.0, 300.0))
 def test_a_brown_out_gives_nothing_back_that_the_actuator_does_not(model: str, share: float, command: float,
                                                                    load: float) -> None:
     """Power is drawn at the line's level; returned power is at most that at the sagged supply."""
@@ -48,8 +48,8 @@ def test_a_brown_out_gives_nothing_back_that_the_actuator_does_not(model: str, s
                      **inputs)
     inputs[line.input.name] = share * float(line.input.initial(values))
     own = simulate(values, 0.12, model=model, **inputs)
-    # The first row is before the first sample and the fault. A quotient differs by rounding, and a share within 1e-12
-    # of 1 is not a fault.
+    # The first row is before the first sample and the fault. A quotient differs by rounding. (A share within 1e-12 of 1
+    # is no fault: its supply would differ by rounding, which contact amplifies.)
     power, at_drive = found["supply_power"][1:], own["supply_power"][1:]
     np.testing.assert_allclose(power, np.where(at_drive > 0.0, at_drive / share, at_drive), rtol=2e-12)
 

@@ -8,6 +8,7 @@ from functools import partial
 from itertools import product
 from math import inf, isnan
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import codegen, library
 from emcas_fmu.simulation import simulate, simulate_fins
 
-from .example import FILE, MODEL, changed
+from .example import FILE, FOLDER, MODEL, changed
 
 _SPRING = "- p.spring.stiffness * x.fin_angle"
 _DAMPING = "- p.hinge.damping * x.fin_rate"
@@ -170,6 +171,13 @@ def test_signs(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, af
     if says:
         assert f"{path}: from rest, without command and load, {says}" in warnings[0]
         assert warnings[0].endswith("; check the signs of stiffness, damping, motor torque and control")
+
+
+@pytest.mark.parametrize("name", ["direct_drive", "strain_wave", "hot_gas"])
+def test_no_shipped_example_warns(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str) -> None:
+    model = str(Path(copytree(FOLDER, tmp_path / "examples")) / f"{name}.py")  # a file is tried once in a process
+    simulate(load_parameters(model=model).values, 0.002, kernel="python", model=model)
+    assert not caplog.records
 
 
 _SWITCHED = """
