@@ -1,4 +1,4 @@
-"""The trial of a user's actuator before its first simulation: signs and event margins that are hardly meant."""
+"""The trial of a user's actuator before its first simulation: signs, loads and margins that are hardly meant."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ _OFF, _AWAY = 0.02, 5.0
 _BELOW, _IN_A_ROW = -1e-9, 10
 # Difference of a state, to find its effect on its derivative; and the latter's rounding.
 _DIFFERENCE, _ROUNDING = 1e-6, 1e-8
+_MOVING = 0.01  # [rad/s] of a fin that a load accelerates
 _GROWTH = 0.05  # [1/s] of a mode; less is rounding of the Jacobian
 
 Run = Callable[..., Tables]
@@ -43,7 +44,7 @@ _tried: set[str] = set()
 
 
 def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, run: Run, by_floats: Run) -> None:
-    """Warn, once in a process, of a user's actuator that is unstable at rest.
+    """Warn, once in a process, of a user's actuator that is unstable at rest, or that ignores its load or `enable`.
 
     `row` are its parameters. Of each of its `inputs`, SI, the first value is used if it is the supply's or a further
     one. A fin off centre is released for `points` of time, 1 ms apart. `run` simulates as
@@ -67,7 +68,17 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
         bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step))
         _run(by_floats, model, [values], stepping, _STEP, bind)
     _tried.add(model)
-    if seen := _unstable(actuator, values, at_rest) or _moves_away(values, at_rest, points, partial(_run, run, model)):
+    seen = ""
+    if actuator.derivatives is not None:
+        names, (x, rates) = [s.name for s in actuator.states], _at_rest(actuator, values, at_rest)
+        if ignored := _unloaded(names, x, rates):
+            warn(f"{actuator.source}: {ignored}")
+        seen = _unstable(names, x, rates)
+    in_time = partial(_run, run, model)
+    if _follows_disabled(values, at_rest, in_time):
+        warn(f"{actuator.source}: fin_angle follows fin_command while disabled; let inputs.enable of sample(), or "
+             "u.enabled of the plant, switch the drive off")
+    if seen := seen or _moves_away(values, at_rest, points, in_time):
         warn(f"{actuator.source}: from rest, without command and load, {seen}; check the signs of stiffness, damping, "
              "motor torque and control")
 
@@ -117,24 +128,42 @@ def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
     return replace(actuator, step=watched)
 
 
-def _unstable(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]) -> str:
-    """Return in words a state that grows by the derivatives at rest while disabled; "" if there is none."""
-    if actuator.derivatives is None or actuator.source is None:
-        return ""
+def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]
+             ) -> tuple[Array, Callable[..., Array]]:
+    """Return the states at rest while disabled, and a function of states and an aerodynamic moment [N.m] for d/dt."""
+    assert actuator.source is not None  # only a user's is tried
     ops, of_file = LocatedFloats(actuator.source), partial(located, path=actuator.source)
     p = actuator.namespace({name: of_file(value) for name, value in values.items()})
     start, names = actuator.start(ops, p, of_file(0.0), of_file(0.0)), [s.name for s in actuator.states]
     acting = {**{s.name: start[s.name] for s in actuator.sampled_states}, **dict.fromkeys((*LOADS, "reference"), 0.0),
               "supply": _supply(actuator, inputs),
               **{identifier(v.name): inputs[v.name] for v in actuator.acting_inputs}}
-    u = PlantInputs(**{name: of_file(value) for name, value in acting.items()}, enabled=False, rated_current_limit=None)
 
-    def rates(at: Array) -> Array:
-        found = actuator.rates(ops, p, Record(**dict(zip(names, map(of_file, at.tolist()), strict=True))), u)
+    def inputs_at(aero_torque: float) -> PlantInputs:
+        return PlantInputs(**{name: of_file(value) for name, value in {**acting, "aero_torque": aero_torque}.items()},
+                           enabled=False, rated_current_limit=None)
+
+    def rates(at: Array, aero_torque: float = 0.0) -> Array:
+        x = Record(**dict(zip(names, map(of_file, at.tolist()), strict=True)))
+        found = actuator.rates(ops, p, x, inputs_at(aero_torque))
         return np.array([float(found[name]) for name in names])
 
-    begun = vars(actuator.begun(ops, p, Record(**start), u))
-    x = np.array([float(begun[name]) for name in names])
+    begun = vars(actuator.begun(ops, p, Record(**start), inputs_at(0.0)))
+    return np.array([float(begun[name]) for name in names]), rates
+
+
+def _unloaded(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
+    """Return in words that the hinge moment does not accelerate a moving fin its way; "" if it does."""
+    fin = names.index("fin_rate")
+    moving = x + _MOVING * np.eye(len(x))[fin]  # dry friction does not hold it
+    up, down = (rates(moving, torque)[fin] for torque in (1.0, -1.0))
+    if up == down:
+        return "d(fin_rate)/dt does not depend on aero_torque; add em.fin_port.hinge_torque to the torques on the fin"
+    return "d(fin_rate)/dt falls with aero_torque; check the sign of em.fin_port.hinge_torque" if up < down else ""
+
+
+def _unstable(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
+    """Return in words a state that grows by the derivatives at rest while disabled; "" if there is none."""
     differences, before = np.diag(_DIFFERENCE * (1.0 + np.abs(x))), rates(x)
     after = np.stack([rates(x + difference) for difference in differences], axis=1)
     if not np.isfinite([before, *after.T]).all():
@@ -151,6 +180,14 @@ def _unstable(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str
         return ""
     most = names[int(np.argmax(np.abs(modes[:, fastest])))]
     return f"the states grow without bound while disabled, e-fold in {1.0 / growth[fastest].real:.3g} s, most {most}"
+
+
+def _follows_disabled(values: Mapping[str, Any], inputs: Mapping[str, float], run: Run) -> bool:
+    """Return whether a step of the command moves the fin while disabled, from rest and without load."""
+    centred, stepped = (
+        run([values], {**inputs, fin_port.COMMAND.name: command, fin_port.ENABLE.name: 0.0}, _STEP).columns["fin_angle"]
+        for command in (0.0, 0.5 * values["command.limit"]))
+    return not np.array_equal(centred, stepped, equal_nan=True)
 
 
 def _moves_away(values: Mapping[str, Any], inputs: Mapping[str, float], points: int, run: Run) -> str:

@@ -61,6 +61,7 @@ _MESSAGES: tuple[tuple[tuple[tuple[str, str], ...], str | None], ...] = (
     ((), "fin.stop_angle = '25 rad'\n"),
     ((("from pathlib", "import random\nfrom pathlib"), (_DAMPING, "- random.random() * x.fin_rate")), None),
     (((_DAMPING, _DAMPING.replace("-", "+")),), None),
+    ((("load = em.fin_port.hinge_torque(ops, p, x.fin_angle, u)", "load = 0.0"),), None),
     (inverted("ops.fabs(x.fin_angle) - p.fin.stop_angle"), None),
     (((_DAMPING, "- 1e-3 / x.fin_rate"),), None),
     (stepped_by(f"{STATES}, 0.0 * h"), None),

@@ -173,6 +173,28 @@ def test_signs(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, af
         assert warnings[0].endswith("; check the signs of stiffness, damping, motor torque and control")
 
 
+@pytest.mark.parametrize(("after", "says"), [
+    ("0.0 * x.fin_angle", "d(fin_rate)/dt does not depend on aero_torque; add em.fin_port.hinge_torque"),
+    ("-em.fin_port.hinge_torque(ops, p, x.fin_angle, u)", "d(fin_rate)/dt falls with aero_torque; check the sign")])
+def test_loads(tmp_path: Path, caplog: pytest.LogCaptureFixture, after: str, says: str) -> None:
+    """One that is left out or turned around is seen at the first simulation, and nothing else is."""
+    path = changed(tmp_path, ("load = em.fin_port.hinge_torque(ops, p, x.fin_angle, u)", f"load = {after}"))
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    assert [record.getMessage().startswith(f"{path}: {says}") for record in caplog.records] == [True]
+
+
+def test_enable(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A drive that ignores it is seen at the first simulation; one function that switches off is enough."""
+    sampled = ('{"reference": ops.where(inputs.enable, voltage, 0.0)', '{"reference": voltage')
+    driven = ("ops.where(u.enabled, ops.clip(u.reference, -u.supply, u.supply), 0.0)",
+              "ops.clip(u.reference, -u.supply, u.supply)")
+    for name, changes in (("plant", [sampled]), ("sample", [driven]), ("none", [sampled, driven])):
+        path = changed(tmp_path, *changes, name=f"{name}.py")
+        simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    (message,) = caplog.messages
+    assert message.startswith(f"{tmp_path / 'none.py'}: fin_angle follows fin_command while disabled")
+
+
 @pytest.mark.parametrize("name", ["direct_drive", "strain_wave", "hot_gas"])
 def test_no_shipped_example_warns(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str) -> None:
     model = str(Path(copytree(FOLDER, tmp_path / "examples")) / f"{name}.py")  # a file is tried once in a process
