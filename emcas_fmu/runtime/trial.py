@@ -130,7 +130,10 @@ def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
 
 def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]
              ) -> tuple[Array, Callable[..., Array]]:
-    """Return the states at rest while disabled, and a function of states and an aerodynamic moment [N.m] for d/dt."""
+    """Return the states at rest while disabled, and a function for d/dt.
+
+    Its arguments are states, an aerodynamic moment [N.m], and whether the drive is enabled.
+    """
     assert actuator.source is not None  # only a user's is tried
     ops, of_file = LocatedFloats(actuator.source), partial(located, path=actuator.source)
     p = actuator.namespace({name: of_file(value) for name, value in values.items()})
@@ -139,27 +142,36 @@ def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str,
               "supply": _supply(actuator, inputs),
               **{identifier(v.name): inputs[v.name] for v in actuator.acting_inputs}}
 
-    def inputs_at(aero_torque: float) -> PlantInputs:
+    def inputs_at(aero_torque: float, enabled: bool) -> PlantInputs:
         return PlantInputs(**{name: of_file(value) for name, value in {**acting, "aero_torque": aero_torque}.items()},
-                           enabled=False, rated_current_limit=None)
+                           enabled=enabled, rated_current_limit=None)
 
-    def rates(at: Array, aero_torque: float = 0.0) -> Array:
+    def rates(at: Array, aero_torque: float = 0.0, enabled: bool = False) -> Array:
         x = Record(**dict(zip(names, map(of_file, at.tolist()), strict=True)))
-        found = actuator.rates(ops, p, x, inputs_at(aero_torque))
+        found = actuator.rates(ops, p, x, inputs_at(aero_torque, enabled))
         return np.array([float(found[name]) for name in names])
 
-    begun = vars(actuator.begun(ops, p, Record(**start), inputs_at(0.0)))
+    begun = vars(actuator.begun(ops, p, Record(**start), inputs_at(0.0, False)))
     return np.array([float(begun[name]) for name in names]), rates
 
 
 def _unloaded(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
-    """Return in words that the hinge moment does not accelerate a moving fin its way; "" if it does."""
+    """Return in words that the hinge moment does not accelerate a moving fin its way; "" if it does.
+
+    Only a fin_rate that is a state is tried.
+    """
+    if "fin_rate" not in names:
+        return ""
     fin = names.index("fin_rate")
     moving = x + _MOVING * np.eye(len(x))[fin]  # dry friction does not hold it
-    up, down = (rates(moving, torque)[fin] for torque in (1.0, -1.0))
-    if up == down:
+    up, down = (np.array([rates(moving, torque, enabled)[fin] for enabled in (False, True)]) for torque in (1.0, -1.0))
+    if not np.isfinite([up, down]).all():
+        return ""  # the simulation says where
+    if (up == down).all():  # a brake may hold it while disabled
         return "d(fin_rate)/dt does not depend on aero_torque; add em.fin_port.hinge_torque to the torques on the fin"
-    return "d(fin_rate)/dt falls with aero_torque; check the sign of em.fin_port.hinge_torque" if up < down else ""
+    if (up < down).any():
+        return "d(fin_rate)/dt falls with aero_torque; check the sign of em.fin_port.hinge_torque"
+    return ""
 
 
 def _unstable(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
