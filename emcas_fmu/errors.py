@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -84,6 +85,13 @@ def location(function: Callable[..., Any]) -> str:
     """Return file, line and name of an actuator's function, for a message."""
     code = getattr(unwrap(function), "__code__", None)
     return f"{code.co_filename}, line {code.co_firstlineno}: {code.co_name}()" if code else repr(function)
+
+
+def declared_in(path: Path, name: str, call: str = "") -> str:
+    """Return a Python file, with the line where a `call` or, by default, any has a `name` as its first argument."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    where = re.search(rf"{call}[(=]\s*(['\"]){re.escape(name.partition('[')[0])}\1", text)
+    return f"{path}, line {text.count(chr(10), 0, where.start(1)) + 1}" if where else str(path)
 
 
 def called_from(path: Path) -> str:

@@ -212,7 +212,11 @@ class Actuator:
     def __post_init__(self) -> None:
         for kind, port in (("outputs", fin_port.OUTPUTS), ("parameters", fin_port.PARAMETERS)):
             listed = getattr(self, kind)
-            names = {v.name for v in listed}
+            names = {v.name: v for v in listed}
+            for v in port:
+                if (other := names.get(v.name, v)).kind != v.kind or other.unit != v.unit:
+                    raise EmcasError(f"actuator {self.name}: {v.name} of the fin port is {v.kind} [{v.unit}], not "
+                                     f"{other.kind} [{other.unit}]; leave it out, or rename it")
             object.__setattr__(self, kind, (*(v for v in port if v.name not in names), *listed))
         if self.supply is not None:
             object.__setattr__(self, "outputs", with_outputs(self.outputs, (self.supply.power,)))

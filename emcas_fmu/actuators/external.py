@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ..errors import EmcasError, location
+from ..errors import EmcasError, declared_in, location
 from ..support.progress import warn
 from ..units import UnitError, check_unit
 from . import EXTENSIONS, NAMES
@@ -91,21 +91,22 @@ def load(path: Path) -> Actuator:
         reference = path.parent / reference
     files = actuator.files or ((beside,) if beside.is_file() else ())
     chosen = replace(actuator, files=files, modules=actuator.modules or (module,), reference=reference, source=path)
-    _check_units(chosen)
+    _check_units(chosen, path)
     return chosen
 
 
 def _check_name(actuator: Actuator, path: Path) -> None:
     """Raise EmcasError for a name that cannot be part of the FMU's, or that is used already."""
+    where = declared_in(path, actuator.name)
     if not _NAME.fullmatch(actuator.name):
-        raise EmcasError(f"{path}: name {actuator.name!r}: use letters, digits, _ and -, a letter first: the FMU's "
+        raise EmcasError(f"{where}: name {actuator.name!r}: use letters, digits, _ and -, a letter first: the FMU's "
                          "name is made of it")
     if actuator.name in (*NAMES, *EXTENSIONS):
-        raise EmcasError(f"{path}: name {actuator.name!r} is that of an actuator or extension that is shipped; choose "
+        raise EmcasError(f"{where}: name {actuator.name!r} is that of an actuator or extension that is shipped; choose "
                          "another")
 
 
-def _check_units(actuator: Actuator) -> None:
+def _check_units(actuator: Actuator, source: Path) -> None:
     """Raise EmcasError for a variable whose unit is not known; warn of limits that look like degrees."""
     states = (*actuator.states, *actuator.controller_states, *actuator.sampled_states)
     variables = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
@@ -113,11 +114,11 @@ def _check_units(actuator: Actuator) -> None:
         try:
             check_unit(unit)
         except UnitError as error:
-            raise EmcasError(f"{actuator.source}: {name}: {error}") from error
+            raise EmcasError(f"{declared_in(source, name)}: {name}: {error}") from error
     for v in actuator.parameters:
         if v.unit == "rad" and _TURN < (limit := max(-v.minimum, v.maximum)) < inf:
-            warn(f"{actuator.source}: {v.name} may be up to {limit:g} rad, {degrees(limit):.4g} deg; if {limit:g} deg "
-                 f"is meant, write radians({limit:g})")
+            warn(f"{declared_in(source, v.name)}: {v.name} may be up to {limit:g} rad, {degrees(limit):.4g} deg; if "
+                 f"{limit:g} deg is meant, write radians({limit:g})")
 
 
 def of_function(actuator: Actuator, name: str) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..actuators import NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, is_shipped, parts
 from ..actuators.declaration import Actuator
-from ..errors import hint
+from ..errors import declared_in, hint
 from ..ops.arrays import ARRAYS
 from ..ops.floats import FLOATS
 from ..rules import SHARES, Check, Rule, check_ranges, check_rules
@@ -209,7 +209,8 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
             text = as_text({"value": v.start, "unit": v.unit})
             entries[v.name] = Entry(v, v.start, text, "derived", "As declared; no file sets it.", "")
     where = [shipped, *own][-1] if is_shipped(model) else [source, *actuator.files][-1]
-    if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
+    if missing := [f"{declared_in(where, v.name) if where == actuator.source else where}: {v.name}: missing; the "
+                   f"defaults must give every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:
         raise ParameterError(missing)
     return _checked(tuple(dataclass_replace(entries[v.name], default=True) for v in actuator.file_entries), model,

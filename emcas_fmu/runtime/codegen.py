@@ -7,11 +7,11 @@ from functools import cache, lru_cache, partial
 from typing import Any, TypeVar
 
 from ..actuators import NONLINEAR, fin_port, get, positional
-from ..actuators.declaration import Actuator, Supply
+from ..actuators.declaration import Actuator, PlantFault, Supply
 from ..actuators.external import of_function, refusal
 from ..actuators.line import drawn
 from ..errors import EmcasError
-from ..namespace import namespace
+from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..physics.loads import LOADS, MotionLoads
 from ..trace.dependencies import ZERO, Known, dependencies
@@ -103,6 +103,33 @@ def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
 def traced_rules(model: str = NONLINEAR) -> Tracer:
     """Return the traced checks of an actuator's rules: ``check_0`` and so on, functions of a share of the travel."""
     return _trace(model, [(f"check_{i}", ("share",), rule.check) for i, rule in enumerate(get(model).all_rules)])
+
+
+def used(model: str) -> dict[str, frozenset[str]]:
+    """Return the parameters and arguments on which the results of each function of an actuator depend, by its name.
+
+    Rules, faults of its kind, and the 1/L of its supply are among the functions.
+    """
+    actuator = get(model)
+
+    def of_fault(fault: PlantFault) -> Traced:
+        names = tuple(v.name for v in fault.amounts)
+
+        def changes(ops: Ops, p: Any, *amounts: Value) -> tuple[Value, ...]:
+            changed = fault.changes(ops, p, Record(**dict(zip(names, amounts, strict=True))))
+            return tuple(x for value in changed.values() for x in (value if isinstance(value, tuple) else (value,)))
+
+        return f"fault_{fault.name}", names, changes
+
+    further = (*(_of_line(actuator.supply)[-1:] if actuator.supply else ()), *map(of_fault, actuator.faults))
+    result: dict[str, frozenset[str]] = {}
+    for tracer in (traced(False, model), traced_rules(model), _trace(model, further)):
+        parameters = {key: Known(names=frozenset({key})) for _, key in tracer.parameters}
+        for function in tracer.functions:
+            arguments = [Known(names=frozenset({name})) for name in function.arguments]
+            result[function.name] = frozenset().union(*(
+                known.names for known in dependencies(tracer, function.name, arguments, parameters)))
+    return result
 
 
 @cache

@@ -1,9 +1,10 @@
-"""The trial of a user's actuator before its first simulation: signs, loads and margins that are hardly meant."""
+"""The trial of a user's actuator before its first simulation: mistakes that would give wrong numbers in silence."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import degrees
@@ -12,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..actuators import fin_port, get
+from ..actuators import capabilities, fin_port, get, parts
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs
+from ..actuators.external import of_function
 from ..actuators.positional import identifier
 from ..control import command as bus
-from ..errors import EmcasError, location
+from ..errors import EmcasError, declared_in, location
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..ops.floats import FLOATS
@@ -32,25 +34,29 @@ _INTERVAL = 1e-3  # of points of time [s]
 _STEP = 50  # points of a step to half the largest command
 # Where the fin is released [share of the stop angle], and the ratio of distances from which on it moves away.
 _OFF, _AWAY = 0.02, 5.0
+_LEAVES = 0.5  # share of its angle by which a servo that is commanded to stay there hardly leaves it
+_ELSEWHERE = 0.01  # share of it by which it may start elsewhere: kinematics may be solved approximately
 # A margin that is below this at the start of so many steps in a row is not about to be lost: an event would be there.
 _BELOW, _IN_A_ROW = -1e-9, 10
-# Difference of a state, to find its effect on its derivative; and the latter's rounding.
+# Difference of a state, to find its effect on its derivative; and the latter's rounding, or that of outputs.
 _DIFFERENCE, _ROUNDING = 1e-6, 1e-8
-_MOVING = 0.01  # [rad/s] of a fin that a load accelerates
+_MOVING = 0.01  # [rad, rad/s] of a fin whose outputs are compared, or that a load accelerates
 _GROWTH = 0.05  # [1/s] of a mode; less is rounding of the Jacobian
+# Newton's steps to an equilibrium; and the smallest singular value, relative, that is none of rounding.
+_NEWTON, _SINGULAR = 10, 1e-9
 
 Run = Callable[..., Tables]
 _tried: set[str] = set()
 
 
 def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, run: Run, by_floats: Run) -> None:
-    """Warn, once in a process, of a user's actuator that is unstable at rest, or that ignores its load or `enable`.
+    """Warn, once in a process, of a user's actuator that is unstable at rest, starts elsewhere, or ignores an input.
 
     `row` are its parameters. Of each of its `inputs`, SI, the first value is used if it is the supply's or a further
     one. A fin off centre is released for `points` of time, 1 ms apart. `run` simulates as
     :func:`.compiled.run_tables`, and so does `by_floats`, with a last argument that binds functions to parameters.
-    Raises EmcasError for equations that cannot be traced, misused discontinuities, a state that no sample sets, and an
-    event margin that is below 0 while its mode holds.
+    Raises EmcasError for equations that cannot be traced, misused discontinuities, a state that no sample sets, outputs
+    that contradict the port, and an event margin that is below 0 while its mode holds.
     """
     actuator = get(model)
     if actuator.source is None or model in _tried:
@@ -67,26 +73,100 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
         bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step))
         _run(by_floats, model, [values], stepping, _STEP, bind)
+    in_time = partial(_run, run, model)
+    x, rates, shown = _at_rest(actuator, values, at_rest)
+    _require_of_port(actuator, x, shown)
+    for vain in [*_in_vain(model)]:
+        warn(vain)
     _tried.add(model)
     seen = ""
     if actuator.derivatives is not None:
-        names, (x, rates) = [s.name for s in actuator.states], _at_rest(actuator, values, at_rest)
+        names = [s.name for s in actuator.states]
         if ignored := _unloaded(names, x, rates):
             warn(f"{actuator.source}: {ignored}")
         seen = _unstable(names, x, rates)
-    in_time = partial(_run, run, model)
     if _follows_disabled(values, at_rest, in_time):
         warn(f"{actuator.source}: fin_angle follows fin_command while disabled; let inputs.enable of sample(), or "
              "u.enabled of the plant, switch the drive off")
     if seen := seen or _moves_away(values, at_rest, points, in_time):
         warn(f"{actuator.source}: from rest, without command and load, {seen}; check the signs of stiffness, damping, "
              "motor torque and control")
+    elif seen := _starts_elsewhere(actuator, values, at_rest, in_time):
+        warn(f"{actuator.source}: {seen}")
 
 
 def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mapping[str, float], points: int,
          *bind: Callable[..., Any]) -> Tables:
-    rows, columns = np.array([list(values.values()) for values in sets]), [np.full(points, x) for x in inputs.values()]
+    rows = np.array([list(values.values()) for values in sets])
+    columns = [np.broadcast_to(x, (*np.shape(x)[:-1], points)) for x in inputs.values()]
     return run(rows, columns, _INTERVAL, ("fin_angle",), model, 1, (), 0.0, *bind)
+
+
+def _off(values: Mapping[str, Any]) -> float:
+    """Return the angle [rad] beside the centre from which a fin is released."""
+    return float(min(_OFF * values["fin.stop_angle"], 0.5 * values["command.limit"]))
+
+
+def _released(values: Mapping[str, Any], inputs: Mapping[str, Any], points: int, run: Callable[..., Tables],
+              command: float = 0.0, enable: float = 1.0) -> Array:
+    """Return the angles [rad] of two fins, released to either side of the centre; `command` is a share of these."""
+    sides = _off(values) * np.array([[1.0], [-1.0]])
+    sets = [{**values, "fin.start_angle": angle, "command.resolution": 0.0} for angle in sides.flat]
+    acting = {**inputs, fin_port.COMMAND.name: command * sides, fin_port.ENABLE.name: enable}
+    return run(sets, acting, points).columns["fin_angle"]
+
+
+def _apart(released: Array) -> Array:
+    """Return half the distance [rad] of two fins, where it is finite: that both go to one side is a preload."""
+    one, other = released[:, np.isfinite(released).all(axis=0)]
+    apart: Array = np.abs(one - other) / 2.0
+    return apart
+
+
+def _in_vain(model: str) -> Iterator[str]:
+    """Yield in words what a file declares in vain: parameters and inputs on which nothing, or no motion, depends.
+
+    The port and capabilities require parameters that equations need not use.
+    """
+    actuator, used = get(parts(model)[0]), codegen.used(model)
+    assert actuator.source is not None  # only a user's is tried
+    anywhere = {v.name for v in fin_port.PARAMETERS}.union(*used.values(), *(
+        (*capabilities.NEEDED_VARIABLES[each], *capabilities.NEEDED_PARAMETERS[each]) for each in actuator.provides))
+    if names := [v.name for v in (*actuator.parameters, *actuator.further_inputs)
+                 if not anywhere & {v.name, identifier(v.name)}]:
+        yield (f"{declared_in(actuator.source, names[0])}: nothing depends on {', '.join(names)}; use it in an "
+               "equation or a rule, or leave it out")
+    if actuator.supply and "supply" not in used["sample"] | used["step"]:
+        yield (f"{actuator.source}: no motion depends on {actuator.supply.input.name}; limit the drive by "
+               "inputs.supply of sample(), or u.supply of the plant, or leave supply out")
+
+
+def _require_of_port(actuator: Actuator, x: Array, shown: Callable[[Array], Mapping[str, Value]]) -> None:
+    """Raise EmcasError for outputs of the fin port that contradict states or each other, at a command of 0."""
+    fin, moving = ("fin_angle", "fin_rate"), np.array([s.name in (
+        *actuator.encoder, "fin_angle", "fin_rate") for s in actuator.states])
+    x = x + _MOVING * moving
+    outputs, states = shown(x), dict(zip((s.name for s in actuator.states), x.tolist(), strict=True))
+    expected = {name: states[name] for name in fin if name in states} | {"tracking_error": -outputs["fin_angle"]}
+    for name, value in expected.items():
+        if abs(outputs[name] - value) > _ROUNDING * _MOVING:  # false for what is not finite
+            raise EmcasError(f"{of_function(actuator, 'outputs')} returns {name} = {outputs[name]:.4g} where it is "
+                             f"{value:.4g}; leave it out: the fin port has it")
+
+
+def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], run: Run) -> str:
+    """Return in words that a fin does not start at its angle, or leaves it when commanded to stay; "" otherwise."""
+    held = _released(values, inputs, _STEP, run, command=1.0)
+    off, begun, apart = _off(values), held[0, 0], _apart(held)
+    if abs(begun - off) > _ELSEWHERE * off:
+        return (f"fin_angle starts at {degrees(begun):.3g} deg for fin.start_angle = {degrees(off):.3g} deg; let "
+                "initial() set the states from start.fin_angle")
+    farthest = float(np.max(np.abs(apart - off), initial=0.0))
+    driven = not values.get("homing.required") and (actuator.supply is None or _supply(actuator, inputs) > 0.0)
+    if driven and farthest > _LEAVES * off:
+        return (f"fin_angle leaves fin.start_angle = {degrees(off):.3g} deg by {degrees(farthest):.3g} deg, though "
+                "commanded to stay; let initial() set every angle, such as the motor's, from start.fin_angle")
+    return ""
 
 
 def _supply(actuator: Actuator, inputs: Mapping[str, float]) -> float:
@@ -109,6 +189,8 @@ def _require_all_set(actuator: Actuator, values: Mapping[str, Any], inputs: Mapp
 
 def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
     """Return a copy whose step raises EmcasError for an event margin that stays below 0."""
+    assert actuator.source is not None
+    source = actuator.source
     below: Counter[str] = Counter()
 
     def watched(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Mapping[str, Value], Value]:
@@ -116,7 +198,8 @@ def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
             built = step.as_built(ops, p)
             step.system.check(ops, built, step.system.begun(ops, built, x, u, h)[0], u)
         except EmcasError as error:
-            raise EmcasError(f"{actuator.source}: {error}") from error
+            kind, name = re.match(r"(\w+)(?: of)? (\w+)", str(error)).groups()  # type: ignore[union-attr]  # of every one
+            raise EmcasError(f"{declared_in(source, name, kind)}: {error}") from error
         for name, margin in step.margins(ops, p, x, u, h).items():
             below[name] = below[name] + 1 if margin < _BELOW else 0
             if below[name] == _IN_A_ROW:
@@ -129,10 +212,10 @@ def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
 
 
 def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]
-             ) -> tuple[Array, Callable[..., Array]]:
-    """Return the states at rest while disabled, and a function for d/dt.
+             ) -> tuple[Array, Callable[..., Array], Callable[[Array], Mapping[str, Value]]]:
+    """Return the states at rest while disabled, and functions for d/dt and for outputs at a command of 0.
 
-    Its arguments are states, an aerodynamic moment [N.m], and whether the drive is enabled.
+    Their arguments are states; those of d/dt also an aerodynamic moment [N.m], and whether the drive is enabled.
     """
     assert actuator.source is not None  # only a user's is tried
     ops, of_file = LocatedFloats(actuator.source), partial(located, path=actuator.source)
@@ -146,13 +229,16 @@ def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str,
         return PlantInputs(**{name: of_file(value) for name, value in {**acting, "aero_torque": aero_torque}.items()},
                            enabled=enabled, rated_current_limit=None)
 
+    def named(at: Array) -> Record:
+        return Record(**dict(zip(names, map(of_file, at.tolist()), strict=True)))
+
     def rates(at: Array, aero_torque: float = 0.0, enabled: bool = False) -> Array:
-        x = Record(**dict(zip(names, map(of_file, at.tolist()), strict=True)))
-        found = actuator.rates(ops, p, x, inputs_at(aero_torque, enabled))
+        found = actuator.rates(ops, p, named(at), inputs_at(aero_torque, enabled))
         return np.array([float(found[name]) for name in names])
 
     begun = vars(actuator.begun(ops, p, Record(**start), inputs_at(0.0, False)))
-    return np.array([float(begun[name]) for name in names]), rates
+    return np.array([float(begun[name]) for name in names]), rates, lambda at: actuator.plant_outputs(
+        ops, p, named(at), inputs_at(0.0, False))
 
 
 def _unloaded(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
@@ -175,14 +261,35 @@ def _unloaded(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> st
 
 
 def _unstable(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
-    """Return in words a state that grows by the derivatives at rest while disabled; "" if there is none."""
-    differences, before = np.diag(_DIFFERENCE * (1.0 + np.abs(x))), rates(x)
+    """Return in words a state that grows by the derivatives at rest while disabled; "" if there is none.
+
+    It grows where the actuator starts and at the equilibrium next to it, which Newton's steps approach.
+    """
+    if not _grows(names, _jacobian(x, rates)):
+        return ""
+    scale = 1.0 + np.abs(x)
+    for _ in range(_NEWTON):
+        jacobian, residual = _jacobian(x, rates), rates(x)
+        if not np.isfinite(jacobian).all():
+            return ""  # the simulation says where
+        x = x - scale * np.linalg.lstsq(jacobian * scale / scale[:, np.newaxis], residual / scale, rcond=_SINGULAR)[0]
+    return _grows(names, _jacobian(x, rates))
+
+
+def _jacobian(x: Array, rates: Callable[..., Array]) -> Array:
+    """Return the derivatives of `rates` by the states `x`, without rounding."""
+    differences, before = np.diag(_DIFFERENCE * (1.0 + np.abs(x))), rates(x)[:, np.newaxis]
     after = np.stack([rates(x + difference) for difference in differences], axis=1)
-    if not np.isfinite([before, *after.T]).all():
+    with np.errstate(invalid="ignore"):  # where they are not finite
+        changes: Array = after - before
+    changes[np.abs(changes) <= _ROUNDING * (np.abs(after) + np.abs(before))] = 0.0
+    return changes / np.diag(differences)
+
+
+def _grows(names: Sequence[str], jacobian: Array) -> str:
+    """Return in words a state that grows by the derivatives; "" if there is none, or they are not finite."""
+    if not np.isfinite(jacobian).all():
         return ""  # the simulation says where
-    changes = after - before[:, np.newaxis]
-    changes[np.abs(changes) <= _ROUNDING * (np.abs(after) + np.abs(before[:, np.newaxis]))] = 0.0
-    jacobian = changes / np.diag(differences)
     for name, own in zip(names, np.diag(jacobian), strict=True):
         if own > 0.0:
             return f"d({name})/dt rises with {name}, by {own:.3g} 1/s: it drives itself"
@@ -204,12 +311,9 @@ def _follows_disabled(values: Mapping[str, Any], inputs: Mapping[str, float], ru
 
 def _moves_away(values: Mapping[str, Any], inputs: Mapping[str, float], points: int, run: Run) -> str:
     """Return in words that a fin that is released beside its centre does not stay near it; "" if it does."""
-    off = _OFF * values["fin.stop_angle"]
+    off = _off(values)
     for enable, drive in ((0.0, "disabled"), (1.0, "enabled")):
-        # The distance of two fins: that they go to one side together is a preload.
-        sets = [{**values, "fin.start_angle": angle} for angle in (off, -off)]
-        tables = run(sets, {**inputs, fin_port.ENABLE.name: enable}, points)
-        apart = np.abs(np.subtract(*tables.columns["fin_angle"])) / 2.0
-        if (farthest := float(np.max(apart, where=np.isfinite(apart), initial=0.0))) > _AWAY * off:
+        apart = _apart(_released(values, inputs, points, run, enable=enable))
+        if (farthest := float(np.max(apart, initial=0.0))) > _AWAY * off:
             return f"fin_angle grows from {degrees(off):.2g} to {degrees(farthest):.2g} deg while {drive}"
     return ""

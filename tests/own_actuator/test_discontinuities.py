@@ -252,7 +252,7 @@ ACTUATOR = em.Actuator(
     ("- u.friction", "+ u.friction", "Coulomb friction: the derivative of fin_rate must fall with u.friction"),
     ("- u.friction", "", "Coulomb friction: the derivative of fin_rate must fall with u.friction"),
     ("0.0 * u.drive", "0.0", "Limit drive: no derivative depends on u.drive"),
-    ('"fin_angle": x.fin_rate', '"fin_angle": x.fin_rate + 1.0', "the derivative of that state must be fin_rate"),
+    ('"fin_angle": x.fin_rate', '"fin_angle": x.fin_rate + 1.0', "Stop of fin_angle: the derivative of that"),
     ("- u.friction", "- u.friction - 0.1 * u.friction * u.friction", "must be linear in u.friction"),
     ('"heat": 0.0 * u.drive', '"heat": u.friction + 0.0 * u.drive',
      "the derivative of heat depends on u.friction, too"),
@@ -269,5 +269,8 @@ def test_what_a_first_simulation_refuses(tmp_path: Path, start: str, before: str
     path.write_text(declared if start == "parameters" else declared.replace(
         "discontinuities=", "initial=lambda ops, p, start, u: {}, discontinuities="), encoding="utf-8")
     values = load_parameters(model=str(path)).values
-    with pytest.raises(EmcasError, match=re.escape(f"{path}: ") + ".*" + re.escape(says)):
+    kind, *_, name = says.split(":")[0].split() if ": " in says else ("Coulomb", "friction")
+    lines = [i for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if f'{kind}("{name}"' in line]
+    place = f"{path}, line {lines[0]}: " if lines else f"{path}: "  # the stop of every fin need not be listed
+    with pytest.raises(EmcasError, match=re.escape(place) + ".*" + re.escape(says)):
         simulate(values, 0.002, model=str(path), kernel="python")

@@ -65,6 +65,10 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
      "supply supply_heat [K]: the line that feeds an actuator is one of voltage [V] or of pressure [Pa]"),
     ((_SUPPLY, _OTHER_SUPPLY.format('em.real_input("supply_voltage", "V", "")', "MOTOR_VOLTAGE")), "    supply=",
      "every actuator's is supply_power [W]"),
+    (("outputs=(MOTOR_CURRENT,", 'outputs=(em.real_output("fin_angle", "deg", "angle", 1.0), MOTOR_CURRENT,'),
+     "ACTUATOR = em.Actuator(", "fin_angle of the fin port is Real [rad], not Real [deg]; leave it out, or rename it"),
+    (("parameters=PARAMETERS", 'parameters=(*PARAMETERS, em.parameter("mass.fin", "g", 0.0, 1e6, ""))'),
+     "ACTUATOR = em.Actuator(", "mass.fin of the fin port is Real [kg], not Real [g]"),
     (("em.capabilities.POSITION_LOOP}", "'a motor curent'}"), "ACTUATOR = em.Actuator(",
      "did you mean a motor current?"),
     (("em.capabilities.POSITION_LOOP}", "em.capabilities.CURRENT_LIMIT}"), "ACTUATOR = em.Actuator(",
@@ -138,7 +142,7 @@ ACTUATOR = em.Actuator(
 
 
 @pytest.mark.parametrize(("change", "says"), [
-    (("ACTUATOR = ", "MINE = "), "defines no ACTUATOR"),
+    (("ACTUATOR = ", "MINE = "), ": defines no ACTUATOR"),
     (('"N.m/rad", 0.0', '"N.m/rod", 0.0'), "spring.stiffness: unknown unit 'N.m/rod'; did you mean rad?"),
     (('State("current", "A")', 'State("current", "Amp")'), "current: unknown unit 'Amp'"),
     (("*em.FIN, ", '*em.FIN[:1], em.State("fin_rate", "rod/s"), '),
@@ -148,9 +152,10 @@ ACTUATOR = em.Actuator(
 ])
 def test_the_declaration_is_judged(tmp_path: Path, change: tuple[str, str], says: str) -> None:
     path = changed(tmp_path, change)
-    with pytest.raises(EmcasError, match=re.escape(says)) as refused:
+    line = next((i for i, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if change[1] in text))
+    place = f"{path}{says}" if says.startswith(": ") else f"{path}, line {line}: {says}"
+    with pytest.raises(EmcasError, match=re.escape(place)):
         get(str(path))
-    assert str(path) in str(refused.value)
 
 
 def test_files_that_are_missing(tmp_path: Path) -> None:
@@ -159,11 +164,15 @@ def test_files_that_are_missing(tmp_path: Path) -> None:
 
 
 def test_a_parameter_without_a_value(tmp_path: Path) -> None:
-    """A motor's resistance is also one of the default actuator, whose motor is another; a fin's inertia, too."""
-    for name, value in (("spring.stiffness", "20 N*m/rad"), ("motor.resistance", "0.5 Ohm"),
-                        ("inertia.fin", "0.05 kg*m^2")):
+    """A motor's resistance is also one of the default actuator, whose motor is another; a fin's inertia, too.
+
+    The line is that of the declaration; the port declares the inertia.
+    """
+    for name, value, line in (("spring.stiffness", "20 N*m/rad", ", line 21"),
+                              ("motor.resistance", "0.5 Ohm", ", line 25"),
+                              ("inertia.fin", "0.05 kg*m^2", "")):
         path = changed(tmp_path, (f'"{name}": "{value}",', ""), name=f"{name[0]}.py")
-        with pytest.raises(EmcasError, match=re.escape(f"{path}: {name}: missing")):
+        with pytest.raises(EmcasError, match=re.escape(f"{path}{line}: {name}: missing")):
             load_parameters(model=str(path))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
+from contextlib import nullcontext
 from functools import partial
 from itertools import product
 from math import inf, isnan
@@ -194,6 +195,75 @@ def test_enable(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
         simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
     (message,) = caplog.messages
     assert message.startswith(f"{tmp_path / 'none.py'}: fin_angle follows fin_command while disabled")
+
+
+_TOOTH = (("PARAMETERS = (", 'PARAMETERS = (em.parameter("gear.tooth", "m", 0.0, 1.0, "size of a tooth"),'),
+          ("ESTIMATES = {", 'ESTIMATES = {"gear.tooth": "1 mm", '))
+_IN_VAIN = "nothing depends on {}; use it in an equation or a rule, or leave it out"
+
+
+@pytest.mark.parametrize(("name", "changes"), [
+    ("gear.tooth", _TOOTH),
+    ("gear.tooth", (*_TOOTH, ("    rise = ", "    rise = 0.0 * p.gear.tooth\n    rise = "))),  # it is read, for nothing
+    ("hinge.damping", ((_DAMPING, ""),)),
+    ("air.temperature", (
+        ("    sample=s", '    further_inputs=(em.real_input("air.temperature", "K", "of the air"),), sample=s'),)),
+    ("", (*_TOOTH, ("    sample=s", '''
+    rules=(em.rule("a tooth of %g m")(lambda ops, p, _: (p.gear.tooth - 0.01, p.gear.tooth)),), sample=s'''))),
+    ("", (*_TOOTH, ("    faults=(", '''    faults=(em.PlantFault(
+        "skipped", "the gear has skipped a tooth", lambda ops, p, amounts: {"hinge.damping": p.gear.tooth}),'''))),
+    ("", (*_TOOTH, ("lambda ops, p: 1.0 / p.motor.inductance", "lambda ops, p: 1.0 / p.gear.tooth"))),
+])
+def test_what_is_declared_in_vain(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str,
+                                  changes: tuple[tuple[str, str], ...]) -> None:
+    """With its line. Rules, faults and the line of several fins may use what nothing else does."""
+    path = changed(tmp_path, *changes)
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    lines = [i for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if f'"{name}"' in line]
+    assert caplog.messages == [f"{path}, line {lines[0]}: {_IN_VAIN.format(name)}" for _ in range(bool(name))]
+
+
+def test_a_supply_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """That the power depends on it is not enough."""
+    path = changed(tmp_path, ("-inputs.supply, inputs.supply", "-39.0, 39.0"), ("> inputs.supply", "> 39.0"),
+                   ("-u.supply, u.supply", "-39.0, 39.0"), ("voltage(ops, u) * x.current}", "u.supply * x.current}"))
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    (message,) = caplog.messages
+    assert message.startswith(f"{path}: no motion depends on supply_voltage; limit the drive by inputs.supply")
+
+
+@pytest.mark.parametrize(("output", "says"), [
+    ('"fin_angle": 57.3 * x.fin_angle', "fin_angle = 0.573 where it is 0.01; leave it out: the fin port has it"),
+    ('"fin_rate": -x.fin_rate', "fin_rate = -0.01 where it is 0.01"),
+    ('"tracking_error": x.fin_angle - u.command', "tracking_error = 0.01 where it is -0.01"),
+    ('"fin_angle": x.fin_angle, "tracking_error": em.fin_port.clipped_command(ops, p, u.command) - x.fin_angle', ""),
+])
+def test_outputs_that_contradict_the_port(tmp_path: Path, output: str, says: str) -> None:
+    path = changed(tmp_path, ('"motor_current": x', f'{output}, "motor_current": x'))
+    expected = pytest.raises(EmcasError, match=r"mine\.py, line \d+: output_values\(\) returns " + re.escape(says))
+    for _ in range(2):
+        with expected if says else nullcontext():
+            simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+
+
+_MOTOR = '"motor_angle": p.gear.ratio * start.fin_angle'
+_HALF = '"pressure_1": 0.4 * u.supply, "pressure_2": 0.4 * u.supply'
+
+
+@pytest.mark.parametrize(("name", "before", "after", "says"), [
+    ("strain_wave", _MOTOR, "", "fin_angle leaves fin.start_angle = 0.5 deg by 0.473 deg, though commanded to stay; "),
+    ("strain_wave", _MOTOR, f'{_MOTOR}, "fin_angle": 0.1',
+     "fin_angle starts at 5.73 deg for fin.start_angle = 0.5 deg; let initial() set the states from start.fin_angle"),
+    # Far from its equilibrium, where the pressures are twice as high, and stable there.
+    ("hot_gas", _HALF.replace("4", "8"), _HALF, ""),
+])
+def test_where_it_starts(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str, before: str, after: str, says: str
+                         ) -> None:
+    text, path = (FOLDER / f"{name}.py").read_text(encoding="utf-8"), tmp_path / "mine.py"
+    assert before in text
+    path.write_text(text.replace(before, after), encoding="utf-8")
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    assert [message.startswith(f"{path}: {says}") for message in caplog.messages] == [True] * bool(says)
 
 
 @pytest.mark.parametrize("name", ["direct_drive", "strain_wave", "hot_gas"])
