@@ -42,7 +42,7 @@ COMMAND = real_input("fin_command", "rad", "commanded fin angle; clipped to +-co
 AERO_TORQUE = real_input(
     "aero_torque", "N.m", "aerodynamic hinge moment on the fin, positive along positive fin_angle "
     "(a restoring moment is negative at positive angle)", nominal=100.0)
-ENABLE = boolean_input("enable", "false switches the drive off: the fin is moved by loads and friction only", True)
+ENABLE = boolean_input("enable", "false disables the actuator: the fin does not follow the command", True)
 
 # -- outputs -----------------------------------------------------------------------
 

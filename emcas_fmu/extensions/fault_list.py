@@ -47,11 +47,11 @@ FAULTS = (
     Fault("hard_over", "the controller's DAC puts out a constant", (
         tunable("share", "1", -1.0, 1.0, "of drive.reference_limit that the DAC puts out"),),
         (capabilities.REFERENCE_LIMIT, capabilities.COMMAND_REFERENCE)),
-    Fault("drive_loss", "the drive's bridge is open, unknown to the controller"),
+    Fault("drive_loss", "the drive is off, unknown to the controller"),
     Fault("current_derating", "the drive limits the current further", (
         tunable("share", "1", 0.0, 1.0, "of drive.current_limit that is left"),),
         (capabilities.CURRENT_LIMIT,)),
-    Fault("brown_out", "the drive's supply sags", (
+    Fault("brown_out", "the supply sags", (
         tunable("share", "1", 0.0, 1.0, "of the supply that is left"),), of_supply=True),
     Fault("encoder_freeze", "the encoder counts no motion"),
     Fault("encoder_bias", "the encoder reads too much", (

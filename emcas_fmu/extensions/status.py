@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..variables import Variable
 
 _ITEMS = (
-    ("disabled", "the drive is off, its bridge open"),
+    ("disabled", "the drive is off"),
     ("unreferenced", "the fin's angle is not known: homing is to come"),
     ("homing", "looking for a stop, or on the way back from it"),
     ("operational", "in closed loop"),

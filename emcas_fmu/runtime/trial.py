@@ -86,8 +86,8 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
             warn(f"{actuator.source}: {ignored}")
         seen = _unstable(names, x, rates)
     if _follows_disabled(values, at_rest, in_time):
-        warn(f"{actuator.source}: fin_angle follows fin_command while disabled; let inputs.enable of sample(), or "
-             "u.enabled of the plant, switch the drive off")
+        warn(f"{actuator.source}: fin_angle follows fin_command while disabled; use inputs.enable in sample(), or "
+             "u.enabled in the plant")
     if seen := seen or _moves_away(values, at_rest, points, in_time):
         warn(f"{actuator.source}: from rest, without command and load, {seen}; check the signs of stiffness, damping, "
              "motor torque and control")

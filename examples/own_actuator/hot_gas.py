@@ -85,12 +85,12 @@ def output_values(ops, p, x, u):
 ACTUATOR = em.Actuator(
     name="hot-gas", title="hot-gas cylinder with rack and pinion", parameters=PARAMETERS, values=ESTIMATES,
     states=(*em.FIN, em.State("pressure_1", "Pa"), em.State("pressure_2", "Pa"), em.State("spool")),
-    controller_states=(em.State("integral"),),
     outputs=tuple(em.real_output(f"pressure_{k}", "Pa", f"pressure in chamber {k}", 1e6) for k in (1, 2)),
     supply=em.Supply.pressure("gas_supply.pressure", "pressure of the gas generator"),
+    descriptions={"enable": "false: the spool centres itself; the gas in the chambers bears the fin, and leaks"},
     provides=frozenset({em.capabilities.POSITION_LOOP, em.capabilities.SUPPLY_PRESSURE}),
     initial=lambda ops, p, start, u: {"pressure_1": 0.8 * u.supply, "pressure_2": 0.8 * u.supply},
-    sample=sample, derivatives=derivatives, output_values=output_values,
+    sample=sample, derivatives=derivatives, output_values=output_values, controller_states=(em.State("integral"),),
     discontinuities=(
         *(em.Limit(edge, lambda ops, p, x, u, edge=edge: ends(p, x, u)[edge][1] / ends(p, x, u)[edge][0],
                 "gas.laminar_ratio", "gas.critical_ratio", saturates=False) for edge in EDGES),

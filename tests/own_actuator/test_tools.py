@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from emcas_fmu.actuators import fin_port, get
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.extensions.status import STATUS
 from emcas_fmu.fmi.figures import response_pictures
 from emcas_fmu.pages import provenance
 from emcas_fmu.parameters import ParameterError, load_parameters
@@ -46,6 +49,15 @@ def test_files_and_installed_actuators_are_compared(installed: Path, tmp_path: P
     assert [one["model"] for one in each] == ["direct-drive", "hot-gas+faults", "direct-drive", "nonlinear"]
     rises = [one["requirements"][0]["measured"] for one in each]
     assert rises[0] == rises[2] < rises[1]
+
+
+def test_words_of_a_gas_actuator() -> None:
+    """Nothing of a motor's drive; an actuator that does not describe `enable` has words that fit any."""
+    described = {v.name: v.description for a in (get(f"{HOT_GAS}+faults"),) for v in (*a.inputs, *a.parameters)}
+    described |= dict(STATUS.items) | {f.name: f.description for f in FAULTS if f.name in ("drive_loss", "brown_out")}
+    assert described["enable"].startswith("false: the spool centres itself")
+    assert [text for text in described.values() if re.search("bridge|drive's", text)] == []
+    assert "drive" not in fin_port.ENABLE.description
 
 
 @pytest.mark.parametrize(("model", "count"), [(MODEL, 1), ("second-order", 1), ("nonlinear", 4)])
