@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from html.parser import HTMLParser
 from math import isnan
 from pathlib import Path
@@ -27,7 +28,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.pages.numbers import number
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report.acceptance import TESTS, Result, _of_report, carry_out, flat
-from emcas_fmu.studies.report.acceptance_output import as_dict, write_report
+from emcas_fmu.studies.report.acceptance_output import as_dict, summary, write_report
 from tests.marks import others_slow
 
 from ..bench.subjects import FIN_PORT, Broken, Play
@@ -105,6 +106,17 @@ def test_requirements_are_those_of_an_fmu(units: Mapping[str, Path], shipped: Re
         judged = judge(subject, load_requirements(None, subject.parameters))
     assert list(shipped.judged) == judged
     assert shipped.passed  # that the shipped set meets its requirements is what the project claims
+
+
+def test_loads_of_requirements(shipped: Result, tmp_path: Path) -> None:
+    """They are not the option's: terminal and page say so where they differ from one that was chosen."""
+    chosen = replace(shipped, load=400.0)
+    note = ("tests and mission have a load of 400 N.m, but requirements are judged under theirs, 100 N.m: "
+            "accuracy_loaded, endurance, load_recovery, load_step, loaded_rate, loaded_rate_low_supply, rated_current, "
+            "rest_loaded, symmetry; 250 N.m: torque_reserve")
+    assert note in page(chosen, tmp_path)
+    assert f"[yellow]note:[/] {note}" in list(summary(chosen))
+    assert not shipped.load_note
 
 
 def test_figures_hang_together(shipped: Result) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from math import isfinite
 from typing import Any
 
@@ -40,7 +41,8 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] 
 
 @dataclass(frozen=True)
 class Result:
-    """The result of an acceptance test; `load` is the rated hinge moment [N.m]."""
+    """The result of an acceptance test; `load` is the rated hinge moment [N.m], of the tests, and `loads` those of the
+    requirements, by their names."""
 
     about: Identification
     load: float
@@ -48,6 +50,16 @@ class Result:
     judged: tuple[Judged, ...]
     parameters: Mapping[str, Any] = field(repr=False)
     model: str = NONLINEAR
+    loads: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def load_note(self) -> str:
+        """The loads of requirements in words, if those of the tests were chosen and differ."""
+        others = sorted((load, name) for name, load in self.loads.items() if self.load not in (RATED, load))
+        each = [f"{load:g} N.m: {', '.join(name for _, name in group)}"
+                for load, group in groupby(others, lambda other: other[0])]
+        return (f"tests and mission have a load of {self.load:g} N.m, but requirements are judged under theirs, "
+                f"{'; '.join(each)}" if each else "")
 
     @property
     def entries(self) -> list[tuple[Variable, Any, str, str]]:
@@ -106,7 +118,8 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
     progress("done", total, total)
     return Result(subject.identification, load, outcomes, tuple(
         _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),
-        subject.values, subject.model)
+        subject.values, subject.model, {r.name: abs(r.test.torque) for r in chosen.requirements
+                                        if r.test and r.test.torque})
 
 
 def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:

@@ -31,7 +31,8 @@ def _headlines(result: Result) -> Iterator[tuple[Outcome, bool, str, str, str]]:
 
 def summary(result: Result) -> Iterator[RenderableType]:
     """Yield the requirements as a table, then the most important figures, notes and the verdict."""
-    notes = [f"{outcome.title}: {note}" for outcome in result.outcomes.values()
+    notes = [result.load_note] if result.load_note else []
+    notes += [f"{outcome.title}: {note}" for outcome in result.outcomes.values()
              for note in ([f"not finished: {outcome.stopped}"] if outcome.stopped else outcome.remarks)]
     figures = table(["test", "figure", ">measured", "note"], (
         [outcome.title * first, *texts] for outcome, first, *texts in _headlines(result)), plain=True)
