@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.actuators import external
+from emcas_fmu.actuators import capabilities, external, get
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.extensions.homing import EXTENSION
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.reference.files import read_csv
@@ -142,6 +143,18 @@ def test_the_error_about_a_capability() -> None:
     command, shown = block("needs").splitlines()
     said = run(command.removeprefix("$ ")).stderr
     assert said.replace(str(FOLDER), "…").rstrip() == shown
+
+
+def test_what_homing_takes() -> None:
+    """Whatever its capabilities need that the example does not have is named."""
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"`homing` on `strain_wave` takes .*?\n\n", page, re.DOTALL)
+    example = get(str(FOLDER / "strain_wave.py"))
+    has = {each.name for kind in ("inputs", "outputs", "parameters", "states") for each in getattr(example, kind)}
+    for need in set(EXTENSION.needs) - example.provides:
+        constant = next(key for key, words in vars(capabilities).items() if words == need)
+        needed = {constant, *capabilities.NEEDED_VARIABLES[need], *capabilities.NEEDED_STATES[need]} - has
+        assert {name for name in needed if f"`{name}`" not in shown} == set(), need
 
 
 def test_stick_and_slip(tmp_path: Path) -> None:
