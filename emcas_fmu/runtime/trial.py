@@ -132,10 +132,10 @@ def _in_vain(model: str) -> Iterator[str]:
     assert actuator.source is not None  # only a user's is tried
     anywhere = {v.name for v in fin_port.PARAMETERS}.union(*used.values(), *(
         (*capabilities.NEEDED_VARIABLES[each], *capabilities.NEEDED_PARAMETERS[each]) for each in actuator.provides))
-    if names := [v.name for v in (*actuator.parameters, *actuator.further_inputs)
-                 if not anywhere & {v.name, identifier(v.name)}]:
-        yield (f"{declared_in(actuator.source, names[0])}: nothing depends on {', '.join(names)}; use it in an "
-               "equation or a rule, or leave it out")
+    for v in (*actuator.parameters, *actuator.further_inputs):
+        if not anywhere & {v.name, identifier(v.name)}:
+            yield (f"{declared_in(actuator.source, v.name)}: nothing depends on {v.name}; use it in an equation or a "
+                   "rule, or leave it out")
     if actuator.supply and "supply" not in used["sample"] | used["step"]:
         yield (f"{actuator.source}: no motion depends on {actuator.supply.input.name}; limit the drive by "
                "inputs.supply of sample(), or u.supply of the plant, or leave supply out")
@@ -143,9 +143,8 @@ def _in_vain(model: str) -> Iterator[str]:
 
 def _require_of_port(actuator: Actuator, x: Array, shown: Callable[[Array], Mapping[str, Value]]) -> None:
     """Raise EmcasError for outputs of the fin port that contradict states or each other, at a command of 0."""
-    fin, moving = ("fin_angle", "fin_rate"), np.array([s.name in (
-        *actuator.encoder, "fin_angle", "fin_rate") for s in actuator.states])
-    x = x + _MOVING * moving
+    fin = ("fin_angle", "fin_rate")
+    x = x + _MOVING * np.array([s.name in (*actuator.encoder, *fin) for s in actuator.states])
     outputs, states = shown(x), dict(zip((s.name for s in actuator.states), x.tolist(), strict=True))
     expected = {name: states[name] for name in fin if name in states} | {"tracking_error": -outputs["fin_angle"]}
     for name, value in expected.items():
