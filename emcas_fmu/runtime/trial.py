@@ -126,9 +126,10 @@ def _apart(released: Array) -> Array:
 def _in_vain(model: str) -> Iterator[str]:
     """Yield in words what a file declares in vain: parameters and inputs on which nothing, or no motion, depends.
 
-    The port and capabilities require parameters that equations need not use.
+    The port, capabilities and the extensions that need these may use what the actuator's equations do not.
     """
-    actuator, used = get(parts(model)[0]), codegen.used(model)
+    base, _ = parts(model)
+    actuator, used = get(base), codegen.used(base)
     assert actuator.source is not None  # only a user's is tried
     anywhere = {v.name for v in fin_port.PARAMETERS}.union(*used.values(), *(
         (*capabilities.NEEDED_VARIABLES[each], *capabilities.NEEDED_PARAMETERS[each]) for each in actuator.provides))

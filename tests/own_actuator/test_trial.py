@@ -223,11 +223,14 @@ def test_what_is_declared_in_vain(tmp_path: Path, caplog: pytest.LogCaptureFixtu
     assert caplog.messages == [f"{path}, line {lines[0]}: {_IN_VAIN.format(name)}" for _ in range(bool(name))]
 
 
-def test_a_supply_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """That the power depends on it is not enough."""
+@pytest.mark.parametrize("extension", ["", "+faults"])
+def test_a_supply_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixture, extension: str) -> None:
+    """That power and a monitor depend on it is not enough."""
     path = changed(tmp_path, ("-inputs.supply, inputs.supply", "-39.0, 39.0"), ("> inputs.supply", "> 39.0"),
-                   ("-u.supply, u.supply", "-39.0, 39.0"), ("voltage(ops, u) * x.current}", "u.supply * x.current}"))
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+                   ("-u.supply, u.supply", "-39.0, 39.0"), ("voltage(ops, u) * x.current}", "u.supply * x.current}"),
+                   ("em.capabilities.POSITION_LOOP", "em.capabilities.SUPPLY_VOLTAGE"))
+    model = f"{path}{extension}"
+    simulate(load_parameters(model=model).values, 0.002, kernel="python", model=model)
     (message,) = caplog.messages
     assert message.startswith(f"{path}: no motion depends on supply_voltage; limit the drive by inputs.supply")
 
