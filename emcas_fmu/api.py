@@ -1,9 +1,9 @@
-"""The Python interface: load, change, simulate, build, validate, analyse and tune fin actuators.
+"""The Python interface: load, change, simulate, build, validate, analyse, calibrate and tune fin actuators.
 
 The names in ``__all__``, their parameters, and the attributes that their documentation names are stable: a change that
 breaks a program comes with a new minor version and a line in the changelog. Everything else in the package may change.
-The commands simulate, build, validate, analyse and tune of `emcas` call these functions. Numbers are in SI units
-(temperature in degC); text contains its unit, as in ``"10 deg"``.
+The commands simulate, build, validate, analyse, calibrate and tune of `emcas` call these functions. Numbers are in SI
+units (temperature in degC); text contains its unit, as in ``"10 deg"``.
 """
 
 from __future__ import annotations
@@ -42,12 +42,13 @@ from .variables import Variable
 
 if TYPE_CHECKING:
     from .studies.analysis.analyse import Analysis
+    from .studies.identification.calibration import Calibration
     from .studies.tuning.optimise import Result as Tuning
     from .studies.tuning.study import Study
 
 __all__ = ["Batch", "Built", "EmcasError", "Excitation", "ParameterError", "ParameterSet", "Response", "Validation",
-           "actuators", "analyse", "build", "excitations", "fin_sets", "load_parameters", "simulate", "tune",
-           "validate"]
+           "actuators", "analyse", "build", "calibrate", "excitations", "fin_sets", "load_parameters", "simulate",
+           "tune", "validate"]
 
 _DURATION = 0.5  # s
 _MOST = 100_000_000  # of actuators (their outputs alone are 20 GB), generations or processes
@@ -218,6 +219,32 @@ def analyse(parameters: ParameterSet | None = None, fin_angle: float | str = 0.0
 
     return run(parameters or load_parameters(), _in("rad", fin_angle, 0.0),
                _in("N.m", aero_torque, 0.0), None if rod is None else Path(rod), locus, progress)
+
+
+@checked
+def calibrate(records: Sequence[Path | str] | Path | str, parameters: ParameterSet | None = None,
+              free: Sequence[str] | str = (), hold_out: Sequence[Path | str] = (), compare: Sequence[str] = (),
+              priors: Sequence[str] = (), delays: bool = False, robust: bool = False, seed: int = 1,
+              progress: Progress = silent) -> Calibration:
+    """Find parameters with which an actuator follows records of its inputs and outputs, with their uncertainty.
+
+    `records` are CSV files, with columns such as ``time [s]``, ``fin_command [deg]`` and ``fin_angle [deg]``; those in
+    `hold_out` are judged but not fitted. `free` are the parameters to find, as ``"inertia.motor"`` or, with bounds,
+    ``"motor.resistance=0.1..0.4 Ohm"``; `priors` are what is known of them, as ``"motor.resistance=0.25+-0.02 Ohm"``.
+    `compare` names outputs, by default all that the records share. `delays` finds the delay of each measured output,
+    too; `robust` lets large errors count in proportion, not by their square. `seed` is that of the starting points.
+
+    The result has `calibrated` (the parameter set), `estimates` (each with `value`, `sigma`, `unit`), `comparisons`
+    (each with `figures`), `problems` (what is wrong, a line each) and `write_report`. Raises EmcasError.
+    """
+    from .studies.identification.calibration import calibrate as run
+
+    if seed < 0:
+        raise EmcasError(f"calibrate: seed = {brief(seed)}: expected a whole number from 0 on")
+    names = [records] if isinstance(records, (str, Path)) else records
+    return run([Path(name) for name in names], parameters or load_parameters(),
+               [free] if isinstance(free, str) else free, [Path(name) for name in hold_out], compare, priors, delays,
+               robust, seed, progress)
 
 
 @checked

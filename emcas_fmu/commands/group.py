@@ -32,7 +32,7 @@ UNREAD = 141
 # function of that name and an EPILOG, or with an `app` of several; its docstring begins with the line that is listed.
 PANELS: Mapping[str, tuple[str, ...]] = {
     "Use": ("init", "simulate", "build", "parameters", "ssp"),
-    "Design": ("explore", "analyse", "envelope", "compare", "identify", "tune", "fit"),
+    "Design": ("explore", "analyse", "envelope", "compare", "identify", "calibrate", "tune", "fit"),
     "Check": ("validate", "report", "campaign", "baseline", "reference"),
 }
 _NAMES = [name for names in PANELS.values() for name in names]

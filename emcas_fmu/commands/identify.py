@@ -61,12 +61,17 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
     common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
                          (report, type(result).write_report))
     common.write_json(result.document(), as_json)
-    common.out.print(common.table(["name", ">value", ">1 sigma", "unit", ">base set"], (
-        [e.name, f"{e.value:.6g}", f"{e.sigma:.2g}", e.unit, "" if e.base is None else f"{e.base:.6g}"]
-        for e in result.estimates), result.experiment.title, whole=range(5)))
+    common.out.print(estimates(result))
     for line in result.notes:
         common.say(escape(line))
     common.print_written(output, report, as_json)
+
+
+def estimates(result: Identification) -> Any:
+    """Return the table of the estimates."""
+    return common.table(["name", ">value", ">1 sigma", "unit", ">base set"], (
+        [e.name, f"{e.value:.6g}", f"{e.sigma:.2g}", e.unit, "" if e.base is None else f"{e.base:.6g}"]
+        for e in result.estimates), result.experiment.title, whole=range(5))
 
 
 @app.command(epilog=common.examples(

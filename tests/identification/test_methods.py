@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.studies.identification import current_loop, drive, motion
-from emcas_fmu.studies.identification.estimation import correlation_time, weighted_fit
+from emcas_fmu.studies.identification.estimation import correlation_time, each, weighted_fit
 from emcas_fmu.studies.identification.records import Array, Record
 from examples.identification_bench import bench, rig
 
@@ -48,7 +48,7 @@ def test_sigmas_of_a_line_are_those_of_repeated_experiments(rho: float) -> None:
         def residuals(b: Array, y: Array = y) -> list[Array]:
             return [(y - b[0] - b[1] * x)[g] for g in groups]
 
-        found = weighted_fit(("offset", "slope"), residuals, np.zeros(2), np.ones(2), [0, 1])
+        found = weighted_fit(("offset", "slope"), each(residuals), np.zeros(2), np.ones(2), [0, 1])
         values.append(found.values)
         sigmas.append(found.sigmas)
     # The scatter of 60 has itself 9 % error (three of these), and tau from 200 samples is a little small.

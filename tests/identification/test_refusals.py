@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emcas_fmu.studies.identification.estimation import solve, weighted_fit
+from emcas_fmu.studies.identification.estimation import each, solve, weighted_fit
 from emcas_fmu.studies.identification.records import Array, RecordError
 
 from .conftest import emcas, shipped
@@ -208,4 +208,4 @@ def test_numbers_no_fit_survives_end_in_a_message() -> None:
     with pytest.raises(RecordError, match="no parameters fit"):
         solve(lambda x: x * np.nan, np.ones(2))
     with pytest.raises(RecordError, match="undetermined"):
-        weighted_fit((), lambda x: [(x[0] + x[1]) * np.ones(30) - np.arange(30.0)], np.zeros(2), np.ones(2), [0])
+        weighted_fit((), each(lambda x: [(x[0] + x[1]) * np.ones(30) - np.arange(30.0)]), np.zeros(2), np.ones(2), [0])

@@ -21,7 +21,7 @@ from scipy.signal import find_peaks
 from ...figures.plots import Drawing
 from ...parameters import ParameterSet
 from . import motion, pictures
-from .estimation import Fit, weighted_fit
+from .estimation import Fit, each, weighted_fit
 from .records import DIRECTIONS, Array, Record, divided, refuse_magnitude, require
 from .result import Estimate, Experiment, Identification
 
@@ -51,8 +51,8 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         require(any(s.direction == direction for s in sweeps), f"no sweep of at least {degrees(_RANGE):g} deg in the "
                 f"{word} direction: the gap shows between the two directions; sweep there and back")
     reach = max(float(np.abs(s.fin).max()) for s in sweeps)
-    fit = weighted_fit(_NAMES, lambda x: [s.difference - _model(x, s.direction, s.fin, reach) for s in sweeps],
-                       np.zeros(5), np.full(5, 1e-3), owners)
+    residuals = each(lambda x: [s.difference - _model(x, s.direction, s.fin, reach) for s in sweeps])
+    fit = weighted_fit(_NAMES, residuals, np.zeros(5), np.full(5, 1e-3), owners)
     gap, sigma = float(fit.values[0]), float(fit.sigmas[0])
     require(gap >= -3.0 * sigma, f"the backlash comes out as {degrees(gap):.3g} deg, below 0: the direct angle leads "
             "the motor's; check the columns' signs, that they are sampled at the same instants, and that the motor "

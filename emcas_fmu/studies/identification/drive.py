@@ -27,7 +27,7 @@ from ...parameters import ParameterSet
 from ...physics import drive
 from . import pictures
 from .current_loop import response
-from .estimation import Fit, weighted_fit
+from .estimation import Fit, each, weighted_fit
 from .records import Array, Record, distinct, refuse_clipped, refuse_magnitude, require
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
@@ -206,7 +206,7 @@ def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
               for delay in start + np.array([0.0, 0.5, 1.0, 1.5]) * _rise(values)
               for kp in np.array([0.3, 1.0, 3.0]) * values["drive.kp"]]
     begin = min(starts, key=lambda x: sum(float(r @ r) / len(r) for r in residuals(x)))
-    return weighted_fit(NAMES, residuals, begin, scale, range(len(runs)))
+    return weighted_fit(NAMES, each(residuals), begin, scale, range(len(runs)))
 
 
 def _require_rate(delay: float, step: float) -> None:

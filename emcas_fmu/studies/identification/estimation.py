@@ -11,17 +11,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
+from scipy.stats import median_abs_deviation
 
 from .records import Array, RecordError, require
 
 METHOD = ("weighted least squares; 1 sigma from the covariance scaled by each file's residuals and by their "
           "autocorrelation time")
+Stretches = Sequence[Array]
 _WINDOW = 5.0
 _PASSES = 3
 _DIFFERENCE = 6e-6  # cube root of the rounding error, best for central differences
+# The same of simulations: a delay acts in thousandths of a sample; roughness must be small against the change.
+_SMOOTH_DIFFERENCE, _ROUGH_DIFFERENCE = 3e-3, 3e-2
+_LONGEST = 0.3  # step of `descend`, relative
 _ENOUGH = 90  # residuals of a record whose autocorrelation time may be longer than that shared by small records
 _ALONE = 500  # residuals of a record that does not need the shared time
 _SINGULAR = 1e-10  # of the largest singular value: the accuracy of the Jacobian's differences
@@ -77,27 +84,64 @@ def correlation_time(residuals: Sequence[Array]) -> float:
     return max(total, 1.0)
 
 
-def _jacobian(residuals: Callable[[Array], Array], x: Array) -> Array:
+def each(residuals: Callable[[Array], Stretches]) -> Callable[[Array], list[Stretches]]:
+    """Return a function of several points [points, parameters] from one that computes the residuals at one point."""
+    return lambda points: [residuals(point) for point in points]
+
+
+def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: float) -> Array:
     """Return the Jacobian by central differences, for parameters of the order of one."""
-    changes = np.diag(_DIFFERENCE * np.maximum(np.abs(x), 1.0))
-    jacobian: Array = np.array([(residuals(x + change) - residuals(x - change)) / (2.0 * change.max())
-                                for change in changes]).T
+    changes = np.diag(difference * np.maximum(np.abs(x), 1.0))
+    after, before = np.split(residuals(np.concatenate([x + changes, x - changes])), 2)
+    jacobian: Array = ((after - before) / (2.0 * changes.max(axis=1))[:, None]).T
     return jacobian
 
 
-def solve(residuals: Callable[[Array], Array], start: Array) -> tuple[Array, Array]:
-    """Return the least-squares parameters by Levenberg and Marquardt (MINPACK), and the Jacobian there.
+def solve(residuals: Callable[[Array], Array], start: Array, smooth: Callable[[Array], Array] | None = None,
+          **options: Any) -> tuple[Array, Array]:
+    """Return the least-squares parameters and the Jacobian there, for parameters of the order of one.
 
-    Raises RecordError if the iteration leads to numbers that are not finite.
+    `residuals` maps points [points, parameters] to residuals [points, residuals]; it is called with all points of the
+    central differences at once. If they are a rough function of the parameters, `smooth` is one of nearly the same
+    derivatives, that of a simulation. `options` are those of SciPy's least_squares, by default Levenberg and
+    Marquardt's method (MINPACK). Raises RecordError if the iteration leads to numbers that are not finite.
     """
+    slopes = partial(_jacobian, smooth or residuals, difference=_SMOOTH_DIFFERENCE if smooth else _DIFFERENCE)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            x = least_squares(residuals, start, jac=lambda x: _jacobian(residuals, x), method="lm", x_scale="jac",
-                              xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=200).x
-            return x, _jacobian(residuals, x)
+            x = least_squares(lambda x: residuals(x[None])[0], start, jac=slopes, x_scale="jac", **{
+                "method": "lm", "max_nfev": 200, "xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12, **options}).x
+            return x, slopes(x)
     except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
         raise RecordError(f"no parameters fit the records ({error}): check units and signs in the headers, and that "
                           "the columns belong together") from error
+
+
+def descend(residuals: Callable[[Array], Array], start: Array, smooth: Callable[[Array], Array] | None,
+            bounds: tuple[Array, Array], robust: bool, steps: int) -> tuple[Array, Array]:
+    """Return the least-squares parameters and the Jacobian there, from a start near them, by Gauss and Newton.
+
+    Where residuals are a rough function of the parameters, their sum of squares has many minima, and differences of
+    them are noise. With the derivatives Z of `smooth` as instruments, the steps lead to where Z'r = 0, which roughness
+    of a share of the noise moves by that share of 1 sigma; the Jacobian is that of the residuals, projected on Z, whose
+    covariance is that of instrumental variables (Soderstrom and Stoica 1983, section 4). Arguments as those of `solve`;
+    `robust` weights a residual r by 1/sqrt(1 + r^2), as soft L1 does (Triggs et al. 2000, section 4).
+    """
+    x, reached = start, [start]
+    for _ in range(max(steps, 1)):
+        r = residuals(x[None])[0]
+        root = (1.0 + r**2) ** -0.25 if robust else np.ones(len(r))
+        jacobian = _jacobian(smooth or residuals, x, _SMOOTH_DIFFERENCE) * root[:, None]
+        if smooth:
+            instruments = np.linalg.qr(jacobian)[0]
+            rough = _jacobian(residuals, x, _ROUGH_DIFFERENCE) * root[:, None]
+            jacobian = instruments @ (instruments.T @ rough)
+        if not steps:
+            break
+        change = lsq_linear(jacobian, -r * root, (bounds[0] - x, bounds[1] - x)).x
+        x = np.clip(x + change / max(1.0, float(np.abs(change / np.maximum(np.abs(x), 1.0)).max()) / _LONGEST), *bounds)
+        reached.append(x)
+    return np.mean(reached[(steps + 1) // 2:], axis=0), jacobian
 
 
 def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
@@ -123,38 +167,50 @@ def _deviations(records: Sequence[Sequence[Array]], leverages: Sequence[Sequence
     return deviations
 
 
-def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Array]], start: Array, scale: Array,
-                 owners: Sequence[int], least_time: float = 1.0) -> Fit:
+def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Stretches]], start: Array, scale: Array,
+                 owners: Sequence[int], least_time: float = 1.0, prior: tuple[Array, Array] | None = None,
+                 minimise: Callable[..., tuple[Array, Array]] = solve, robust: bool = False,
+                 smooth: Callable[[Array], Sequence[Stretches]] | None = None) -> Fit:
     """Minimise the stretches of residuals, a function of the parameters, the first of which have `names`.
 
-    `scale` has each parameter's typical size. `owners` has the index of each stretch's record: a record's stretches
-    have the same noise. `least_time` [samples] is the correlation time of the residuals of white noise.
+    `residuals` maps points [points, parameters] to the stretches of each. `scale` has each parameter's typical size.
+    `owners` has the index of each stretch's record: a record's stretches have the same noise. `least_time` [samples] is
+    the correlation time of the residuals of white noise. A `prior` has each parameter's mean and 1 sigma, which is
+    finite. `minimise` is `solve` or has its arguments and result. The noise is that of the rms residual, or of the
+    median if the fit is to be `robust`. `smooth` is as of `solve`.
     Raises RecordError if the parameters cannot be determined.
     """
     count = max(owners) + 1
     weights = np.ones(count)
     values = start / scale
 
-    def weighted(x: Array) -> Array:
-        return np.concatenate([r * weights[owner] for r, owner in zip(residuals(x * scale), owners, strict=True)])
+    mean, sigma = prior or (start, np.full(len(start), np.inf))
 
-    def by_record(stretches: Sequence[Array]) -> list[list[Array]]:
+    def weighted(points: Array, by: Callable[[Array], Sequence[Stretches]] = residuals) -> Array:
+        return np.array([np.concatenate([*(r * weights[owner] for r, owner in zip(stretches, owners, strict=True)),
+                                         (point * scale - mean) / sigma])
+                         for point, stretches in zip(points, by(points * scale), strict=True)])
+
+    def by_record(stretches: Stretches) -> list[list[Array]]:
         return [[each for each, owner in zip(stretches, owners, strict=True) if owner == k] for k in range(count)]
 
     for _ in range(_PASSES):
-        values, jacobian = solve(weighted, values)
-        stretches = residuals(values * scale)
-        leverages = np.split(np.sum(np.linalg.qr(jacobian)[0] ** 2, axis=1),
-                             np.cumsum([len(r) for r in stretches])[:-1])
-        deviations = _deviations(by_record(stretches), by_record(leverages))
+        values, jacobian = minimise(weighted, values, smooth=partial(weighted, by=smooth) if smooth else None)
+        stretches = residuals(values[None] * scale)[0]
+        lengths = [len(r) for r in stretches]
+        leverages = np.split(np.sum(np.linalg.qr(jacobian)[0] ** 2, axis=1), np.cumsum(lengths))[:-1]
+        deviations = (_deviations(by_record(stretches), by_record(leverages)) if not robust else
+                      np.array([median_abs_deviation(np.concatenate(of_one), scale="normal")
+                                for of_one in by_record(stretches)]))
         times = np.maximum(_times(by_record(stretches), deviations), least_time)
         least = _QUIETEST * float(np.median(deviations)) or 1.0
-        weights = 1.0 / (np.maximum(deviations, least) * np.sqrt(times))
-    jacobian = _jacobian(weighted, values)  # with the final weights
+        before, weights = weights, 1.0 / (np.maximum(deviations, least) * np.sqrt(times))
+    jacobian[:sum(lengths)] *= np.repeat((weights / before)[list(owners)], lengths)[:, None]  # with the final weights
     # By singular values: the normal equations would square the condition number of a sixth-order polynomial.
     _, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
-    require(singular.min() > _SINGULAR * singular.max(), "the records leave some combination of the parameters "
-            "undetermined: they are too alike, or what they excite is too little; vary speeds, levels and range more")
+    require(prior or singular.min() > _SINGULAR * singular.max(), "the records leave some combination of the "
+            "parameters undetermined: they are too alike, or what they excite is too little; vary speeds, levels and "
+            "range more")
     inverse = rows.T / singular
     covariance = (inverse @ inverse.T) * np.outer(scale, scale)
     return Fit(names, values * scale, covariance, tuple(stretches), owners, deviations, times)

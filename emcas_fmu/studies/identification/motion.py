@@ -19,7 +19,7 @@ from ...actuators.electromechanical import nonlinear
 from ...ops.arrays import ARRAYS
 from ...physics import drive, kinematics, loads, mechanics
 from ...steppers.rigid import stops
-from .estimation import Fit, weighted_fit
+from .estimation import Fit, each, weighted_fit
 from .records import Array, Record, refuse_clipped, refuse_magnitude, runs
 
 # Windows that overlap by half share a sixth of their variance: averages of white noise have tau = 1 + 2/6.
@@ -131,7 +131,7 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
                     + mechanics.damping(ARRAYS, p, m, direction) * windows.speed)
         return np.split(torque - friction, ends)
 
-    return weighted_fit(names, residuals, start, scale, owners, _OVERLAP)
+    return weighted_fit(names, each(residuals), start, scale, owners, _OVERLAP)
 
 
 def stretches(windows: NDArray[np.bool_], fewest: int) -> list[NDArray[np.int64]]:

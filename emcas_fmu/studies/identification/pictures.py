@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from ...figures.plots import COLORS, GRAY, Drawing, figure, legend
+from ...figures.plots import COLORS, GRAY, Drawing, column, figure, legend
 from .estimation import Fit
 from .records import Array
+
+if TYPE_CHECKING:
+    from .replay import Comparison
 
 MOST_POINTS = 800  # of a series: more only make the page larger
 
@@ -87,3 +92,21 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
     return Drawing("Residuals", plot, "What the fitted model does not explain. Left: there should be no trend. "
                    "Middle: their distribution should be near the normal one. Right: the uncertainties account for "
                    "their autocorrelation (grey: 2 sigma of white noise).")
+
+
+def comparisons(compared: Sequence[Comparison], fit: Fit) -> Iterator[Drawing]:
+    """Yield a picture of each record, measured and simulated, and one of the residuals of those that were fitted."""
+    for (name, use), group in groupby(compared, key=lambda c: (c.record.name, c.use)):
+        panels_of = list(group)
+        plot, axes = column(*(f"{c.variable.name} [{c.unit}]" for c in panels_of), x="time [s]", height=2.4)
+        for panel, c in zip(axes, panels_of, strict=True):
+            time, measured, simulated = _thinned(c.record["time"] - c.record["time"][0], c.measured, c.simulated)
+            panel.plot(time, measured, ".", markersize=3, label="measured")
+            panel.plot(time, simulated, label="simulated")
+        legend(axes[0], loc="best")
+        yield Drawing(f"{name}, {use}", plot, "Measured and simulated: " + "; ".join(
+            f"{c.variable.name} {c.figures['rms']:.3g} {c.unit} rms, fit {c.figures['fit_percent']:.1f} %"
+            for c in panels_of) + ".")
+    series = [(f"{c.record.name} {c.variable.name}", c.record["time"]) for c in compared if not c.held_out]
+    relative = tuple(r / (s or 1.0) for r, s in zip(fit.residuals, fit.deviations, strict=True))
+    yield residuals(series, replace(fit, residuals=relative), "time [s]", "residual / 1 sigma")

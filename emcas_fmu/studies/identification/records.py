@@ -10,7 +10,7 @@ import csv
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from difflib import get_close_matches
 from pathlib import Path
@@ -57,13 +57,17 @@ def require(condition: object, problem: str) -> None:
 
 @dataclass(frozen=True)
 class Record:
-    """A file: its `columns` in SI by name, the sample interval `step` [s], and the columns' `units` in the file."""
+    """A file: its `columns` in SI by name, the sample interval `step` [s], and the columns' `units` in the file.
+
+    `quantities` maps the name of a column to its unit in SI and its meaning.
+    """
 
     path: Path
     step: float
     columns: Mapping[str, Array]
     units: Mapping[str, str]
     sha256: str
+    quantities: Mapping[str, tuple[str, str]] = field(default_factory=lambda: QUANTITIES)
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -81,10 +85,14 @@ class Record:
         require(condition, f"{self.path}: {problem}")
 
 
-def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str] = ()) -> list[Record]:
-    """Read ``time`` and columns of these names from each file. Raises RecordError for the first unusable file."""
+def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str] = (),
+                 quantities: Mapping[str, tuple[str, str]] = QUANTITIES) -> list[Record]:
+    """Read ``time`` and columns of these names from each file. Raises RecordError for the first unusable file.
+
+    `quantities` maps the names of columns to their unit in SI and their meaning.
+    """
     require(paths, "no files: give at least one CSV file of measurements")
-    records = [_record(path, ("time", *required), optional) for path in paths]
+    records = [_record(path, ("time", *required), optional, quantities) for path in paths]
     seen: dict[str, Record] = {}
     for record in records:
         first = seen.setdefault(record.sha256, record)
@@ -99,7 +107,8 @@ def divided(records: Sequence[Record], stretches: Callable[[Record], Sequence[T]
     return [stretch for stretch, _ in pairs], [i for _, i in pairs]
 
 
-def _record(path: Path, required: Sequence[str], optional: Sequence[str]) -> Record:
+def _record(path: Path, required: Sequence[str], optional: Sequence[str],
+            quantities: Mapping[str, tuple[str, str]]) -> Record:
     try:
         raw = path.read_bytes()
         text = raw.decode("utf-8-sig")
@@ -113,21 +122,22 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str]) -> Rec
             raise RecordError(f"{path}: data row {i} has {len(row)} cells, the header {len(header)}; "
                               "separate cells by commas and write decimals with a point")
     columns, units = {}, {}
-    for name, (index, unit) in _located(path, header, required, optional).items():
-        columns[name] = _values(path, name, unit, [row[index] for row in rows], header[index])
+    for name, (index, unit) in _located(path, header, required, optional, quantities).items():
+        columns[name] = _values(path, name, unit, quantities[name][0], [row[index] for row in rows], header[index])
         units[name] = unit
     require(len(rows) >= FEWEST_ROWS, f"{path}: has {len(rows)} rows; at least {FEWEST_ROWS} are needed")
-    return Record(path, _interval(path, columns["time"]), columns, units, hashlib.sha256(raw).hexdigest())
+    return Record(path, _interval(path, columns["time"]), columns, units, hashlib.sha256(raw).hexdigest(),
+                  quantities)
 
 
-def _located(path: Path, header: Sequence[str], required: Sequence[str],
-             optional: Sequence[str]) -> dict[str, tuple[int, str]]:
+def _located(path: Path, header: Sequence[str], required: Sequence[str], optional: Sequence[str],
+             quantities: Mapping[str, tuple[str, str]]) -> dict[str, tuple[int, str]]:
     """Return index and unit of each column by name."""
     cells = [match.groups() if (match := _HEADER.fullmatch(cell)) else (cell.strip(), None) for cell in header]
     names = [name for name, _ in cells]
     for name in required:
         if name not in names:
-            unit, meaning = QUANTITIES[name]
+            unit, meaning = quantities[name]
             close = get_close_matches(name, names, 1)
             hint = f"; is {close[0]} meant? Call it {name}" if close else ""
             raise RecordError(f"{path}: has no column {name} ({meaning}, in {unit} or with its unit as in {name} "
@@ -135,13 +145,13 @@ def _located(path: Path, header: Sequence[str], required: Sequence[str],
     used = {name: (i, unit) for i, (name, unit) in enumerate(cells) if name in (*required, *optional)}
     for name in used:
         require(names.count(name) == 1, f"{path}: has two columns {name}; leave one of them out")
-    return {name: (i, QUANTITIES[name][0] if unit is None else unit.strip()) for name, (i, unit) in used.items()}
+    return {name: (i, quantities[name][0] if unit is None else unit.strip()) for name, (i, unit) in used.items()}
 
 
-def _values(path: Path, name: str, unit: str, cells: Sequence[str], head: str) -> Array:
-    """Return a column's values in SI."""
+def _values(path: Path, name: str, unit: str, si: str, cells: Sequence[str], head: str) -> Array:
+    """Return a column's values in SI, from its unit in the file."""
     try:
-        zero, one = (convert(Decimal(x), unit, QUANTITIES[name][0]) for x in (0, 1))
+        zero, one = (convert(Decimal(x), unit, si) for x in (0, 1))
     except UnitError as error:
         raise RecordError(f"{path}: column {head.strip()}: {error}") from error
     values = np.empty(len(cells))
@@ -153,7 +163,7 @@ def _values(path: Path, name: str, unit: str, cells: Sequence[str], head: str) -
         if not np.isfinite(values[i]):
             raise RecordError(f"{path}: {name}, data row {i + 1}: {cell.strip() or '(empty)'} is not a finite number; "
                               "remove the measurements up to this gap or those after it")
-    return values if unit == QUANTITIES[name][0] else zero + (one - zero) * values
+    return values if unit == si else zero + (one - zero) * values
 
 
 def _interval(path: Path, time: Array) -> float:
@@ -190,13 +200,13 @@ def refuse_clipped(record: Record, name: str) -> None:
         rests = flat >= _FLAT and flat > 4 * (others + 1)
         piles = noisy and pile >= 2 * _FLAT and pile > 4 * (int(neighbours.max()) + 1)
         record.require(not (rests or piles), f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} "
-                       f"{QUANTITIES[name][0]}, its extreme, as no others; widen the range of the measurement, or "
-                       "excite less")
+                       f"{record.quantities[name][0]}, its extreme, as no others; widen the range of the measurement, "
+                       "or excite less")
 
 
 def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) -> None:
     """Raise RecordError for a column beyond `largest` [SI], with its `meaning`: the header's unit is probably wrong."""
-    reached, unit = float(np.abs(record[name]).max()), QUANTITIES[name][0]
+    reached, unit = float(np.abs(record[name]).max()), record.quantities[name][0]
     record.require(reached <= largest, f"{name} reaches {reached:.4g} {unit}, more than {largest:.4g} {unit} "
                    f"({meaning}); it was read as {record.units[name]}: put the unit it has into the header, as in "
                    f"{name} [{unit}]")

@@ -83,6 +83,7 @@ class Identification:
     notes: Sequence[str]
     drawings: Callable[[], Iterable[Drawing]]
     method = METHOD
+    template = "studies/identification/report.html.j2"
 
     def __getitem__(self, name: str) -> Estimate:
         return next(e for e in self.estimates if e.name == name)
@@ -116,7 +117,7 @@ class Identification:
 
     def write_report(self, path: Path) -> None:
         """Write a page with the plots; the same result gives the same bytes."""
-        write_page(path, "studies/identification/report.html.j2", [self.base], result=self,
+        write_page(path, self.template, [self.base], result=self,
                    figures=pictures(self.drawings()), records=list(zip(self.records, self.noise)))
 
     def document(self) -> Mapping[str, Any]:
@@ -143,7 +144,9 @@ def write_identified(result: Identification, path: Path, base_files: Iterable[Pa
             changes[name] = file_entry([_rounded(e) for e in members], members[0].unit, SOURCE, _note(result, members))
     first = (f"Identified by emcas {__version__} ({result.experiment.kind}); values, units, 1-sigma uncertainties in "
              "the notes.")
-    write_parameters(result.base.with_values(changes), path, [first, *_remarks(result, base_files)])
+    write_parameters(result.base.with_values(changes), path, [
+        first, *(f"Record {record.name}, SHA-256 {record.sha256}" for record in result.records),
+        *_remarks(result, base_files)])
 
 
 def _array(name: str) -> str:
@@ -164,7 +167,7 @@ def _rounded(estimate: Estimate) -> float:
     """Return the value to three digits of its uncertainty: more are noise."""
     if not estimate.sigma > 0.0:
         return estimate.value
-    return round(estimate.value, 2 - floor(log10(estimate.sigma)))
+    return round(estimate.value, 2 - floor(log10(estimate.sigma))) + 0.0  # no -0
 
 
 def _note(result: Identification, estimates: Sequence[Estimate]) -> str:

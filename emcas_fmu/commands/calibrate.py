@@ -1,0 +1,75 @@
+"""`emcas calibrate`: find parameters of any actuator with which it follows records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..actuators import NONLINEAR
+from . import common
+from .identify import estimates
+
+EPILOG = common.examples(
+    "calibrate", "steps.csv sweep.csv --free inertia.motor,friction.viscous --output mine.toml",
+    "bench_*.csv -p data_sheet.toml --free motor.torque_constant=0.08..0.14 N*m/A "
+    "--prior 'motor.torque_constant=0.11+-0.01 N*m/A' --hold-out flight.csv -o mine.toml --report fit.html",
+    "run.csv --model my_actuator.py --free gear.friction --compare fin_angle --robust --json fit.json",
+    last=["  python build_fmu.py -p mine.toml"])
+
+
+def calibrate(
+    files: Annotated[list[Path], typer.Argument(
+        help="CSV files of measurements, to which is fitted. Columns are time and inputs and outputs of the actuator, "
+             "with their unit in the header, as in motor_current [A].", metavar="FILE...")],
+    free: Annotated[list[str], common.value(
+        "Parameters to find, with commas between them, as NAME or NAME=LOWER..UPPER UNIT. Default bounds: a fifth of "
+        "the value to five times the value. Repeatable.", "NAME[=BOUNDS]", "--free")],
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = NONLINEAR,
+    prior: Annotated[list[str] | None, common.value(
+        "What is known of a free parameter: NAME=VALUE+-SIGMA UNIT. Repeatable.", "NAME=VALUE+-SIGMA")] = None,
+    hold_out: Annotated[list[Path] | None, common.value(
+        "CSV file that is not fitted but judged. Repeatable.", "FILE")] = None,
+    compare: Annotated[list[str] | None, common.value(
+        "Output to compare. Repeatable. Default: every output that all files have.", "OUTPUT")] = None,
+    delays: Annotated[bool, typer.Option("--delays", help="Find the delay of each measured output, too.")] = False,
+    robust: Annotated[bool, typer.Option(
+        "--robust", help="Let large errors count in proportion, not by their square: for records with stick and slip "
+                         "or outliers.")] = False,
+    seed: Annotated[int, common.value("Seed of the starting points.", "N", min=0)] = 1,
+    output: Annotated[Path | None, common.output_option(
+        "Write a parameter file: the values found, and what --parameters already changed.")] = None,
+    report: common.ReportOption = None,
+    as_json: common.JsonOption = None,
+) -> None:
+    """Find parameters of an actuator with which its simulation follows measurements, and their uncertainty.
+
+    The measured inputs drive the actuator; its outputs are compared with the measured ones. Exit code 1: the records do
+    not determine a parameter, a value is at its bound, or a column is clipped or drifts. Ctrl-C ends the fit; the best
+    values are shown and written, and the exit code is 130.
+    """
+    from ..api import calibrate as run
+    from ..studies.identification.result import write_identified
+
+    held_out = hold_out or []
+    common.check_outputs(report, as_json, inputs=(files, held_out, parameters))
+    common.check_outputs(output, report, as_json, inputs=(files, held_out))
+    base = common.parameter_set(parameters, model)
+    names = [name.strip() for text in free for name in text.split(",") if name.strip()]
+    with common.work("calibrate") as step:
+        result = run(files, base, names, held_out, compare or (), prior or (), delays, robust, seed, step)
+    common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
+                         (report, type(result).write_report))
+    common.write_json(result.document(), as_json)
+    common.out.print(estimates(result))
+    common.out.print(common.table(["record", "use", "output", ">rms", ">mean", ">largest", "unit", ">fit / %"], (
+        [c.record.name, c.use, c.variable.name, *(f"{c.figures[name]:.3g}" for name in ("rms", "mean_abs", "largest")),
+         c.unit, f"{c.figures['fit_percent']:.1f}"] for c in result.comparisons), "Error of the calibrated model"))
+    for line in result.notes:
+        common.say(line)
+    common.warn(result.problems)
+    common.print_written(output, report, as_json)
+    if result.problems:
+        raise typer.Exit(common.INTERRUPTED if result.stopped else 1)

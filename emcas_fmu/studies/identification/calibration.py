@@ -1,0 +1,276 @@
+"""Calibration: parameters of any actuator from records of its inputs and outputs, by the error of simulation.
+
+A record's inputs drive the simulation, its outputs are compared. Besides the free parameters the fin angle at the start
+of each record is unknown, and the delay of each measured output if wanted.
+
+Quantisation of measured angles makes the response a rough function of the parameters, with many minima of the error.
+Therefore the mean response from several starts close together is compared, which is less rough, and the fit ends where
+the error is orthogonal to the derivatives without quantisation, as it is at the true parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import inf, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from ...parameters import ParameterSet
+from ...support.progress import Progress, silent
+from . import pictures
+from .estimation import Fit, Stretches, descend, solve, weighted_fit
+from .records import Array, Record, require, runs
+from .replay import Comparison, read
+from .replay import Replay as Replay
+from .result import Estimate, Experiment, Identification
+from .unknowns import Unknown, free_parameters
+
+METHOD = ("simulation error over all records, weighted by the noise of each output; 1 sigma from the covariance scaled "
+          "by the residuals and by their autocorrelation time")
+_CANDIDATES, _TRIED = 64, 3  # starting points that are simulated, and those of them from which is fitted
+_EVALUATIONS, _STEPS = 30, 8  # from each of these; of Gauss and Newton afterwards
+_FAINT = 1e-6  # weight of the prior in the fits from starting points, which only need to end near the result
+_OPPOSITE = -0.5  # correlation of measured and simulated values that no parameters explain
+_STILL = 1e-3  # ratio of their deviations, simulated to measured, without an input
+_WIDE, _RATIO = 30.0, 5.0  # the same with a wrong unit, or its inverse, before and after parameters are found
+_FLAT, _BEYOND = 6, 3.0  # equal samples at the extreme, and by how many deviations the simulation exceeds them
+_DRIFT, _CERTAIN = 5e-4, 6.0  # smallest relative drift of a clock that is reported; in sigmas
+_OPEN, _PART = 0.5, 0.3  # share of a prior's variance that is left; of the largest effect, of a parameter that is named
+_AT_BOUND = 1e-3  # of the interval between the bounds
+
+
+@dataclass(frozen=True)
+class Calibration(Identification):
+    """The result of a calibration.
+
+    `calibrated` is the base set with the estimates, `comparisons` are of all records, `undetermined` lists combinations
+    of parameters that the records do not determine, `at_bound` the parameters at a bound; `stopped` by Ctrl-C.
+    `problems` say in a line each what is wrong with records or result.
+    """
+
+    calibrated: ParameterSet
+    comparisons: Sequence[Comparison]
+    undetermined: Sequence[tuple[str, ...]]
+    at_bound: Sequence[str]
+    stopped: bool
+    problems: Sequence[str] = ()
+    method = METHOD
+    template = "studies/identification/calibration.html.j2"
+
+    @property
+    def used(self) -> list[tuple[Record, str]]:
+        """The records, and what each is used for."""
+        return list({c.record.sha256: (c.record, c.use) for c in self.comparisons}.values())
+
+    @property
+    def noise(self) -> list[dict[str, Any]]:
+        """Standard deviation, number and correlation time of the residuals of each output of each fitted record."""
+        fitted = [c for c in self.comparisons if not c.held_out]
+        return [{"file": c.record.name, "output": c.variable.name, "residual": float(deviation),
+                 "unit": c.variable.unit, "residuals": count, "correlation_time": float(time)}
+                for c, deviation, count, time in zip(fitted, self.fit.deviations, self.fit.counts, self.fit.times,
+                                                     strict=True)]
+
+    def document(self) -> Mapping[str, Any]:
+        """Return everything except the plots, for JSON."""
+        return {**super().document(), "undetermined": self.undetermined, "at_bound": self.at_bound,
+                "stopped": self.stopped, "problems": self.problems,
+                "comparisons": [{"file": c.record.name, "sha256": c.record.sha256, "held_out": c.held_out,
+                                 "output": c.variable.name, "unit": c.unit, **c.figures} for c in self.comparisons]}
+
+
+def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], hold_out: Sequence[Path] = (),
+              compare: Sequence[str] = (), priors: Sequence[str] = (), delays: bool = False, robust: bool = False,
+              seed: int = 1, progress: Progress = silent) -> Calibration:
+    """Find parameters with which an actuator follows records, and judge them on the records held out.
+
+    A record is a CSV file of ``time`` and columns of the actuator's inputs and outputs with their units; `compare`
+    chooses among its outputs. `free` and `priors` are texts as of :func:`.unknowns.free_parameters`. `delays` frees the
+    delay of each measured output; `robust` counts large errors in proportion (soft L1), as of stick and slip. The fit
+    begins at the base set and at the best of random points between the bounds (`seed`). Ctrl-C ends it at the best
+    point so far. Raises RecordError, EmcasError.
+    """
+    unknown = free_parameters(base, free, priors)
+    records, outputs = read(paths, base, compare)
+    others = read(hold_out, base, [v.name for v in outputs])[0] if hold_out else []
+    for record in others:
+        require(record.sha256 not in {r.sha256 for r in records}, f"{record.path}: has the contents of a record that "
+                "is fitted; a record that is held out must be another")
+    replay = Replay(base, unknown, records, outputs, delays)
+    _require_plausible(replay, np.array([u.start for u in replay.unknowns]), _WIDE)
+    search = _Search(replay, seed, progress)
+    _require_plausible(replay, search.best, _RATIO)
+    fit = search.fit(robust)
+    estimates = [Estimate(u.name, float(x), float(s), u.unit, float(base.values[u.name]) if u in unknown else None,
+                          u in unknown) for u, x, s in zip(replay.unknowns, fit.values, fit.sigmas, strict=True)]
+    units = {v.name: v.unit for v in base.actuator.parameters}
+    estimates += [replace(e, name=u.follower, unit=units[u.follower]) for u, e in zip(unknown, estimates) if u.follower]
+    calibrated = base.with_values({e.name: e.value for e in estimates if e.parameter})
+    comparisons = list(replay.comparisons(calibrated, fit.values, others))
+    at_bound = [u.name for u, x in zip(unknown, fit.values)
+                if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
+    result = Calibration(
+        Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
+        _notes(fit), lambda: pictures.comparisons(comparisons, fit), calibrated, comparisons,
+        _undetermined(fit, unknown), at_bound,
+        search.stopped)
+    return replace(result, problems=[*_problems(result), *_faults(replay, fit)])
+
+
+def _undetermined(fit: Fit, free: Sequence[Unknown]) -> list[tuple[str, ...]]:
+    """Return combinations of parameters of which the records say little, by the names that have a share in them.
+
+    They are eigenvectors of the covariance relative to that of the priors. A parameter's share is its effect on the
+    simulation along the eigenvector: parameters that the records cannot tell apart have equal shares, whatever their
+    sizes.
+    """
+    count, spread = len(free), np.array([u.sigma for u in free])
+    shares, directions = np.linalg.eigh(fit.covariance[:count, :count] / np.outer(spread, spread))
+    effects = np.sqrt(np.maximum(np.diag(np.linalg.inv(fit.covariance))[:count] * spread**2 - 1.0, 1e-12))
+    found = []
+    for direction in directions.T[shares > _OPEN]:
+        parts = np.abs(direction) * effects
+        found.append(tuple(u.name for u, part in zip(free, parts, strict=True) if part > _PART * parts.max()))
+    return found
+
+
+class _Search:
+    """The point of the smallest error from several starting points, `best`, and the fit from there."""
+
+    def __init__(self, replay: Replay, seed: int, progress: Progress) -> None:
+        self._replay, self._progress = replay, progress
+        unknowns = replay.unknowns
+        self._size, self._mean, self._sigma, lower, upper = (np.array(column) for column in zip(*(
+            (u.size, u.mean, u.sigma, u.lower, u.upper) for u in unknowns), strict=True))
+        self._bounds = lower / self._size, upper / self._size
+        self._deviations = [float(np.std(replay.records[i][replay.outputs[j].name])) or 1.0 for i, j in replay.owners]
+        self._units = np.ones(len(replay.outputs))
+        self.best, self._lowest, self.stopped = np.array([u.start for u in unknowns]), inf, False
+        candidates = np.repeat(self.best[None], _CANDIDATES, axis=0)
+        draws = qmc.LatinHypercube(replay.free, rng=np.random.default_rng(seed)).random(_CANDIDATES - 1)
+        candidates[1:, :replay.free] = [[u.between(share) for u, share in zip(unknowns, row)] for row in draws]
+        try:
+            progress("trying starting points", 0, _TRIED + 1)
+            order = np.argsort(np.linalg.norm(self._relative(candidates / self._size), axis=1)).tolist()
+            for k, index in enumerate([0, *(i for i in order if i)][:_TRIED]):
+                progress("fitting from starting points", k + 1, _TRIED + 1)
+                solve(self._relative, candidates[index] / self._size, partial(self._relative, smooth=True),
+                      method="trf", bounds=self._bounds, max_nfev=_EVALUATIONS, xtol=1e-6, ftol=1e-4)
+        except KeyboardInterrupt:
+            self.stopped = True
+
+    def fit(self, robust: bool) -> Fit:
+        """Return the fit from the best point, or at it if Ctrl-C stops the work."""
+        owners, count = self._replay.owners, len(self._units)
+        near = self._replay.residuals(self.best[None])[0]
+        self._units = np.array([float(np.sqrt(np.mean(np.concatenate(near[j::count]) ** 2))) or 1.0
+                                for j in range(count)])
+
+        def from_best(steps: int) -> Fit:
+            return weighted_fit(
+                [u.name for u in self._replay.unknowns], self._scaled, self.best, self._size,
+                [i * count + j for i, j in owners], prior=(self._mean, self._sigma), robust=robust,
+                smooth=partial(self._scaled, smooth=True) if self._replay.rough else None,
+                minimise=partial(descend, bounds=self._bounds, robust=robust, steps=steps))
+
+        self._progress("fitting", _TRIED + 1, _TRIED + 1)
+        try:
+            fit = from_best(0 if self.stopped else _STEPS)
+        except KeyboardInterrupt:
+            self.stopped, fit = True, from_best(0)
+        units = self._units[[j for _, j in owners]]
+        return replace(fit, residuals=tuple(r * u for r, u in zip(fit.residuals, units, strict=True)),
+                       deviations=fit.deviations * units)
+
+    def _scaled(self, points: Array, smooth: bool = False) -> list[Stretches]:
+        """Return residuals over the unit of their output, and keep the point of the smallest error."""
+        found = self._replay.residuals(points, smooth)
+        for point, stretches in zip(points, found, strict=True) if not smooth else ():
+            cost = sum(float(np.mean(r**2)) / s**2 for r, s in zip(stretches, self._deviations, strict=True))
+            if cost < self._lowest:
+                self.best, self._lowest = point, cost
+        return [[r / self._units[j] for r, (_, j) in zip(stretches, self._replay.owners, strict=True)]
+                for stretches in found]
+
+    def _relative(self, points: Array, smooth: bool = False) -> Array:
+        """Return residuals relative to the measured deviations, from points relative to their sizes."""
+        return np.array([np.concatenate([
+            *(r / (s * sqrt(len(r))) for r, s in zip(stretches, self._deviations, strict=True)),
+            _FAINT * (point * self._size - self._mean) / self._sigma])
+            for point, stretches in zip(points, self._scaled(points * self._size, smooth), strict=True)])
+
+
+def _require_plausible(replay: Replay, point: Array, largest: float) -> None:
+    """Raise RecordError for a column that no parameters explain: its sign or unit is wrong, or an input is missing.
+
+    `largest` is the ratio of measured to simulated deviations, or its inverse, up to which nothing is wrong.
+    """
+    for r, (i, j) in zip(replay.residuals(point[None])[0], replay.owners, strict=True):
+        record, v = replay.records[i], replay.outputs[j]
+        measured = record[v.name]
+        simulated = measured + r
+        size, expected = float(np.std(measured)), float(np.std(simulated))
+        if not size:
+            continue
+        record.require(expected > _STILL * size, f"{v.name} varies, the simulated one hardly: a column of an input is "
+                       f"missing or constant; used were {', '.join(record.columns)}")
+        agreement = float(np.corrcoef(measured, simulated)[0, 1])
+        record.require(agreement > _OPPOSITE, f"{v.name} changes against the simulated one (correlation "
+                       f"{agreement:.2f}): its sign, or that of an input, is the opposite; change it in the file")
+        record.require(1.0 / largest < size / expected < largest, f"{v.name} varies by {size:.3g} {v.unit or '1'} (1 "
+                       f"sigma), the simulated one by {expected:.3g}: it was read as {record.units[v.name]}; put the "
+                       f"unit that it has into the header, as in {v.name} [{v.unit}]; otherwise give wider bounds")
+
+
+def _problems(result: Calibration) -> Iterator[str]:
+    """Yield where the fit ended, and what the records leave open."""
+    if result.stopped:
+        yield "stopped before the end of the fit: these are the best values until then"
+    for names in result.undetermined:
+        what = names[0] if len(names) == 1 else f"a combination of {', '.join(names)}"
+        yield (f"not determined: the records say little more of {what} than the bounds do; keep all but one at known "
+               "values, give a prior, or excite more")
+    for name in result.at_bound:
+        yield f"{name} is at a bound: what fits best may lie beyond; give wider bounds, or look for what is missing"
+
+
+def _faults(replay: Replay, fit: Fit) -> Iterator[str]:
+    """Yield what is wrong with columns: a measuring range that ended, a clock that drifts."""
+    for r, time, (i, j) in zip(fit.residuals, fit.times, replay.owners, strict=True):
+        record, v = replay.records[i], replay.outputs[j]
+        measured = record[v.name]
+        for extreme, sign in ((measured.max(), 1.0), (measured.min(), -1.0)):
+            at = measured == extreme
+            beyond = sign * float(np.mean(r[at]))
+            if int(np.diff(runs(at)).max(initial=0)) >= _FLAT and beyond > _BEYOND * float(np.std(r[~at])):
+                yield (f"{record.name}: {v.name} is clipped at {extreme:.6g} {v.unit}, which the simulation exceeds by "
+                       f"{beyond:.3g}: widen the range of the measurement, or cut the file")
+        drift, sigma = _drift(measured + r, r, record.step, time)
+        if abs(drift) > max(_DRIFT, _CERTAIN * sigma):
+            yield (f"{record.name}: the clock of {v.name} drifts by {100.0 * drift:.2g} % (1 sigma {100.0 * sigma:.1g} "
+                   "%) against that of the inputs: log both by one clock")
+
+
+def _drift(simulated: Array, error: Array, step: float, time: float) -> tuple[float, float]:
+    """Return the relative drift of a measurement's clock, and its 1 sigma, from the error of simulation.
+
+    A measurement that is late by d + b t differs by (d + b t) dy/dt; an offset is fitted as well. `time` [samples] is
+    the correlation time of the error.
+    """
+    slope = np.gradient(simulated, step)
+    at = step * np.arange(len(simulated))
+    inverse = np.linalg.pinv(np.stack([at * slope, slope, np.ones(len(at))], axis=1))
+    found = inverse @ error
+    left = error - found[0] * at * slope - found[1] * slope - found[2]
+    return float(found[0]), float(np.std(left)) * sqrt(time) * float(np.linalg.norm(inverse[0]))
+
+
+def _notes(fit: Fit) -> list[str]:
+    return [f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; white noise has 1. "
+            "Longer times show what the model lacks; the uncertainties account for them, but not for parameters that "
+            "are wrong and not free."]

@@ -1,0 +1,179 @@
+"""Replay of records: an actuator driven by measured inputs, its outputs compared with the measured ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import inf, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import EmcasError, hint
+from ...fmi.units import display
+from ...parameters import ParameterSet
+from ...runtime.compiled import parameter_row
+from ...simulation import respond_all
+from ...units import factor
+from ...variables import Variable
+from .estimation import Stretches
+from .records import Array, Record, read_records, require
+from .unknowns import Unknown, nuisance
+
+_ANGLE, _START = "fin_angle", "fin.start_angle"
+_LATEST = 0.02  # [s] largest delay of a measured output
+_FAILED = 1e3  # error of a simulation that fails, in standard deviations of the measurement
+_SMOOTH: Mapping[str, Any] = {"encoder.enabled": False, "transducer.resolution": 0.0}  # without quantisation
+_COPIES, _SPREAD = 8, 1e-4  # starts of which the mean response is compared, and their spread [share of command.limit]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An output of a record, measured and simulated [display unit], and whether the record was held out."""
+
+    record: Record
+    variable: Variable
+    held_out: bool
+    measured: Array
+    simulated: Array
+
+    @property
+    def unit(self) -> str:
+        """Unit of the arrays and figures."""
+        return display(self.variable) or self.variable.unit
+
+    @property
+    def use(self) -> str:
+        """What the record is used for."""
+        return "held out" if self.held_out else "fitted"
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Root mean square, mean magnitude and largest magnitude of the error, and the fit [%].
+
+        The fit is 100 (1 - |y - y_m| / |y - mean y|), that of system identification (Ljung 1999, section 16.4).
+        """
+        error = self.simulated - self.measured
+        spread = float(np.linalg.norm(self.measured - self.measured.mean()))
+        return {"rms": float(np.sqrt(np.mean(error**2))), "mean_abs": float(np.mean(np.abs(error))),
+                "largest": float(np.abs(error).max()),
+                "fit_percent": 100.0 * (1.0 - float(np.linalg.norm(error)) / spread) if spread else -inf}
+
+
+def read(paths: Sequence[Path], base: ParameterSet,
+         compare: Sequence[str] = ()) -> tuple[list[Record], list[Variable]]:
+    """Read records of the actuator's inputs and outputs; return them, and the outputs to compare, which all have.
+
+    Raises RecordError for a record without an input or output, EmcasError for an unknown output.
+    """
+    actuator = base.actuator
+    known = {v.name: v for v in actuator.outputs if v.kind == "Real"}
+    for name in compare:
+        if name not in known:
+            raise EmcasError(f"{actuator.name} has no output {name}{hint(name, known)}")
+    quantities = {v.name: (v.unit or "1", v.description) for v in (*actuator.inputs, *known.values())}
+    records = read_records(paths, compare, list(quantities), {"time": ("s", "time of the sample"), **quantities})
+    for record in records:
+        record.require(any(v.name in record.columns for v in actuator.inputs), "has no column of an input, such as "
+                       f"fin_command [deg]; the inputs are {', '.join(v.name for v in actuator.inputs)}")
+    outputs = [v for v in known.values() if (v.name in compare if compare else
+                                             all(v.name in record.columns for record in records))]
+    require(outputs, f"{records[0].path}: no output is in every record; the outputs of {actuator.name} are "
+            f"{', '.join(known)}")
+    return records, outputs
+
+
+class Replay:
+    """Simulates records for many values of the `unknowns` side by side [SI].
+
+    The unknowns are the free parameters, the fin angle at the start of each record if it is measured, and the delay of
+    each output if there are `delays`. `owners` are the indices of record and output of each array of residuals. They
+    are `rough` functions of the parameters if measured angles are quantised.
+    """
+
+    def __init__(self, base: ParameterSet, free: Sequence[Unknown], records: Sequence[Record],
+                 outputs: Sequence[Variable], delays: bool) -> None:
+        self.base, self.records, self.outputs, self._delays = base, records, outputs, delays
+        self.free = len(free)
+        starts = records if any(v.name == _ANGLE for v in outputs) else ()
+        self.unknowns = [*free, *(nuisance(f"start of {r.name}", "rad", float(r[_ANGLE][0]), 0.01, pi)
+                                 for r in starts),
+                         *(nuisance(f"delay of {v.name}", "s", 0.0, 1e-3, _LATEST) for v in outputs if delays)]
+        self.owners = list(product(range(len(records)), range(len(outputs))))
+        self._starts = bool(starts)
+        index = {v.name: i for i, v in enumerate(base.actuator.parameters)}
+        self._columns = [(k, index[name]) for k, f in enumerate(free) for name in (f.name, f.follower)
+                         if name in index]
+        self._start = index[_START]
+        self._inputs = [(v.name, float(v.initial(base.values)),
+                         next((k for k, f in enumerate(free) if f.name == v.key), None)) for v in base.actuator.inputs]
+        self._row = parameter_row(base.values, base.model)
+        self._smooth = parameter_row({**base.values, **base.having(_SMOOTH)}, base.model)
+        self.rough = bool((self._smooth != self._row).any())
+        self._offsets = (_SPREAD * float(base.values["command.limit"]) * np.linspace(-0.5, 0.5, _COPIES) if self.rough
+                         else np.zeros(1))
+
+    def residuals(self, points: Array, smooth: bool = False) -> list[Stretches]:
+        """Return simulated less measured outputs [points], for each an array for each output of each record.
+
+        Quantisation of measured angles makes a response a rough function of the parameters: where there is any, these
+        are means of responses from several starts close together, or, if `smooth`, responses without quantisation.
+        """
+        row, offsets = (self._smooth, np.zeros(1)) if smooth else (self._row, self._offsets)
+        parts = [self._of_record(i, points, row, offsets) for i in range(len(self.records))]
+        return [[parts[i][j][k] for i, j in self.owners] for k in range(len(points))]
+
+    def _of_record(self, i: int, points: Array, row: Array, offsets: Array) -> list[Array]:
+        """Return the residuals of the outputs of a record, arrays [points, rows]."""
+        record, copies = self.records[i], len(offsets)
+        of_record = [*range(self.free), *([self.free + i] if self._starts else [])]
+        # A point that differs in another record's start needs no run of this one.
+        different, run_of = np.unique(points[:, of_record], axis=0, return_inverse=True)
+        different = np.repeat(different, copies, axis=0)
+        sets = np.repeat(row[None], len(different), axis=0)
+        for k, column in self._columns:
+            sets[:, column] = different[:, k]
+        if self._starts:
+            sets[:, self._start] = different[:, -1]
+        sets[:, self._start] += np.tile(offsets, len(different) // copies)
+        inputs = [record.columns.get(name, np.array(start)) if key is None else different[:, [key]]
+                  for name, start, key in self._inputs]
+        names = [v.name for v in self.outputs]
+        columns = respond_all(sets, inputs, record.step, names, model=self.base.model).columns
+        residuals = []
+        for j, name in enumerate(names):
+            simulated = columns[name].reshape(-1, copies, len(record)).mean(axis=1)[run_of.ravel()]
+            if self._delays:
+                simulated = np.array([_delayed(y, point[j - len(names)], record) for y, point in zip(
+                    simulated, points, strict=True)])
+            error = simulated - record[name]
+            residuals.append(np.where(np.isfinite(error), error, _FAILED * (np.std(record[name]) or 1.0)))
+        return residuals
+
+    def comparisons(self, calibrated: ParameterSet, values: Array, others: Sequence[Record]) -> Iterator[Comparison]:
+        """Yield the outputs of all records and of `others`, held out, which start at the first measured angle.
+
+        They are simulated with the `calibrated` parameters, quantisation included, and the `values` of the unknowns.
+        """
+        delays = values[-len(self.outputs):] if self._delays else np.zeros(len(self.outputs))
+        for i, record in enumerate((*self.records, *others)):
+            held_out = i >= len(self.records)
+            if self._starts:
+                start = float(record[_ANGLE][0]) if held_out else float(values[self.free + i])
+                calibrated = calibrated.with_values({_START: start})
+            inputs = [record.columns.get(v.name, np.array(float(v.initial(calibrated.values))))
+                      for v in calibrated.actuator.inputs]
+            columns = respond_all(parameter_row(calibrated.values, calibrated.model)[None], inputs, record.step,
+                                  [v.name for v in self.outputs], model=calibrated.model).finished()
+            for v, delay in zip(self.outputs, delays, strict=True):
+                scale = factor(v.unit, display(v)) if display(v) else 1.0
+                yield Comparison(record, v, held_out, record[v.name] * scale,
+                                 _delayed(columns[v.name][0], delay, record) * scale)
+
+
+def _delayed(simulated: Array, delay: float, record: Record) -> Array:
+    """Return an output as a channel with a delay [s] records it."""
+    at = np.arange(len(record)) * record.step
+    return simulated if delay == 0.0 else np.interp(at - delay, at, simulated)

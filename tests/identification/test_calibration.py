@@ -1,0 +1,268 @@
+"""Calibration: random actuators of every kind are recovered, with errors as large as stated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu import api
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.units import display
+from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.identification import calibration
+from emcas_fmu.units import factor
+
+from ..marks import slow
+from .conftest import emcas
+
+STEP, ROWS = 1e-3, 600
+# Free parameters of each kind, and outputs whose records determine them.
+KINDS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "nonlinear": (("inertia.motor", "friction.viscous.positive", "drive.current_gain", "drive.transport_delay"),
+                  ("fin_angle", "motor_current")),
+    "linear": (("inertia.motor", "drive.current_gain"), ("fin_angle", "motor_current")),
+    "second-order": (("second_order.natural_frequency", "second_order.damping"), ("fin_angle",)),
+    "ristanovic": (("inertia.motor", "pwm.gain"), ("fin_angle", "motor_current")),
+    "elastic": (("inertia.motor", "drive.current_gain"), ("fin_angle", "motor_current")),
+    "habibi": (("inertia.motor", "drive.current_gain"), ("fin_angle", "motor_current")),
+    "ozkan": (("inertia.motor", "drive.current_gain"), ("fin_angle", "motor_current")),
+    "worm-gear": (("worm.friction", "drive.current_gain"), ("fin_angle", "motor_current")),
+    "worm-gear-elastic": (("worm.friction", "drive.current_gain"), ("fin_angle", "motor_current")),
+    "clutch": (("clutch.rated_torque", "inertia.fin"), ("fin_angle",)),
+    "series-clutch": (("inertia.motor", "drive.current_gain"), ("fin_angle", "motor_current")),
+    "electrohydrostatic": (("drive.current_gain", "inertia.motor"), ("fin_angle", "motor_current")),
+    "electrohydraulic": (("valve.rated_flow", "valve.natural_frequency"), ("fin_angle",)),
+    "nonlinear+stribeck": (("inertia.motor", "drive.current_gain"), ("fin_angle", "motor_current")),
+    "nonlinear+heat": (("motor.resistance", "drive.current_gain"), ("motor_current", "motor_voltage")),
+    "elastic+supply": (("inertia.motor", "drive.current_gain"), ("fin_angle", "motor_current")),
+}
+NOISE = 3e-3  # of an output's deviation: more than the roughness by quantisation
+
+
+def write(path: Path, columns: Mapping[str, tuple[Any, str]]) -> Path:
+    """Write columns with their units."""
+    np.savetxt(path, np.array([values for values, _ in columns.values()]).T, delimiter=",", fmt="%.9g", comments="",
+               header=",".join(f"{name} [{unit}]" for name, (_, unit) in columns.items()))
+    return path
+
+
+def records(truth: ParameterSet, outputs: Sequence[str], folder: Path, rng: np.random.Generator,
+            count: int = 2) -> list[Path]:
+    """Records of a sweep and of steps, in the outputs' display units, with white noise."""
+    variables = {v.name: v for v in truth.actuator.outputs}
+    time, paths = np.arange(ROWS) * STEP, []
+    for k in range(count):
+        phase = 2.0 * np.pi * (2.0 * time + 8.0 * time**2) if k % 2 else 2.0 * np.pi * 4.0 * time
+        command = radians(4.0 + 2.0 * k) * (np.sin(phase) if k % 2 else np.sign(np.sin(phase + 0.3)))
+        response = simulate(truth.values, time[-1], STEP, model=truth.model, fin_command=command)
+        columns: dict[str, tuple[Any, str]] = {"time": (time, "s"), "fin_command": (np.degrees(command), "deg")}
+        for name in outputs:
+            v = variables[name]
+            unit = display(v) or v.unit
+            noisy = response[name] + rng.normal(0.0, NOISE * np.std(response[name]), ROWS)
+            columns[name] = noisy * factor(v.unit, unit), unit
+        paths.append(write(folder / f"{k}.csv", columns))
+    return paths
+
+
+def random_truth(base: ParameterSet, free: Sequence[str], rng: np.random.Generator) -> ParameterSet:
+    """The base set with the free parameters changed by up to 30 %."""
+    return base.with_values({name: float(base.values[name]) * rng.uniform(0.75, 1.3) for name in free})
+
+
+def errors(kind: str, seed: int, folder: Path) -> list[float]:
+    """Errors of the estimates of a random actuator, in their stated sigmas."""
+    free, outputs = KINDS[kind]
+    rng, base = np.random.default_rng(seed), load_parameters(model=kind)
+    truth = random_truth(base, free, rng)
+    result = calibration.calibrate(records(truth, outputs, folder, rng), base, free)
+    return [(e.value - float(truth.values[e.name])) / e.sigma for e in result.estimates if e.parameter]
+
+
+@pytest.mark.parametrize("kind", ["nonlinear", "linear", "second-order"])
+def test_a_random_actuator_is_recovered(kind: str, tmp_path: Path) -> None:
+    z = errors(kind, 1, tmp_path)
+    assert np.abs(z).max() < 4.0  # sigmas; of eight values one in 2000 would be beyond
+
+
+@slow
+def test_errors_of_forty_actuators_are_as_large_as_stated(tmp_path: Path) -> None:
+    chosen = [(kind, seed) for kind in KINDS for seed in range(4 if len(KINDS[kind][0]) > 2 else 2)]
+    z = np.concatenate([errors(kind, seed, tmp_path) for kind, seed in chosen])
+    # The rms of 90 standard normal numbers is 1 +- 0.075.
+    assert len(chosen) >= 32
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[ParameterSet, list[Path]]:
+    """A random second-order actuator, and records of it."""
+    rng, base = np.random.default_rng(3), load_parameters(model="second-order")
+    truth = random_truth(base, KINDS["second-order"][0], rng)
+    return truth, records(truth, ("fin_angle", "fin_rate"), tmp_path_factory.mktemp("recorded"), rng, 3)
+
+
+FREE = "second_order.natural_frequency,second_order.damping"
+
+
+def changed(path: Path, folder: Path, **columns: Any) -> Path:
+    """A record with some columns replaced by functions of them, written as `fin_angle`=lambda ..."""
+    head = path.read_text().splitlines()[0].split(",")
+    table = dict(zip(head, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
+    for name, change in columns.items():
+        column = next(each for each in head if each.startswith(name))
+        table[column] = change(table[column])
+    new = folder / path.name
+    np.savetxt(new, np.array(list(table.values())).T, delimiter=",", header=",".join(head), comments="", fmt="%.9g")
+    return new
+
+
+def test_the_command_writes_what_the_function_returns(recorded: tuple[ParameterSet, list[Path]],
+                                                      tmp_path: Path) -> None:
+    truth, paths = recorded
+    file, page, figures = (tmp_path / name for name in ("mine.toml", "fit.html", "fit.json"))
+    done = emcas("calibrate", *paths[:2], "--model", "second-order", "--free", FREE, "--hold-out", paths[2], "-o", file,
+                 "--report", page, "--json", figures)
+    assert done.exit_code == 0, done.output
+    assert "held out" in done.output
+    assert str(file) in done.output
+    result = api.calibrate(paths[:2], load_parameters(model="second-order"), FREE.split(","), paths[2:])
+    document = json.loads(figures.read_text())
+    loaded = load_parameters(file, model="second-order")
+    for e in result.estimates[:2]:
+        assert document["estimates"][e.name]["value"] == e.value
+        assert loaded.values[e.name] == pytest.approx(e.value, abs=5e-3 * e.sigma)  # rounded
+        entry = next(each for each in loaded.entries if each.variable.name == e.name)
+        assert entry.source == "identified"
+        assert f"1 sigma {e.sigma:.2g}" in entry.note
+        assert abs(e.value - float(truth.values[e.name])) < 4.0 * e.sigma
+    assert all(record.sha256 in file.read_text() for record in result.records)
+    held_out = [c for c in document["comparisons"] if c["held_out"]]
+    assert {c["file"] for c in held_out} == {paths[2].name}
+    assert {c["output"] for c in held_out} == {
+        "fin_angle", "fin_rate"}
+    # What is left is the noise, of the record that was not fitted, too.
+    assert all(c["fit_percent"] > 100.0 - 120.0 * NOISE for c in document["comparisons"])
+    text = page.read_text()
+    assert "Measured against simulated" in text
+    assert "held out" in text
+    assert result.records[0].sha256[:12] in text
+
+
+def test_a_pair_that_records_cannot_tell_apart_is_named(tmp_path: Path) -> None:
+    base = load_parameters()
+    rng = np.random.default_rng(5)
+    truth = random_truth(base, ("inertia.fin", "drive.current_gain"), rng)
+    paths = records(truth, ("fin_angle", "motor_current"), tmp_path, rng)
+    result = calibration.calibrate(paths, base, ["inertia.fin", "inertia.shaft", "drive.current_gain"])
+    assert result.undetermined == [("inertia.fin", "inertia.shaft")]
+    assert any("inertia.fin, inertia.shaft" in problem for problem in result.problems)
+
+
+def test_what_is_wrong_with_records_is_reported(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+    _, paths = recorded
+
+    def output(**columns: Any) -> Any:
+        return emcas("calibrate", changed(paths[1], tmp_path, **columns), "--model", "second-order", "--free", FREE,
+                     "--compare", "fin_angle")
+
+    for columns, code, words in (
+        ({"fin_angle": lambda x: -x}, 2, "its sign"),
+        ({"fin_command": lambda x: -x}, 2, "its sign"),
+        ({"fin_angle": np.radians}, 2, "put the unit"),
+        ({"fin_command": lambda x: 0.0 * x}, 2, "a column of an input is missing"),
+        ({"time": lambda t: t + 0.02 * (t > 0.3)}, 2, "not equally spaced"),
+        ({"fin_angle": lambda x: np.where(np.arange(len(x)) == 9, np.nan, x)}, 2, "not a finite number"),
+        ({"fin_angle": lambda x: np.clip(x, None, 2.0)}, 1, "is clipped at"),
+        ({"fin_angle": lambda x: np.interp(np.arange(ROWS) * 1.01, np.arange(ROWS), x)}, 1, "drifts by"),
+    ):
+        done = output(**columns)
+        assert (done.exit_code, words in done.output.replace("\n", " ")) == (code, True), (words, done.output)
+
+
+def test_what_is_asked_wrongly_is_refused_first(recorded: tuple[ParameterSet, list[Path]]) -> None:
+    base, path = load_parameters(model="second-order"), recorded[1][0]
+    natural = "second_order.natural_frequency"
+    for arguments, words in (
+        ({"free": []}, "no parameter is free"),
+        ({"free": ["second_order.dampin"]}, "did you mean second_order.damping"),
+        ({"free": ["second_order.damping=0.9..0.2"]}, "must rise"),
+        ({"free": ["second_order.damping=0.2-0.9"]}, "LOWER..UPPER"),
+        ({"free": [f"{natural}=1..900 deg"]}, natural),
+        ({"free": ["fin.start_angle"]}, "give bounds"),
+        ({"free": [natural], "priors": ["second_order.damping=0.7+-0.1"]}, "is not free"),
+        ({"free": [natural], "priors": [f"{natural}=100+-0 rad/s"]}, "a sigma above 0"),
+        ({"free": [natural], "compare": ["fin_angel"]}, "did you mean fin_angle"),
+        ({"free": [natural], "compare": ["hinge_torque"]}, "has no column hinge_torque"),
+        ({"free": [natural], "hold_out": [path]}, "held out must be another"),
+        ({"free": [natural], "seed": -1}, "seed = -1"),
+    ):
+        with pytest.raises(EmcasError, match=words):
+            api.calibrate([path], base, **arguments)
+    with pytest.raises(EmcasError, match="Boolean"):
+        api.calibrate([path], load_parameters(), ["encoder.enabled"])
+    with pytest.raises(EmcasError, match="no column of an input"):
+        api.calibrate([write(path.parent / "bare.csv", {"time": (np.arange(30.0), "s"), "fin_angle": (np.arange(30.0),
+                                                                                                      "deg")})],
+                      base, [natural])
+
+
+def test_delays_of_channels_are_found(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+    late = 3.4e-3
+    grid = np.arange(ROWS) * STEP
+    path = changed(recorded[1][1], tmp_path, fin_rate=lambda x: np.interp(grid - late, grid, x))
+    result = calibration.calibrate([path], load_parameters(model="second-order"), FREE.split(","), delays=True)
+    assert abs(result["delay of fin_rate"].value - result["delay of fin_angle"].value - late) < 5e-5  # 1/20 of a sample
+
+
+def test_a_prior_counts_as_a_measurement(recorded: tuple[ParameterSet, list[Path]]) -> None:
+    base, path = load_parameters(model="second-order"), recorded[1][:1]
+    alone = calibration.calibrate(path, base, FREE.split(","))["second_order.damping"]
+    far = alone.value + 2.0 * alone.sigma
+    told = calibration.calibrate(path, base, FREE.split(","), priors=[
+        f"second_order.damping={far!r}+-{alone.sigma!r}"])["second_order.damping"]
+    # Two equally certain values: their mean, with 1/sqrt(2) of the uncertainty, within what linearisation leaves.
+    assert told.value == pytest.approx(alone.value + alone.sigma, abs=0.3 * alone.sigma)
+    assert told.sigma == pytest.approx(alone.sigma / np.sqrt(2.0), rel=0.1)
+
+
+def test_robust_fits_ignore_outliers(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+    truth, paths = recorded
+    name = "second_order.damping"
+    path = changed(paths[1], tmp_path, fin_angle=lambda x: np.where(np.arange(ROWS) % 25 == 0, x + 3.0, x))
+    base = load_parameters(model="second-order").with_values({
+        "second_order.natural_frequency": truth.values["second_order.natural_frequency"]})
+    plain, robust = (calibration.calibrate([path], base, [name], robust=each, compare=["fin_angle"])[name]
+                     for each in (False, True))
+    assert abs(robust.value - float(truth.values[name])) < 4.0 * robust.sigma
+    assert robust.sigma < 0.3 * plain.sigma
+
+
+@pytest.mark.parametrize("when", ["trying starting points", "fitting from starting points", "fitting"])
+def test_ctrl_c_keeps_the_best_point(when: str, recorded: tuple[ParameterSet, list[Path]],
+                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    def progress(name: str, _done: int, _total: int) -> None:
+        if name == when:
+            original = calibration.Replay.residuals
+            calls = iter(range(1000))
+
+            def interrupted(*arguments: Any) -> Any:
+                if next(calls) == 3:
+                    monkeypatch.setattr(calibration.Replay, "residuals", original)
+                    raise KeyboardInterrupt
+                return original(*arguments)
+
+            monkeypatch.setattr(calibration.Replay, "residuals", interrupted)
+
+    result = calibration.calibrate(recorded[1][:1], load_parameters(model="second-order"), FREE.split(","),
+                                   progress=progress)
+    assert result.stopped
+    assert "stopped before the end" in result.problems[0]
+    assert all(np.isfinite(e.value) and e.sigma > 0.0 for e in result.estimates)
