@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from math import radians
 from pathlib import Path
@@ -19,7 +22,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.identification import calibration
 from emcas_fmu.units import factor
 
-from ..marks import slow
+from ..docs.recipes import recipes
 from .conftest import emcas
 
 STEP, ROWS = 1e-3, 600
@@ -92,7 +95,7 @@ def test_a_random_actuator_is_recovered(kind: str, tmp_path: Path) -> None:
     assert np.abs(z).max() < 4.0  # sigmas; of eight values one in 2000 would be beyond
 
 
-@slow
+@pytest.mark.slow
 def test_errors_of_forty_actuators_are_as_large_as_stated(tmp_path: Path) -> None:
     chosen = [(kind, seed) for kind in KINDS for seed in range(4 if len(KINDS[kind][0]) > 2 else 2)]
     z = np.concatenate([errors(kind, seed, tmp_path) for kind, seed in chosen])
@@ -243,6 +246,17 @@ def test_robust_fits_ignore_outliers(recorded: tuple[ParameterSet, list[Path]], 
                      for each in (False, True))
     assert abs(robust.value - float(truth.values[name])) < 4.0 * robust.sigma
     assert robust.sigma < 0.3 * plain.sigma
+
+
+def test_the_example_of_the_page(tmp_path: Path) -> None:
+    """docs/tools/calibration.md: the values of the simulated unit are found from noise-free records."""
+    block = recipes("tools/calibration.md")["try"][1]
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    subprocess.run(["sh", "-euc", block], cwd=tmp_path, check=True, env={**os.environ, "PATH": path},
+                   stdout=subprocess.DEVNULL, timeout=120)
+    values = load_parameters(tmp_path / "mine.toml").values
+    assert values["inertia.motor"] == pytest.approx(3.4e-4, rel=1e-3)  # one response with its quantisation
+    assert values["drive.current_gain"] == pytest.approx(9.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("when", ["trying starting points", "fitting from starting points", "fitting"])
