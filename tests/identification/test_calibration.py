@@ -97,10 +97,11 @@ def test_a_random_actuator_is_recovered(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_errors_of_forty_actuators_are_as_large_as_stated(tmp_path: Path) -> None:
-    chosen = [(kind, seed) for kind in KINDS for seed in range(4 if len(KINDS[kind][0]) > 2 else 2)]
+    often = {"nonlinear": 8, "linear": 3, "second-order": 3}
+    chosen = [(kind, seed) for kind in KINDS for seed in range(often.get(kind, 2))]
     z = np.concatenate([errors(kind, seed, tmp_path) for kind, seed in chosen])
-    # The rms of 90 standard normal numbers is 1 +- 0.075.
-    assert len(chosen) >= 32
+    # The rms of 96 standard normal numbers is 1 +- 0.07.
+    assert len(chosen) == 40
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.15)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from emcas_fmu import simulate
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
@@ -43,6 +44,13 @@ def written(folder: Path, text: str) -> str:
     return str(path)
 
 
+def recorded(folder: Path, model: str) -> str:
+    """A record of an actuator's step."""
+    path = folder / "record.csv"
+    simulate(load_parameters(model=model), stop=0.2, fin_command="2 deg").write_csv(path)
+    return str(path)
+
+
 TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "parameters": lambda folder, model: [],
     "init": lambda folder, model: [str(folder / "mine")],
@@ -56,6 +64,7 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "baseline": lambda folder, model: ["record", written(folder, ""), "-o", str(folder / "baseline")],
     "tune": lambda folder, model: [
         written(folder, studies.tuning(*gain(model))), "--generations", "1", "--workers", "1"],
+    "calibrate": lambda folder, model: [recorded(folder, model), "--free", gain(model)[0], "--compare", "fin_angle"],
     "analyse": lambda folder, model: ["--json", str(folder / "analysis.json")],
     "campaign": lambda folder, model: [
         written(folder, studies.campaign(gain(model)[0])), "-o", str(folder / "c"), "--workers", "0"],
@@ -91,5 +100,5 @@ def test_a_tool_serves_an_actuator_or_says_why_not(model: str, tool: str, tmp_pa
         said = " ".join(done.stderr.split())
         assert any(reason in said for reason in reasons(tool)), said
         return
-    judged = (0, 1) if command in ("validate", "report", "tune") else (0,)
+    judged = (0, 1) if command in ("validate", "report", "tune", "calibrate") else (0,)
     assert done.exit_code in judged, done.output + done.stderr

@@ -33,6 +33,7 @@ RUNS = {
     "compare second-order": ("--json x.json", "--report x.html"),
     "fit": ("-o x.toml", "--json x.json"),
     f"identify backlash {BENCH / 'backlash.csv'}": ("-o x.toml", "--report x.html", "--json x.json"),
+    f"calibrate step.csv {SMALL} --free second_order.damping": ("-o x.toml", "--report x.html", "--json x.json"),
     f"validate --case step_plus1 {SMALL}": ("--json x.json", "--junit x.xml", "--report x.html"),
     f"baseline check -b made {SMALL}": ("--json x.json", "--junit x.xml", "--markdown x.md", "--report x.html"),
     f"build --no-references {SMALL}": ("-o x.fmu",),
@@ -62,7 +63,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for command in (f"baseline record {SMALL} -o made", f"build --no-references {SMALL} -o made.fmu",
-                        f"ssp --fmu made.fmu {SMALL} -o made.ssp"):
+                        f"ssp --fmu made.fmu {SMALL} -o made.ssp",
+                        f"simulate --step 2 --stop 0.2 {SMALL} -o step.csv"):
             done = CliRunner().invoke(app, command.split())
             assert done.exit_code == 0, done.output
     (folder / "campaign.toml").write_text(studies.campaign("second_order.rate_limit"))

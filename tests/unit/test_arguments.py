@@ -35,6 +35,8 @@ SOUND: dict[str, dict[str, Any]] = {
     "validate": {"subject": BASE, "cases": ["nothing"], "inside": False},
     "analyse": {"parameters": BASE, "fin_angle": 0.0, "aero_torque": 0.0, "locus": "nothing", "rod": None},
     "tune": {"parameters": BASE, "study": None, "seed": 1, "generations": 1, "workers": 1},
+    "calibrate": {"records": ["x.csv"], "parameters": BASE, "free": ["motor.resistance"], "hold_out": [], "compare": [],
+                  "priors": [], "delays": False, "robust": False, "seed": 1},
     "build": {"parameters": BASE, "output": "EMCAS.fmu", "backend": "python", "references": False},
     "fin_sets": {"base": BASE, "fins": 2, "layout": "plus", "files": {}},
     "load_parameters": {"files": [], "base": BASE, "model": "linear"},

@@ -21,6 +21,7 @@ FILES = {
     "analyse -p bad.toml": ("--json .json", "--report .html"),
     "baseline check bad.toml -b base": ("--json .json", "--junit .xml", "--markdown", "--report .html"),
     "build -p bad.toml": ("-o .fmu",),
+    "calibrate bad.csv --free x": ("-o .toml", "--report .html", "--json .json"),
     "campaign bad.toml": ("--json .json", "--report .html"),
     "campaign bad.toml --only 1": ("--json .json",),
     "compare bad.toml": ("--json .json", "--report .html"),

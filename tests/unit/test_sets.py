@@ -130,8 +130,8 @@ def given(words: tuple[str, ...], *arguments: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize("words", takers("parameters"), ids=" ".join)
 def test_every_command_with_parameters_takes_the_name_of_a_set(words: tuple[str, ...]) -> None:
-    measured = ["measured.csv"] if words[0] == "identify" else []
-    assert given(words, *measured, "-p", "drive-pi")["parameters"] == [SETS["drive-pi"]]
+    needed = {"identify": ["measured.csv"], "calibrate": ["measured.csv", "--free", "motor.resistance"]}
+    assert given(words, *needed.get(words[0], []), "-p", "drive-pi")["parameters"] == [SETS["drive-pi"]]
 
 
 @pytest.mark.parametrize("words", takers("article", "subject"), ids=" ".join)

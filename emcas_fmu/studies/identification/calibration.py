@@ -247,7 +247,8 @@ def _faults(replay: Replay, fit: Fit) -> Iterator[str]:
         for extreme, sign in ((measured.max(), 1.0), (measured.min(), -1.0)):
             at = measured == extreme
             beyond = sign * float(np.mean(r[at]))
-            if int(np.diff(runs(at)).max(initial=0)) >= _FLAT and beyond > _BEYOND * float(np.std(r[~at])):
+            flat = not at.all() and int(np.diff(runs(at)).max(initial=0)) >= _FLAT
+            if flat and beyond > _BEYOND * float(np.std(r[~at])):
                 yield (f"{record.name}: {v.name} is clipped at {extreme:.6g} {v.unit}, which the simulation exceeds by "
                        f"{beyond:.3g}: widen the range of the measurement, or cut the file")
         drift, sigma = _drift(measured + r, r, record.step, time)
