@@ -42,9 +42,9 @@ def compare(
     plot: Annotated[Path | None, typer.Option(help="File for measured against simulated, .svg or .png.",
                                               metavar="FILE")] = None,
     fit: Annotated[bool, typer.Option("--fit", help="Calibrate on the first record, from the authors' parameters, "
-                                      "instead of reading emps.toml (half a minute).")] = False,
+                                      "instead of reading emps.toml (10 s).")] = False,
     terms: Annotated[bool, typer.Option("--terms", help="Also show what each term of the model gains on stages of the "
-                                        "first record that are held out (four minutes).")] = False,
+                                        "first record that are held out (two minutes).")] = False,
 ) -> None:
     """Print what the model and the authors' parameters are off by, on the fitted record and on the unseen one.
 
