@@ -1,11 +1,13 @@
-"""Dry friction at the motor that falls with speed: breakaway above sliding (:mod:`emcas_fmu.physics.friction`).
+"""Dry friction at the motor that changes with speed: that at rest is above or below that of sliding.
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-Stick remains exact, up to s C_m. The integrators use the friction at the speed predicted for mid-step: they have second
-order if a tick is short compared with J w_s/((s - 1) C_m), the time in which a motor of inertia J passes the excess.
-Dry friction about the hinge does not change, nor does the feedforward of the controller, which knows the identified
-friction.
+(:mod:`emcas_fmu.physics.friction`). Stick remains exact, up to s C_m. A ratio s below 1 is friction that builds up
+with speed, as has been measured of a greased ball screw (docs/model/measured.md); the neutral one is 1.
+
+The integrators use the friction at the speed predicted for mid-step: they have second order if a tick is short compared
+with J w_s/((s - 1) C_m), the time in which a motor of inertia J passes the difference. Dry friction about the hinge
+does not change, nor does the feedforward of the controller, which knows the identified friction.
 """
 
 from __future__ import annotations
@@ -18,9 +20,9 @@ from ..variables import parameter
 from .declaration import Extension
 
 PARAMETERS = (
-    parameter("stribeck.static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
+    parameter("stribeck.static_ratio", "1", 0.1, 10.0, "breakaway over Coulomb friction at the motor, s"),
     parameter("stribeck.speed", "rad/s", 0.1, 1e3,
-              "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s", display="rpm"),
+              "motor speed at which 1/e of the difference to Coulomb friction is left, w_s", display="rpm"),
 )
 
 

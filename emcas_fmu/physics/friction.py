@@ -7,7 +7,7 @@ it sticks exactly. Section 3.3 measures both at 24 and -6 degC and fits sixth-or
 direction. The ratios k_C and k_b to the friction at 24 degC are tables over temperature, ``friction.table.*``: linear
 between their points, held beyond the first and the last.
 
-With :mod:`emcas_fmu.extensions.stribeck` C_m falls with the speed w:
+With :mod:`emcas_fmu.extensions.stribeck` C_m changes with the speed w, from s C_m at rest:
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 

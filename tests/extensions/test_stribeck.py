@@ -52,21 +52,23 @@ def test_a_static_ratio_of_one_is_coulomb_friction(base: str) -> None:
     assert np.abs(rough["fin_angle"] - expected["fin_angle"]).max() > 1e-6
 
 
-def test_breakaway_is_the_static_ratio_and_sliding_is_coulomb() -> None:
+@pytest.mark.parametrize("static", [1.5, 0.6])
+def test_breakaway_is_the_static_ratio_and_sliding_is_coulomb(static: float) -> None:
     """Both by hand at angle 0: the drive is off, the hinge moment is on the edge of holding."""
-    values = _values({"stribeck.static_ratio": 1.5})
+    values = _values({"stribeck.static_ratio": static})
     p = nested(values, MODEL)
     ratio = values["kinematics.moment_arm"] / values["screw.lead"] / np.cos(values["kinematics.initial_angle"])**2
     for way, constant in ((1.0, "positive"), (-1.0, "negative")):
-        level = 1.5 * values[f"friction.coulomb.{constant}[0]"] * ratio
+        level = static * values[f"friction.coulomb.{constant}[0]"] * ratio
         for share in (0.999, 1.001):
             run = simulate(values, 0.05, model=MODEL, enable=False, aero_torque=share * way * level)
             assert (np.ptp(run["fin_angle"]) == 0.0) == (share < 1.0)
         speeds = (0.0, 0.5, 1.0, 1e3)
         shares = [friction.coulomb(FLOATS, p, way, 0.1, way * w) / friction.coulomb(FLOATS, p, way, 0.1, way * 1e3)
                   for w in speeds]
-        assert shares == pytest.approx([1.5, 1.0 + 0.5 * np.exp(-0.25), 1.0 + 0.5 * np.exp(-1.0), 1.0], rel=1e-12)
-        frozen = nested(_values({"stribeck.static_ratio": 1.5, "friction.temperature": -6.0,
+        left = np.exp([0.0, -0.25, -1.0, -np.inf])  # of the difference
+        assert shares == pytest.approx(1.0 + (static - 1.0) * left, rel=1e-12)
+        frozen = nested(_values({"stribeck.static_ratio": static, "friction.temperature": -6.0,
                                  "friction.table.coulomb[1]": 1.25}), MODEL)
         assert friction.coulomb(FLOATS, frozen, way, 0.1, 0.0) == pytest.approx(
             1.25 * friction.coulomb(FLOATS, p, way, 0.1, 0.0), rel=1e-12)
@@ -94,8 +96,9 @@ def test_stick_slip_is_that_of_events_and_of_second_order(stick_slip: tuple[Mapp
     assert np.degrees(errors[1]) < 2e-5  # at the default tick; 1.1e-5, 1.4e-2 of a motor count
 
 
-def test_reversal_under_load_is_of_second_order() -> None:
-    values = _values({**IDEAL, "stribeck.static_ratio": 1.5, "stribeck.speed": 3.0})
+@pytest.mark.parametrize(("ratio", "largest"), [(1.5, 1e-6), (0.5, 2e-6)])  # deg; 1.3e-6 where it builds up
+def test_reversal_under_load_is_of_second_order(ratio: float, largest: float) -> None:
+    values = _values({**IDEAL, "stribeck.static_ratio": ratio, "stribeck.speed": 3.0})
 
     def command(t: float) -> float:
         return radians(0.5) if t > 0.01 else 0.0
@@ -105,7 +108,7 @@ def test_reversal_under_load_is_of_second_order() -> None:
     errors = [np.abs(simulate({**values, "solver.max_tick": tick}, 0.15, model=MODEL, fin_command=command,
                               aero_torque=-20.0)["fin_angle"] - exact).max() for tick in (1e-4, 5e-5, 2.5e-5)]
     assert errors[0] / errors[-1] == pytest.approx(16.0, rel=0.15)
-    assert np.degrees(errors[0]) < 1e-6
+    assert np.degrees(errors[0]) < largest
 
 
 def test_a_narrow_excess_is_of_second_order_at_fine_ticks() -> None:
@@ -146,7 +149,7 @@ def test_slow_drive_sticks_and_slips_above_a_static_ratio_of_one_only() -> None:
         return int(np.sum(rests[:-1] & ~rests[1:]))
 
     assert starts(1.5, 0.3) > 8
-    assert starts(1.0, 0.3) == 0
+    assert starts(1.0, 0.3) == starts(0.5, 0.3) == 0
     assert starts(1.5, 3.0) == 0
 
 
@@ -171,7 +174,7 @@ _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
 @pytest.mark.kernel(MODEL)
 @pytest.mark.parametrize("base", ["nonlinear", "elastic"])
 @settings(derandomize=True, max_examples=60)
-@given(levels=_levels, ratio=st.floats(1.0, 10.0), speed=st.sampled_from([0.1, 3.0, 1e3]),
+@given(levels=_levels, ratio=st.floats(0.1, 10.0), speed=st.sampled_from([0.1, 3.0, 1e3]),
        dry=st.sampled_from([0.0, 5.0]), tick=st.sampled_from([2e-5, 1e-4, 1e-3]))
 def test_anything_goes(base: str, levels: list[Any], ratio: float, speed: float, dry: float, tick: float) -> None:
     """Finite and within the stops, for any inputs."""
@@ -200,7 +203,7 @@ def test_back_ends_are_one(base: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "value"), [
-    ("stribeck.static_ratio", 0.99), ("stribeck.static_ratio", 11.0), ("stribeck.static_ratio", float("nan")),
+    ("stribeck.static_ratio", 0.09), ("stribeck.static_ratio", 11.0), ("stribeck.static_ratio", float("nan")),
     ("stribeck.speed", 0.0), ("stribeck.speed", 0.09), ("stribeck.speed", -1.0), ("stribeck.speed", "1 m/s")])
 def test_bad_values_are_refused(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
