@@ -31,6 +31,7 @@ _MODULES = {
     "worm-gear": "electromechanical.worm_gear", "worm-gear-elastic": "electromechanical.worm_gear_elastic",
     "clutch": "electromechanical.clutch",
     "series-clutch": "electromechanical.series_clutch",
+    "servo": "electromechanical.servo",
     "electrohydrostatic": "hydraulic.electrohydrostatic",
     "electrohydraulic": "hydraulic.electrohydraulic",
 }

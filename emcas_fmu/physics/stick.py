@@ -37,13 +37,17 @@ def start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
     return ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
 
 
+def holding(ops: Ops, dry: Value, position: Value, stop: Value) -> tuple[Value, Value]:
+    """Return the torques [N.m] beyond which a body at rest under dry friction `dry` [N.m] starts up and down."""
+    return ops.where(position >= stop, WALL, dry), -ops.where(position <= -stop, WALL, dry)
+
+
 def slide(ops: Ops, speed: Value, torque: Value, dry: Value, position: Value, stop: Value) -> Slide:
     """Return the motion of a body with a `speed` [rad/s] under a `torque` and a dry friction `dry` [N.m].
 
     A body at rest at a `position` [rad] beyond +-`stop` [rad] starts inwards only.
     """
-    high = ops.where(position >= stop, WALL, dry)
-    low = -ops.where(position <= -stop, WALL, dry)
+    high, low = holding(ops, dry, position, stop)
     starts = start(ops, torque, high, low)
     return Slide(ops.where(speed > 0.0, 1.0, ops.where(speed < 0.0, -1.0, starts)), high, low)
 

@@ -295,6 +295,10 @@ class System:
             # A body that slides comes to rest; one that started at rest in this step has a speed of 0 at its start.
             slides = 1.0 if body.friction is None else ops.where(
                 ops.equal(slide.direction, 0.0), 1.0, slide.direction * getattr(x, body.rate))
+            if body.friction is not None and callable(body.friction.torque):  # what holds may change within a step
+                dry, _, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, rates[body.rate])
+                high, low = stick.holding(ops, dry * breakaway, *body.place(ops, p, x, u))
+                slide = slide._replace(high=high, low=low)
             margins[body.rate] = ops.where(held, stick.reserve(ops, slide, rates[body.rate]), slides)
             if body.stop is not None:
                 angle, limit = body.place(ops, p, x, u)

@@ -1,0 +1,168 @@
+"""A digital hobby servo: firmware, PWM, DC motor, gear with friction, play and wind-up, fin on its output shaft.
+
+    J N d(w_m)/dt = T_m - T - C - b w          w = w_m/N
+    J_f d2(delta)/dt2 = T + T_h - C_f - b_f d(delta)/dt
+
+w_m is the motor's speed, N the gear ratio, delta the fin angle; T_h is the hinge moment. Torques of motor and gear:
+:mod:`emcas_fmu.physics.servo`, firmware: :mod:`emcas_fmu.control.firmware`. Every value is one of the servo's data
+sheet, or of its output shaft. The encoder is on the output. Without `enable` the bridge is open.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from math import pi
+from typing import Any
+
+from ...control import firmware
+from ...namespace import Record
+from ...ops.base import Ops, Value
+from ...physics import servo
+from ...rules import SLACK, rule, when
+from ...steppers import discontinuities
+from ...steppers.discontinuities import Backlash, Coulomb
+from ...variables import integer_parameter, parameter, real_output, switch, tunable
+from .. import capabilities, fin_port
+from ..composition import Composition, Group, Output, port
+from ..declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
+from . import interface
+
+# A servo turns further than a fin: on a bench, or with a linkage.
+_TURNS = ("command.limit", "fin.stop_angle", "fin.start_angle")
+_PORT = port((
+    *(replace(v, minimum=-pi if v.minimum < 0.0 else v.minimum, maximum=pi) if v.name in _TURNS else v
+      for v in fin_port.described({"controller.sample_time": "frame time of the firmware"}, fin_port.PARAMETERS)),
+    parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
+    measured_fin_angle="fin angle that the firmware read from its encoder at the last frame",
+    saturated="any limit active: command or PWM")
+
+
+@rule("pwm.limit = %.6g counts must be at most pwm.full = %.6g counts")
+def _within_full(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    return when(ops, p.pwm.limit > p.pwm.full * (1.0 + SLACK)), p.pwm.limit, p.pwm.full
+
+
+_FIRMWARE = Group((
+    switch("encoder.enabled", "false feeds the true angle to the firmware"),
+    integer_parameter("encoder.counts", 2, 100_000_000, "counts in a turn of the output shaft",
+                      sheet="servo: resolution, counts (pulses) per turn"),
+    parameter("pwm.full", "1", 1.0, 1e9, "counts of PWM that are the whole supply",
+              sheet="servo: PWM value of 100 %"),
+    parameter("pwm.limit", "1", 0.0, 1e9, "largest counts of PWM", sheet="servo: PWM limit"),
+    parameter("controller.dead_band", "1", 0.0, 1e6, "counts of error that the firmware ignores",
+              sheet="servo: dead band, in counts"),
+    tunable("controller.kp", "1", 0.0, 1e6, "proportional gain, counts of PWM per count of error",
+            sheet="servo: position P gain, over its divisor"),
+    tunable("controller.ki", "1/s", 0.0, 1e6, "integral gain, counts of PWM per count of error and second",
+            sheet="servo: position I gain, over its divisor and its frame time"),
+    tunable("controller.kd", "s", 0.0, 1e6, "derivative gain of the measured angle, counts of PWM per count a second",
+            sheet="servo: position D gain, over its divisor, times its frame time"),
+    parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from a frame to the PWM", display="ms")),
+    (Output(real_output("duty", "1", "duty cycle of the PWM, negative for negative voltage", 1.0, minimum=-1.0,
+                        maximum=1.0), lambda ops, p, m: m.u.sampled_reference),),
+    (_within_full,), (capabilities.POSITION_LOOP,))
+_MOTOR = Group((
+    parameter("motor.nominal_voltage", "V", 0.1, 1000.0, "voltage of stall torque and no-load speed, V_n",
+              sheet="servo: voltage at which torque and speed are rated"),
+    parameter("motor.stall_torque", "N.m", 1e-6, 1e5, "stall torque at the output without the gear's friction, T_s",
+              sheet="servo: stall torque, which has the gear's friction in it"),
+    parameter("motor.no_load_speed", "rad/s", 1e-3, 1e5, "no-load speed of the output without friction, w_0",
+              sheet="servo: no-load speed; 60 deg over the transit time", display="deg/s"),
+    parameter("motor.asymmetry", "1", -0.9, 0.9, "share of the torque that is lost under negative voltage (negative: "
+              "under positive) by the position of the brushes"),
+    parameter("inertia.motor", "kg.m2", 1e-12, 10.0, "rotor inertia, with that of the gear",
+              sheet="motor: rotor inertia (moment of inertia, J)")), (
+    Output(real_output("motor_angle", "rad", "motor angle", 10.0), lambda ops, p, m: m.x.motor_angle),
+    Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"), lambda ops, p, m: m.x.motor_speed),
+    Output(real_output("motor_current", "A", "motor current", 3.0), lambda ops, p, m: servo.current(ops, p, m.x, m.u)),
+    Output(real_output("motor_voltage", "V", "mean voltage at the motor (back-EMF while disabled)", 10.0),
+           lambda ops, p, m: servo.voltage(ops, p, m.x, m.u))))
+_GEAR = Group((
+    parameter("gear.ratio", "1", 1.0, 1e5, "turns of the motor in one of the output, N", sheet="servo: gear ratio"),
+    parameter("gear.stiffness", "N.m/rad", 1e-3, 1e7, "stiffness of the gear at the output, k"),
+    parameter("gear.damping", "N.m.s/rad", 0.0, 1e5, "damping of the gear's wind-up, b"),
+    parameter("gear.backlash", "rad", 0.0, 0.5, "whole play of the gear at the output",
+              sheet="servo: backlash (play) of the output"),
+    parameter("friction.gear", "N.m", 0.0, 1e4, "dry friction of the gear at the output without load, C_0"),
+    parameter("friction.gear_load", "1", 0.0, 1.0, "dry friction over transmitted torque where that is small, m"),
+    parameter("friction.gear_load_rise", "1", 0.0, 2.0, "rise of that ratio up to the stall torque, c"),
+    parameter("friction.gear_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction of the gear at the output"),
+    parameter("friction.stribeck_share", "1", 0.0, 10.0, "dry friction at rest over that of fast motion, less 1, s"),
+    parameter("friction.stribeck_speed", "rad/s", 1e-4, 1e4, "speed of the output at which 37 % of that are left, w_s"),
+    parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
+              sheet="bench: friction torque of the hinge's bearings and seals")), (
+    Output(real_output("gear_torque", "N.m", "torque from the gear to the fin", 1.0),
+           lambda ops, p, m: servo.gear_torque(ops, p, m.x, m.u)),))
+_POWER = Group(outputs=(Output(interface.SUPPLY_POWER, lambda ops, p, m: servo.current(ops, p, m.x, m.u)
+                               * servo.voltage(ops, p, m.x, m.u)),), terminal="",
+               provides=(capabilities.SUPPLY_VOLTAGE,))
+FAULTS = (
+    PlantFault("stripped_gear", "the gear's teeth are stripped: it transmits nothing",
+               lambda ops, p, amounts: {"gear.stiffness": 0.0, "gear.damping": 0.0}, lasting=True),
+    PlantFault("worn_gear", "the gear's play grows by wear",
+               lambda ops, p, amounts: {"gear.backlash": p.gear.backlash + amounts.angle},
+               (tunable("angle", "rad", 0.0, 0.5, "by which the whole play grows"),), lasting=True),
+    PlantFault("demagnetised", "the magnets have permanently lost a share of their flux", lambda ops, p, amounts: {
+        "motor.stall_torque": amounts.share * p.motor.stall_torque,
+        "motor.no_load_speed": p.motor.no_load_speed / amounts.share}, (
+            tunable("share", "1", 0.01, 1.0, "of the flux that is left"),), lasting=True),
+    PlantFault.scaling("dry_gear", "the gear runs without grease",
+                       tunable("factor", "1", 1.0, 100.0, "by which its friction rises"), "friction.gear",
+                       "friction.gear_load", "friction.gear_load_rise"),
+)
+
+
+def initial(ops: Ops, p: Any, start: Record) -> Values:
+    """Return the states at rest at a fin angle, the gear in the middle of its play."""
+    return {"motor_angle": p.gear.ratio * start.fin_angle, "counts": firmware.counts(ops, p, start.fin_angle)}
+
+
+def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
+    """Return the duty cycle and the firmware's states; a disabled firmware forgets its integral."""
+    out = firmware.sample(ops, p, x.integral, x.counts, inputs.position, inputs.command)
+    on = {"reference": out.duty, "limited": out.limited, "integral": out.integral}
+    return {**{name: ops.where(inputs.enable, value, 0.0) for name, value in on.items()}, "counts": out.counts,
+            "measured_fin_angle": out.counts * firmware.count(p)}
+
+
+def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
+    """Return d/dt of motor and fin; the motor turns as the fin does, also in a vehicle that turns."""
+    torque = servo.gear_torque(ops, p, x, u)
+    motor = (servo.motor_torque(ops, p, x, u) - torque - u.gear_friction
+             - p.friction.gear_viscous * servo.output_speed(p, x))
+    fin = (torque + fin_port.hinge_torque(ops, p, x.fin_angle, u) - u.hinge_friction
+           - p.friction.fin_viscous * x.fin_rate)
+    return {"fin_angle": x.fin_rate, "fin_rate": fin / fin_port.hinge_inertia(p), "motor_angle": x.motor_speed,
+            "motor_speed": motor / (p.inertia.motor * p.gear.ratio) - u.alpha_y}
+
+
+def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
+    """Return the parameters, and the values from which the outputs follow."""
+    return p, fin_port.at_fin(ops, p, x, u, u.limited > 0.0)
+
+
+COMPOSITION = Composition((_PORT, _FIRMWARE, _MOTOR, _GEAR, _POWER), moment)
+ACTUATOR = Actuator(
+    **COMPOSITION.declared(motor="motor and gear"),
+    name="servo",
+    title="digital hobby servo: firmware, PWM, DC motor, gear with load-dependent friction and play",
+    origin="The thesis of Yerlikaya (2016) has no servo of this kind.",
+    states=(*FIN, State("motor_angle", "rad"), State("motor_speed", "rad/s")),
+    controller_states=(State("integral", "1", "counts of PWM"),
+                       State("counts", "1", "of the encoder at the last frame")),
+    supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
+    descriptions={"enable": "false opens the servo's bridge: the fin is driven by loads and friction only",
+                  "supply_voltage": "voltage that feeds the servo"},
+    initial=initial,
+    sample=sample,
+    derivatives=derivatives,
+    discontinuities=(
+        Backlash("mesh", servo.windup, servo.half_play),
+        Coulomb("gear_friction", "motor_speed", servo.gear_friction),
+        Coulomb("hinge_friction", "fin_rate", "friction.fin_coulomb")),
+    transport_delay=fin_port.transport_delay,
+    faults=FAULTS,
+    reference="emcas_fmu.reference.servo",
+    modules=(sys.modules[__name__], servo, firmware, discontinuities),
+)

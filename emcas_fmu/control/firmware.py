@@ -1,0 +1,52 @@
+"""Firmware of a digital servo: a PID controller on counts of the output's encoder, whose result is a PWM duty cycle.
+
+    e = n(clip(command)) - n(angle)        n(x) = floor(x/q + 1/2)        q = 2 pi/counts a turn
+    P = K_p e' + I - K_d dn/dt             e' = 0 for |e| <= dead band, else e
+    duty = clip(P, +-P_max)/P_full         I+ = I + T_s K_i e', held while P_max is met and e drives it further
+
+Gains are counts of PWM per count of error; T_s is the frame time. Without `encoder.enabled` the counts are not whole.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Any, NamedTuple
+
+from ..ops.base import Ops, Value
+from .controllers import clipped_command
+
+
+class Output(NamedTuple):
+    """Duty cycle, 1 where a limit is active, else 0; after the sample the integral [counts of PWM], and the counts of
+    the encoder."""
+
+    duty: Value
+    limited: Value
+    integral: Value
+    counts: Value
+
+
+def count(p: Any) -> Value:
+    """Return the angle of one count [rad]."""
+    return 2.0 * pi / p.encoder.counts
+
+
+def counts(ops: Ops, p: Any, angle: Value) -> Value:
+    """Return the counts of the encoder at an angle [rad] of the output."""
+    exact = angle / count(p)
+    return ops.where(p.encoder.enabled, ops.floor(exact + 0.5), exact)
+
+
+def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, command: Value) -> Output:
+    """Return the result of a frame at an angle [rad]; `command` [rad] is that before its limit, `before` the counts at
+    the last frame."""
+    c, period = p.controller, p.controller.sample_time
+    now = counts(ops, p, angle)
+    error = counts(ops, p, clipped_command(ops, p, command)) - now
+    acting = ops.where(ops.fabs(error) <= c.dead_band, 0.0, error)
+    pwm = c.kp * acting + integral - c.kd * (now - before) / period
+    beyond = ops.fabs(pwm) > p.pwm.limit
+    held = ops.both(beyond, pwm * acting > 0.0)
+    limited = ops.either(beyond, ops.fabs(command) > p.command.limit)
+    return Output(ops.clip(pwm, -p.pwm.limit, p.pwm.limit) / p.pwm.full, ops.where(limited, 1.0, 0.0),
+                  integral + ops.where(held, 0.0, period * c.ki * acting), now)

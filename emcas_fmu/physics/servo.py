@@ -1,0 +1,74 @@
+"""A hobby servo's motor and gear, referred to its output shaft.
+
+    T_m = T_s (V/V_n - w/w_0)          i = T_s w_0/V_n (V/V_n - w/w_0)
+    T   = k a' + b da/dt               a = motor angle/N - fin angle, a' what of it is beyond the play
+    C   = (C_0 + T_l (m + c T_l/T_s)) (1 + s exp(-|w|/w_s))          T_l = (|T_m| + |T|)/2
+
+T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a
+DC motor without inductance, whose constants and resistance follow from them (K_t = K_e = V_n/w_0, R = V_n^2/(T_s w_0)).
+With `motor.asymmetry` brushes off their neutral position lose that share of the torque in one direction.
+
+C is the dry friction of the gear. It grows with the torque that the teeth transmit, the mean of those at both ends, as
+that of a gear with an efficiency does; m is the share lost under a small torque, m + c that under the stall torque.
+Friction that depends on load, with a Stribeck curve: Duclusaud et al., "Extended friction models for the physics
+simulation of servo actuators" (2024), there with coefficients of each end and another quadratic term.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..namespace import Record
+from ..ops.base import Ops, Value
+
+
+def output_speed(p: Any, x: Record) -> Value:
+    """Return the motor's speed [rad/s] at the output shaft."""
+    return x.motor_speed / p.gear.ratio
+
+
+def _excess(ops: Ops, p: Any, x: Record, u: Record) -> Value:
+    """Return the voltage beyond the back-EMF over the nominal voltage; 0 with an open bridge."""
+    return ops.where(u.enabled, u.reference * u.supply / p.motor.nominal_voltage
+                     - output_speed(p, x) / p.motor.no_load_speed, 0.0)
+
+
+def current(ops: Ops, p: Any, x: Record, u: Record) -> Value:
+    """Return the motor current [A]."""
+    return p.motor.stall_torque * p.motor.no_load_speed / p.motor.nominal_voltage * _excess(ops, p, x, u)
+
+
+def voltage(ops: Ops, p: Any, x: Record, u: Record) -> Value:
+    """Return the mean voltage [V] at the motor: that of the bridge, the back-EMF while it is open."""
+    emf = p.motor.nominal_voltage * output_speed(p, x) / p.motor.no_load_speed
+    return ops.where(u.enabled, u.reference * u.supply, emf)
+
+
+def motor_torque(ops: Ops, p: Any, x: Record, u: Record) -> Value:
+    """Return the motor's torque [N.m] at the output shaft; `u.reference` is the duty cycle."""
+    asymmetry = p.motor.asymmetry
+    weaker = asymmetry * u.reference < 0.0
+    return p.motor.stall_torque * _excess(ops, p, x, u) * ops.where(weaker, 1.0 - ops.fabs(asymmetry), 1.0)
+
+
+def windup(ops: Ops, p: Any, x: Record, u: Record) -> Value:
+    """Return the angle [rad] of the motor, at the output shaft, ahead of the fin: play and wind-up."""
+    return x.motor_angle / p.gear.ratio - x.fin_angle
+
+
+def half_play(ops: Ops, p: Any, x: Record, u: Record) -> Value:
+    """Return half the play [rad] of the gear at the output shaft."""
+    return 0.5 * p.gear.backlash
+
+
+def gear_torque(ops: Ops, p: Any, x: Record, u: Record) -> Value:
+    """Return the torque [N.m] that the gear transmits to the fin; `u.mesh` is the wind-up beyond the play."""
+    return p.gear.stiffness * u.mesh + p.gear.damping * u.mesh_closed * (output_speed(p, x) - x.fin_rate)
+
+
+def gear_friction(ops: Ops, p: Any, x: Record, u: Record) -> Value:
+    """Return the dry friction [N.m] of the gear at the output shaft."""
+    f = p.friction
+    load = 0.5 * (ops.fabs(motor_torque(ops, p, x, u)) + ops.fabs(gear_torque(ops, p, x, u)))
+    dry = f.gear + load * (f.gear_load + f.gear_load_rise * load / p.motor.stall_torque)
+    return dry * (1.0 + f.stribeck_share * ops.exp(-ops.fabs(output_speed(p, x)) / f.stribeck_speed))

@@ -1,0 +1,145 @@
+"""The servo in time: motor and fin under friction, with play between them, integrated from event to event.
+
+The equations are those of docs/model/servo.md, written again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+from .actuator import Actuator, Sample
+from .events import Accuracy, Body, Event, State, Value, band
+from .simulate import simulate as in_time
+from .vehicle import Surroundings, clip, hinge_friction, hinge_moment, masses_of, sign, surroundings
+
+FIN, RATE, MOTOR, SPEED = range(4)
+
+
+class Mode(NamedTuple):
+    """Directions of motor and fin, 0 at rest; the side at which the gear is in contact, 0 within its play."""
+
+    motor: int = 0
+    fin: int = 0
+    contact: int = 0
+
+
+class Servo(Actuator):
+    """Firmware, motor, gear and fin."""
+
+    accuracy = Accuracy(1e-10, (1e-2, 1.0, 1.0, 100.0), 1e-3)
+    names = ("fin_angle", "fin_rate", "motor_angle", "motor_speed", "duty")
+
+    def __init__(self, parameters: Mapping[str, Value]):
+        self.p = p = parameters
+        self.ratio, self.masses = p["gear.ratio"], masses_of(p)
+        self.inertia = sum(p[f"inertia.{part}"] for part in ("fin", "shaft", "fork"))
+        self.rotor = p["inertia.motor"] * self.ratio**2
+        self.half_play = p["gear.backlash"] / 2.0
+        self.hinge_dry, self.hinge_viscous = hinge_friction(p)
+        self.bodies = (Body("motor", lambda y: y[SPEED], self.excess_of_motor, {SPEED: 0.0}),
+                       Body("fin", lambda y: y[RATE], self.excess_of_fin, {RATE: 0.0}, FIN, p["fin.stop_angle"]))
+
+    def start(self) -> tuple[State, Mode]:
+        """Return the state at the start, and a mode that the first instant replaces."""
+        angle = self.p["fin.start_angle"]
+        return [angle, 0.0, self.ratio * angle, 0.0], Mode()
+
+    def controller(self, nominal: Any) -> Sample:
+        """Return the firmware: PID on counts, with a dead band, and a duty cycle within its limit."""
+        p = nominal.p
+        period, per_rad, most = p["controller.sample_time"], p["encoder.counts"] / (2.0 * math.pi), p["pwm.limit"]
+
+        def counted(angle: float) -> float:
+            return math.floor(angle * per_rad + 0.5) if p["encoder.enabled"] else angle * per_rad
+
+        before, integral = counted(p["fin.start_angle"]), 0.0
+
+        def sample(y: State, command: float, enable: bool) -> float:
+            nonlocal before, integral
+            now = counted(y[FIN])
+            error = counted(clip(command, p["command.limit"])) - now
+            if abs(error) <= p["controller.dead_band"]:
+                error = 0.0
+            wanted = p["controller.kp"] * error + integral - p["controller.kd"] * (now - before) / period
+            if abs(wanted) <= most or wanted * error <= 0.0:
+                integral += period * p["controller.ki"] * error
+            before, integral = now, integral * enable
+            return enable * clip(wanted, most) / p["pwm.full"]
+
+        return sample
+
+    def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
+        """Return what acts under a row of inputs and a duty cycle that has arrived."""
+        return surroundings(self.p, row, reference, self.supply[0])
+
+    def outputs(self, y: State, _around: Surroundings) -> State:
+        """Return the outputs."""
+        return y
+
+    # Equations --------------------------------------------------------------------------------------------
+
+    def windup(self, y: State) -> float:
+        """Return by how much [rad] the motor is ahead of the fin."""
+        return y[MOTOR] / self.ratio - y[FIN]
+
+    def driven(self, y: State, around: Surroundings) -> float:
+        """Return the motor's torque at the output [N.m]."""
+        if not around.enable:
+            return 0.0
+        p, duty = self.p, around.reference
+        torque: float = p["motor.stall_torque"] * (duty * around.supply / p["motor.nominal_voltage"]
+                                            - y[SPEED] / self.ratio / p["motor.no_load_speed"])
+        lost = p["motor.asymmetry"]
+        return torque * (1.0 - abs(lost) if duty and sign(lost) == -sign(duty) else 1.0)
+
+    def transmitted(self, y: State, contact: int) -> float:
+        """Return the torque from the gear to the fin [N.m]."""
+        if not contact and self.half_play:
+            return 0.0
+        p = self.p
+        return (p["gear.stiffness"] * (self.windup(y) - contact * self.half_play)
+                + p["gear.damping"] * (y[SPEED] / self.ratio - y[RATE]))
+
+    def rubbing(self, y: State, contact: int, around: Surroundings) -> float:
+        """Return the dry friction of the gear at the output [N.m]."""
+        p = self.p
+        mean = (abs(self.driven(y, around)) + abs(self.transmitted(y, contact))) / 2.0
+        share = p["friction.gear_load"] + p["friction.gear_load_rise"] * mean / p["motor.stall_torque"]
+        slow: float = math.exp(-abs(y[SPEED]) / self.ratio / p["friction.stribeck_speed"])
+        return (p["friction.gear"] + share * mean) * (1.0 + p["friction.stribeck_share"] * slow)
+
+    def on_motor(self, y: State, contact: int, around: Surroundings) -> float:
+        """Return the torque on the motor at the output [N.m], without dry friction."""
+        return (self.driven(y, around) - self.transmitted(y, contact)
+                - self.p["friction.gear_viscous"] * y[SPEED] / self.ratio - self.rotor * around.faster[1] / self.ratio)
+
+    def on_fin(self, y: State, contact: int, around: Surroundings) -> float:
+        """Return the torque on the fin [N.m], without dry friction."""
+        return (self.transmitted(y, contact) + hinge_moment(self.masses, self.inertia, y[FIN], around)
+                - self.hinge_viscous * y[RATE])
+
+    def excess_of_motor(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+        """Return the torque towards a side on the motor at rest beyond what friction holds [N.m]."""
+        return side * self.on_motor(y, mode.contact, around) - self.rubbing(y, mode.contact, around)
+
+    def excess_of_fin(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+        """Return the torque towards a side on the fin at rest beyond what friction holds [N.m]."""
+        return side * self.on_fin(y, mode.contact, around) - self.hinge_dry
+
+    def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+        """Return d/dt of the state, in SI per s, in a mode."""
+        motor = (self.on_motor(y, mode.contact, around) - mode.motor * self.rubbing(y, mode.contact, around)
+                 ) / self.rotor * self.ratio
+        fin = (self.on_fin(y, mode.contact, around) - mode.fin * self.hinge_dry) / self.inertia
+        return y[RATE], fin * bool(mode.fin), y[SPEED], motor * bool(mode.motor)
+
+    def events(self, mode: Mode, around: Surroundings) -> list[Event]:
+        """Return the events that end a mode."""
+        half, events = self.half_play, super().events(mode, around)
+        return [*events, *band(mode, "contact", self.windup, -half, half)] if half else events
+
+
+simulate = partial(in_time, kind=Servo)
