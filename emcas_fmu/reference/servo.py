@@ -47,7 +47,7 @@ class Servo(Actuator):
         angle = self.p["fin.start_angle"]
         return [angle, 0.0, self.ratio * angle, 0.0], Mode()
 
-    def controller(self, nominal: Any) -> Sample:
+    def controller(self, nominal: Servo) -> Sample:
         """Return the firmware: PID on counts, with a dead band, and a duty cycle within its limit."""
         p = nominal.p
         period, per_rad, most = p["controller.sample_time"], p["encoder.counts"] / (2.0 * math.pi), p["pwm.limit"]
