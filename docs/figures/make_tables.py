@@ -47,7 +47,7 @@ STOP = 1.0  # s
 ROUNDING = 1e-9  # deg, a thousand times what rounding grows to
 SHOWN = 6  # rows of the drift table
 # Kinds of actuation that are compared by themselves (make_comparison.py); the others are models of one.
-KINDS = ("worm-gear", "worm-gear-elastic", "clutch", "series-clutch", "electrohydrostatic", "electrohydraulic")
+KINDS = ("worm-gear", "worm-gear-elastic", "clutch", "series-clutch", "servo", "electrohydrostatic", "electrohydraulic")
 MODELS = tuple(name for name in NAMES if name not in KINDS)
 
 

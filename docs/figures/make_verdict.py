@@ -4,7 +4,7 @@
     python docs/figures/make_verdict.py --check   # exit code 1 where one is stale
 
 Each wrong actuator is a change of parameters, a deviation of the unit as built, a fault, or a wrong line of a
-controller, with the rows of models/requirements.toml that name its cause: it is found where one of them fails. The
+controller, with the rows of its shipped requirements that name its cause: it is found where one of them fails. The
 sound ones are drawn within tolerances.
 """
 
@@ -227,6 +227,22 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         _fault("no-back that fails", "clutch_engaged", why="the motor then holds the load, as without one: 17 A under "
                "100 N·m"),
     ),
+    "servo": (
+        Defect("position gain × 0.5", {}, ("accuracy_loaded", "bandwidth_1deg"), factors={"controller.kp": 0.5}),
+        Defect("position gain × 4", {}, ("gain_margin", "phase_margin"), factors={"controller.kp": 4.0}),
+        Defect("no derivative", {"controller.kd": 0.0}, ("overshoot",)),
+        Defect("dead band of 15 counts", {"controller.dead_band": 15.0}, ("accuracy_20deg",)),
+        Defect("encoder of 512 counts", {"encoder.counts": 512, "controller.kp": 160.0, "controller.kd": 0.64},
+               ("accuracy_1deg", "rest")),
+        Defect("frames of 10 ms", {"controller.sample_time": 0.01}, ("phase_margin", "gain_margin")),
+        Defect("PWM limited to 70 %", {}, ("unloaded_rate", "loaded_rate"), factors={"pwm.limit": 0.7}),
+        Defect("supply of 20 V", {"drive.supply_voltage": 20.0}, ("unloaded_rate", "loaded_rate")),
+        Defect("brushes that lose a fifth of the torque in one direction", {"motor.asymmetry": 0.2}, ("symmetry",)),
+        _fault("gear without grease", "dry_gear", "loaded_rate", "accuracy_20deg"),
+        _fault("teeth stripped", "stripped_gear", "range"),
+        _fault("teeth worn by 1°", "worn_gear", "rest", "overshoot"),
+        _fault("magnets that lost 40 % of their flux", "demagnetised", "torque_reserve", "loaded_rate"),
+    ),
     "electrohydrostatic": (
         _fault("oil that air makes five times as soft", "air", "load_step"),
         _fault("pump that leaks ten times as much", "leakage", "load_step", "torque_reserve"),
@@ -247,7 +263,9 @@ _SHARES = {"motor.resistance": 0.1, "motor.inductance": 0.2, "inertia.motor": 0.
 # Beside these, of single kinds.
 _OF_KINDS = {"drive_line.backlash": 0.2, "drive_line.contact_stiffness": 0.2, "drive_line.axial_compliance": 0.2,
              "drive_line.torsional_compliance": 0.2, "pwm.gain": 0.03, "second_order.natural_frequency": 0.05,
-             "second_order.damping": 0.05, "second_order.rate_limit": 0.03}
+             "second_order.damping": 0.05, "second_order.rate_limit": 0.03, "motor.stall_torque": 0.1,
+             "motor.no_load_speed": 0.05, "gear.backlash": 0.2, "friction.gear": 0.3, "friction.gear_load": 0.2,
+             "friction.gear_load_rise": 0.2, "friction.gear_viscous": 0.3}
 _TEMPERATURE = 10.0, 50.0  # degC
 
 

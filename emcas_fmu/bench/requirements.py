@@ -1,6 +1,7 @@
 """Requirements, read from TOML: figures of tests, each with a limit and the cases in which it must hold.
 
-The shipped ones are in `models/requirements.toml`; a user's file replaces them wherever an actuator is judged.
+The shipped ones are in `models/requirements.toml`, or in `models/requirements/NAME.toml` for an actuator that has its
+own; a user's file replaces them wherever an actuator is judged.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, ValidationInfo, create_model, field_validator, model_validator
 
 from .. import motions
+from ..actuators import parts
 from ..errors import EmcasError
 from ..motions import SETTLE, STEP
 from ..parameters import ParameterSet
@@ -259,12 +261,20 @@ class _File(Table):
     requirements: Requirements
 
 
+def shipped_file(model: str) -> Path:
+    """Return the shipped requirements of an actuator: models/requirements/NAME.toml if it exists, otherwise
+    models/requirements.toml."""
+    folder = models_directory()
+    path = folder / "requirements" / f"{parts(model)[0]}.toml"
+    return path if path.is_file() else folder / "requirements.toml"
+
+
 def load_requirements(path: Path | None, base: ParameterSet) -> Specification:
     """Return the requirements of a TOML file, by default the shipped ones, for a parameter set.
 
     Raises EmcasError with the file, the entry and the remedy.
     """
-    path = path or models_directory() / "requirements.toml"
+    path = path or shipped_file(base.model)
     contents = document(path, EmcasError)[1]
     if other := misplaced(contents, "requirements"):
         raise EmcasError(f"{path}: is no file of requirements: it {other}; models/requirements.toml is one")

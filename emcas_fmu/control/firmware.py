@@ -1,7 +1,7 @@
 """Firmware of a digital servo: a PID controller on counts of the output's encoder, whose result is a PWM duty cycle.
 
     e = n(clip(command)) - n(angle)        n(x) = floor(x/q + 1/2)        q = 2 pi/counts a turn
-    P = K_p e' + I - K_d dn/dt             e' = 0 for |e| <= dead band, else e
+    P = K_p e' + I - K_d dn/dt             e' = 0 for |e| < dead band, else e
     duty = clip(P, +-P_max)/P_full         I+ = I + T_s K_i e', held while P_max is met and e drives it further
 
 Gains are counts of PWM per count of error; T_s is the frame time. Without `encoder.enabled` the counts are not whole.
@@ -43,7 +43,7 @@ def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, comma
     c, period = p.controller, p.controller.sample_time
     now = counts(ops, p, angle)
     error = counts(ops, p, clipped_command(ops, p, command)) - now
-    acting = ops.where(ops.fabs(error) <= c.dead_band, 0.0, error)
+    acting = ops.where(ops.fabs(error) < c.dead_band, 0.0, error)
     pwm = c.kp * acting + integral - c.kd * (now - before) / period
     beyond = ops.fabs(pwm) > p.pwm.limit
     held = ops.both(beyond, pwm * acting > 0.0)

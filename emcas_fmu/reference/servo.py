@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from .actuator import Actuator, Sample
 from .events import Accuracy, Body, Event, State, Value, band
@@ -61,7 +61,7 @@ class Servo(Actuator):
             nonlocal before, integral
             now = counted(y[FIN])
             error = counted(clip(command, p["command.limit"])) - now
-            if abs(error) <= p["controller.dead_band"]:
+            if abs(error) < p["controller.dead_band"]:
                 error = 0.0
             wanted = p["controller.kp"] * error + integral - p["controller.kd"] * (now - before) / period
             if abs(wanted) <= most or wanted * error <= 0.0:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from textwrap import wrap
 
 from ..actuators import NONLINEAR
+from ..bench.requirements import shipped_file as shipped_requirements
 from ..parameters import Entry, ParameterSet
 from ..support.files import models_directory
 from .overview import offered
@@ -34,7 +35,7 @@ _INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
 def starter_files(base: ParameterSet) -> dict[str, str]:
     """Return the texts of the files by name for an actuator with the default set `base`; a tuning study if one fits."""
     files = {PARAMETERS: parameter_text(base), CAMPAIGN: campaign_text(base),
-             REQUIREMENTS: (models_directory() / REQUIREMENTS).read_text(encoding="utf-8")}
+             REQUIREMENTS: shipped_requirements(base.model).read_text(encoding="utf-8")}
     if has_shipped_study(base):
         files[TUNING] = shipped_file(base.model).read_text(encoding="utf-8")
     return {**files, README: _readme(base, files)}

@@ -42,7 +42,7 @@ WARM = {"heat.winding_start_rise": 80.0, "heat.case_start_rise": 40.0}
 GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "worm-gear-elastic", "clutch",
                        "series-clutch", "electrohydrostatic", "elastic+heat"),
                       ("drive.current_gain",)) | {
-    "ristanovic": ("pwm.gain",), "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
+    "ristanovic": ("pwm.gain",), "servo": ("controller.kp", "controller.kd"), "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
     DIRECT_DRIVE: ("controller.kp", "controller.ki", "controller.kd")}
 MODELS = tuple(GAINS)
 # Check valves would open at the pressure of a load of 0.5 N.m.
@@ -57,7 +57,8 @@ def smooth(model: str, **more: Any) -> dict[str, Any]:
     changes = without_friction(parameters.values, encoder__enabled=False, drive_line__backlash=0.0,
                                load__torsion_bar=30.0, friction__fin_viscous=2.0, worm__friction=0.0,
                                efficiency__forward=1.0, efficiency__backward=1.0,
-                               motor__coulomb_friction=0.0, **HYDRAULIC, **more) | WARM
+                               motor__coulomb_friction=0.0, gear__backlash=0.0, friction__gear=0.0,
+                               friction__gear_load=0.0, friction__gear_load_rise=0.0, **HYDRAULIC, **more) | WARM
     return {**parameters.values, **parameters.having(changes)}
 
 

@@ -141,6 +141,9 @@ UNITS = [*(FmuInterface(1, kind) for kind in WITH_EXTENSIONS),
 def wide(chosen: ParameterSet, rng: random.Random, far: bool) -> ParameterSet:
     """Parameters at their limits or as shipped, some faults scheduled."""
     values = {name: value for name, value in FAR.items() if far and name in chosen.values}
+    widest = next(v.maximum for v in chosen.actuator.parameters if v.name == "fin.stop_angle")
+    if far and widest > FAR["fin.stop_angle"]:  # without a lever
+        values |= {"fin.stop_angle": widest, "fin.start_angle": widest - radians(1.0), "command.limit": widest}
     for name in chosen.values:
         if name.startswith("fault.") and name.endswith(".begin") and rng.random() < 0.3:
             values |= {name: rng.uniform(0.4, 0.8), name.replace("begin", "end"): 1e9}

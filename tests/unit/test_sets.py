@@ -24,7 +24,7 @@ from emcas_fmu.support.files import named_sets
 SETS = named_sets()
 MODELS = {"heat-published-motor": "nonlinear+heat", "hinge-stiffness": "elastic",
           "screw-efficiency-095": "nonlinear+efficiency", "worm-falling-friction": "worm-gear",
-          "proportional-valve": "electrohydraulic"}
+          "proportional-valve": "electrohydraulic", "xl330": "servo"}
 
 
 @pytest.mark.parametrize("name", SETS)

@@ -36,6 +36,9 @@ _PORT = port((
     parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
     measured_fin_angle="fin angle that the firmware read from its encoder at the last frame",
     saturated="any limit active: command or PWM")
+_PORT = replace(_PORT, outputs=tuple(
+    out._replace(variable=replace(out.variable, nominal=10.0)) if out.variable.name == "fin_rate" else out
+    for out in _PORT.outputs))  # no load turns a servo at some 10 rad/s
 
 
 @rule("pwm.limit = %.6g counts must be at most pwm.full = %.6g counts")
@@ -50,7 +53,7 @@ _FIRMWARE = Group((
     parameter("pwm.full", "1", 1.0, 1e9, "counts of PWM that are the whole supply",
               sheet="servo: PWM value of 100 %"),
     parameter("pwm.limit", "1", 0.0, 1e9, "largest counts of PWM", sheet="servo: PWM limit"),
-    parameter("controller.dead_band", "1", 0.0, 1e6, "counts of error that the firmware ignores",
+    parameter("controller.dead_band", "1", 0.0, 1e6, "counts below which the firmware ignores an error",
               sheet="servo: dead band, in counts"),
     tunable("controller.kp", "1", 0.0, 1e6, "proportional gain, counts of PWM per count of error",
             sheet="servo: position P gain, over its divisor"),
@@ -73,8 +76,8 @@ _MOTOR = Group((
               "under positive) by the position of the brushes"),
     parameter("inertia.motor", "kg.m2", 1e-12, 10.0, "rotor inertia, with that of the gear",
               sheet="motor: rotor inertia (moment of inertia, J)")), (
-    Output(real_output("motor_angle", "rad", "motor angle", 10.0), lambda ops, p, m: m.x.motor_angle),
-    Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"), lambda ops, p, m: m.x.motor_speed),
+    Output(real_output("motor_angle", "rad", "motor angle", 100.0), lambda ops, p, m: m.x.motor_angle),
+    Output(real_output("motor_speed", "rad/s", "motor speed", 1000.0, display="rpm"), lambda ops, p, m: m.x.motor_speed),
     Output(real_output("motor_current", "A", "motor current", 3.0), lambda ops, p, m: servo.current(ops, p, m.x, m.u)),
     Output(real_output("motor_voltage", "V", "mean voltage at the motor (back-EMF while disabled)", 10.0),
            lambda ops, p, m: servo.voltage(ops, p, m.x, m.u))))

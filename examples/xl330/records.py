@@ -1,0 +1,130 @@
+"""Records of a servo that moves a pendulum, in the form of Rhoban/bam, and their simulation by the package."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import isfinite, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emcas_fmu.api import EmcasError, ParameterSet, load_parameters, simulate
+
+Array = NDArray[np.float64]
+
+SET, MODEL = "xl330", "servo"
+FOLDER = "EMCAS_RECORDS"  # the environment variable that names the folder of the records
+WHERE = ("the records are part of Rhoban/bam, \"Better Actuator Models\" (ICRA 2025, Apache-2.0), "
+         "https://github.com/Rhoban/bam: name their files or folder by --records, or the folder by the environment "
+         f"variable {FOLDER}")
+DIVISOR = 256.0  # counts of PWM per count of error are the gain over this, by the PWM that the records have
+TILT = 0.0253  # rad, at which the pendulum hangs below the encoder's zero; identified with the set
+STEP = 1e-3  # s, of the simulation
+_COLUMNS = ("timestamp", "goal_position", "torque_enable", "position")
+
+
+class NoRecords(EmcasError):
+    """There are no records where they are looked for."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One run: gain in the firmware's units, pendulum [kg, m], and by stamp [s] goal, enable and position [rad]."""
+
+    path: Path
+    gain: float
+    mass: float
+    length: float
+    trajectory: str
+    time: Array
+    goal: Array
+    enabled: NDArray[np.bool_]
+    position: Array
+
+
+def read(path: Path) -> Record:
+    """Return a record. Raises EmcasError with file, entry and remedy."""
+    try:
+        contents = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise EmcasError(f"{path}: is no record: {error}") from error
+    if not isinstance(contents, dict) or not isinstance(contents.get("entries"), list):
+        raise EmcasError(f"{path}: is no record: it has no list entries")
+    gain, mass, length = (_number(path, "", contents, name) for name in ("kp", "mass", "length"))
+    rows = [[_number(path, f"entry {k}: ", entry, name) for name in _COLUMNS]
+            for k, entry in enumerate(contents["entries"])]
+    if len(rows) < 2:
+        raise EmcasError(f"{path}: has {len(rows)} entries; a run has two at least")
+    time, goal, enabled, position = np.array(rows).T
+    if (back := np.flatnonzero(np.diff(time) <= 0.0)).size:
+        raise EmcasError(f"{path}: entry {back[0] + 1}: timestamp {time[back[0] + 1]:.6g} is not after the one before; "
+                         "sort the entries, or leave out those that repeat")
+    return Record(path, gain, mass, length, str(contents.get("trajectory", "")), time - time[0], goal, enabled != 0.0,
+                  position)
+
+
+def _number(path: Path, where: str, entry: Any, name: str) -> float:
+    if not isinstance(entry, dict) or name not in entry:
+        raise EmcasError(f"{path}: {where}there is no {name}; records are as those of {WHERE}")
+    try:
+        value = float(entry[name])
+    except (TypeError, ValueError) as error:
+        raise EmcasError(f"{path}: {where}{name} is {entry[name]!r}; it must be a number") from error
+    if not isfinite(value):
+        raise EmcasError(f"{path}: {where}{name} is {value}; leave such entries out")
+    return value
+
+
+def files(named: Iterable[Path] | None) -> list[Path]:
+    """Return the files of records that are named, of folders all in them; by default those of the folder FOLDER.
+
+    Raises NoRecords where there is none.
+    """
+    chosen = list(named or (Path(folder) for folder in [os.environ.get(FOLDER, "")] if folder))
+    if not chosen:
+        raise NoRecords(f"there are no records: {WHERE}")
+    found: list[Path] = []
+    for path in chosen:
+        inside = sorted(path.glob("*.json")) if path.is_dir() else [path] if path.is_file() else []
+        if not inside:
+            raise NoRecords(f"{path}: there is no record; {WHERE}")
+        found += inside
+    return found
+
+
+def of_bench(record: Record, base: ParameterSet) -> ParameterSet:
+    """Return a set of the servo on the bench of a record: its gain, the pendulum as fin, the first angle as start."""
+    return base.with_values({
+        "controller.kp": record.gain / DIVISOR, "mass.fin": record.mass, "center_of_mass.fin.x": 0.0,
+        "center_of_mass.fin.z": record.length, "inertia.fin": record.mass * record.length**2, "loads.gravity": True,
+        "command.limit": pi, "fin.stop_angle": pi, "fin.start_angle": float(record.position[0])})
+
+
+def simulated(record: Record, base: ParameterSet, tilt: float) -> Array:
+    """Return the simulated position [rad] at the stamps of a record.
+
+    The inputs are goal and enable, held between stamps; the start is the first position, at rest. `tilt` [rad] is the
+    angle at which the pendulum hangs, below the encoder's zero.
+    """
+    count = int(np.ceil(record.time[-1] / STEP)) + 1
+    grid = np.arange(count) * STEP
+    at = np.searchsorted(record.time, grid + 1e-9, side="right") - 1
+    response = simulate(of_bench(record, base), stop=(count - 1) * STEP, step=STEP, fin_command=record.goal[at],
+                        enable=record.enabled[at], attitude__pitch=np.full(count, tilt))
+    position: Array = np.interp(record.time, grid, response["fin_angle"])
+    return position
+
+
+def error(record: Record, position: Array) -> float:
+    """Return the mean absolute error of a simulated position [rad], in mrad."""
+    return float(1e3 * np.mean(np.abs(position - record.position)))
+
+
+def shipped(further: Sequence[Path] = ()) -> ParameterSet:
+    """Return the shipped set of the servo, overridden by `further` parameter files."""
+    return load_parameters([SET, *further], model=MODEL)
