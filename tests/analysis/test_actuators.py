@@ -42,7 +42,8 @@ WARM = {"heat.winding_start_rise": 80.0, "heat.case_start_rise": 40.0}
 GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "worm-gear-elastic", "clutch",
                        "series-clutch", "electrohydrostatic", "elastic+heat"),
                       ("drive.current_gain",)) | {
-    "ristanovic": ("pwm.gain",), "servo": ("controller.kp", "controller.kd"), "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
+    "ristanovic": ("pwm.gain",), "servo": ("controller.kp", "controller.kd"),
+    "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
     DIRECT_DRIVE: ("controller.kp", "controller.ki", "controller.kd")}
 MODELS = tuple(GAINS)
 # Check valves would open at the pressure of a load of 0.5 N.m.
