@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             write(options.json, json.dumps({"mean_abs_error_mrad": mean, "records": listed}, indent=2) + "\n")
         if options.plot:
             draw(options.plot, runs, positions, errors)
-    except records.NoRecords as error:
+    except records.NoRecordsError as error:
         print(error, file=sys.stderr)
         return NO_RECORDS
     except EmcasError as error:

@@ -28,7 +28,7 @@ STEP = 1e-3  # s, of the simulation
 _COLUMNS = ("timestamp", "goal_position", "torque_enable", "position")
 
 
-class NoRecords(EmcasError):
+class NoRecordsError(EmcasError):
     """There are no records where they are looked for."""
 
 
@@ -83,16 +83,16 @@ def _number(path: Path, where: str, entry: Any, name: str) -> float:
 def files(named: Iterable[Path] | None) -> list[Path]:
     """Return the files of records that are named, of folders all in them; by default those of the folder FOLDER.
 
-    Raises NoRecords where there is none.
+    Raises NoRecordsError where there is none.
     """
     chosen = list(named or (Path(folder) for folder in [os.environ.get(FOLDER, "")] if folder))
     if not chosen:
-        raise NoRecords(f"there are no records: {WHERE}")
+        raise NoRecordsError(f"there are no records: {WHERE}")
     found: list[Path] = []
     for path in chosen:
         inside = sorted(path.glob("*.json")) if path.is_dir() else [path] if path.is_file() else []
         if not inside:
-            raise NoRecords(f"{path}: there is no record; {WHERE}")
+            raise NoRecordsError(f"{path}: there is no record; {WHERE}")
         found += inside
     return found
 

@@ -75,7 +75,8 @@ _MOTOR = Group((
     parameter("inertia.motor", "kg.m2", 1e-12, 10.0, "rotor inertia, with that of the gear",
               sheet="motor: rotor inertia (moment of inertia, J)")), (
     Output(real_output("motor_angle", "rad", "motor angle", 100.0), lambda ops, p, m: m.x.motor_angle),
-    Output(real_output("motor_speed", "rad/s", "motor speed", 1000.0, display="rpm"), lambda ops, p, m: m.x.motor_speed),
+    Output(real_output("motor_speed", "rad/s", "motor speed", 1000.0, display="rpm"),
+           lambda ops, p, m: m.x.motor_speed),
     Output(real_output("motor_current", "A", "motor current", 3.0), lambda ops, p, m: servo.current(ops, p, m.x, m.u)),
     Output(real_output("motor_voltage", "V", "mean voltage at the motor (back-EMF while disabled)", 10.0),
            lambda ops, p, m: servo.voltage(ops, p, m.x, m.u))))
