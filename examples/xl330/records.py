@@ -56,6 +56,8 @@ def read(path: Path) -> Record:
     if not isinstance(contents, dict) or not isinstance(contents.get("entries"), list):
         raise EmcasError(f"{path}: is no record: it has no list entries")
     gain, mass, length = (_number(path, "", contents, name) for name in ("kp", "mass", "length"))
+    if min(mass, length) <= 0.0:
+        raise EmcasError(f"{path}: mass {mass:g} kg and length {length:g} m of the pendulum must be above 0")
     rows = [[_number(path, f"entry {k}: ", entry, name) for name in _COLUMNS]
             for k, entry in enumerate(contents["entries"])]
     if len(rows) < 2:
