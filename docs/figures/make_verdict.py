@@ -237,6 +237,7 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         Defect("frames of 10 ms", {"controller.sample_time": 0.01}, ("phase_margin", "gain_margin")),
         Defect("PWM limited to 70 %", {}, ("unloaded_rate", "loaded_rate"), factors={"pwm.limit": 0.7}),
         Defect("supply of 20 V", {"drive.supply_voltage": 20.0}, ("unloaded_rate", "loaded_rate")),
+        Defect("brushes that lose a fifth of the torque in one direction", {"motor.asymmetry": 0.2}, ("symmetry",)),
         _fault("gear without grease", "dry_gear", "loaded_rate", "accuracy_20deg"),
         _fault("teeth stripped", "stripped_gear", "range"),
         _fault("teeth worn by 1°", "worn_gear", "rest", "overshoot"),

@@ -6,6 +6,7 @@
 
 T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a
 DC motor without inductance, whose constants and resistance follow from them (K_t = K_e = V_n/w_0, R = V_n^2/(T_s w_0)).
+With `motor.asymmetry` brushes off their neutral position lose that share of T_m in one direction of the voltage.
 
 C is the dry friction of the gear. It grows with the torque that the teeth transmit, the mean of those at both ends, as
 that of a gear with an efficiency does; m is the share lost under a small torque, m + c that under the stall torque.
@@ -45,7 +46,9 @@ def voltage(ops: Ops, p: Any, x: Record, u: Record) -> Value:
 
 def motor_torque(ops: Ops, p: Any, x: Record, u: Record) -> Value:
     """Return the motor's torque [N.m] at the output shaft; `u.reference` is the duty cycle."""
-    return p.motor.stall_torque * _excess(ops, p, x, u)
+    asymmetry = p.motor.asymmetry
+    weaker = asymmetry * u.reference < 0.0
+    return p.motor.stall_torque * _excess(ops, p, x, u) * ops.where(weaker, 1.0 - ops.fabs(asymmetry), 1.0)
 
 
 def windup(ops: Ops, p: Any, x: Record, u: Record) -> Value:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from .actuator import Actuator, Sample
 from .events import Accuracy, Body, Event, State, Value, band
 from .simulate import simulate as in_time
-from .vehicle import Surroundings, clip, hinge_friction, hinge_moment, masses_of, surroundings
+from .vehicle import Surroundings, clip, hinge_friction, hinge_moment, masses_of, sign, surroundings
 
 FIN, RATE, MOTOR, SPEED = range(4)
 
@@ -90,9 +90,10 @@ class Servo(Actuator):
         if not around.enable:
             return 0.0
         p, duty = self.p, around.reference
-        torque: float = p["motor.stall_torque"] * (duty * around.supply / p["motor.nominal_voltage"]
-                                                   - y[SPEED] / self.ratio / p["motor.no_load_speed"])
-        return torque
+        lost = p["motor.asymmetry"]
+        share = 1.0 - abs(lost) if sign(lost) * sign(duty) < 0 else 1.0
+        return share * p["motor.stall_torque"] * (duty * around.supply / p["motor.nominal_voltage"]
+                                                  - y[SPEED] / self.ratio / p["motor.no_load_speed"])
 
     def transmitted(self, y: State, contact: int) -> float:
         """Return the torque from the gear to the fin [N.m]."""

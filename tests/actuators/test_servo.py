@@ -37,7 +37,7 @@ CASES: dict[str, tuple[dict[str, Callable[[Array], Array]], dict[str, Any]]] = {
     "hinge": ({"fin_command": STEPS}, {"friction.fin_coulomb": 0.5, "friction.fin_viscous": 0.1}),
     "stop": ({"aero_torque": after(0.02, 60.0)}, {}),
     "integral": ({"fin_command": STEPS, "aero_torque": after(0.1, -6.0)}, {
-        "controller.ki": 40.0, "pwm.limit": 600.0, "controller.dead_band": 2.5}),
+        "controller.ki": 40.0, "pwm.limit": 600.0, "controller.dead_band": 2.5, "motor.asymmetry": -0.2}),
     "disabled": ({"fin_command": STEPS, "aero_torque": lambda t: 10.0 * np.sin(20.0 * t),
                   "enable": lambda t: t < 0.1}, {}),
     "vehicle": ({"fin_command": after(0.02, 0.1), "acceleration.x": lambda t: np.full_like(t, 50.0),
@@ -94,9 +94,19 @@ def test_data_sheet_terms_without_friction() -> None:
 
 
 def test_no_energy_from_nowhere() -> None:
-    """What the supply gives is at least what the fin's load gets."""
-    run = run_of({}, 1.0, fin_command=lambda t: 0.3 * np.sin(12.0 * t), aero_torque=lambda t: -5.0 * np.sin(12.0 * t))
-    assert np.trapezoid(run["supply_power"] + run["hinge_torque"] * run["fin_rate"], run["time"]) > 0.0
+    """What the supply gives is at least what the fin's load gets, also of a motor whose directions differ."""
+    for asymmetry in (0.0, 0.3, -0.3):
+        run = run_of({"motor.asymmetry": asymmetry}, 1.0, fin_command=lambda t: 0.3 * np.sin(12.0 * t),
+                     aero_torque=lambda t: -5.0 * np.sin(12.0 * t))
+        assert np.trapezoid(run["supply_power"] + run["hinge_torque"] * run["fin_rate"], run["time"]) > 0.0
+
+
+def test_the_weaker_direction_has_less_torque() -> None:
+    held = {"friction.fin_coulomb": 40.0, "controller.kp": 1e4, "controller.kd": 0.0, "motor.asymmetry": 0.2,
+            **WITHOUT_FRICTION}
+    strong, weak = (run_of(held, 0.5, fin_command=side * 0.1)["gear_torque"][-1] for side in (1.0, -1.0))
+    assert strong == pytest.approx(BASE.values["motor.stall_torque"], rel=1e-6)
+    assert weak == pytest.approx(-0.8 * strong, rel=1e-6)
 
 
 @pytest.mark.parametrize("supply", [14.0, 28.0])
