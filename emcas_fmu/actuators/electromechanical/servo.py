@@ -72,8 +72,8 @@ _MOTOR = Group((
               sheet="servo: stall torque, which has the gear's friction in it"),
     parameter("motor.no_load_speed", "rad/s", 1e-3, 1e5, "no-load speed of the output without friction, w_0",
               sheet="servo: no-load speed; 60 deg over the transit time", display="deg/s"),
-    parameter("motor.asymmetry", "1", -0.9, 0.9, "share of the torque that brushes off their neutral position lose under "
-              "negative voltage (negative: under positive)"),
+    parameter("motor.asymmetry", "1", -0.9, 0.9, "share of the torque that brushes off their neutral position lose "
+              "under negative voltage (negative: under positive)"),
     parameter("inertia.motor", "kg.m2", 1e-12, 10.0, "rotor inertia, with that of the gear",
               sheet="motor: rotor inertia (moment of inertia, J)")), (
     Output(real_output("motor_angle", "rad", "motor angle", 100.0), lambda ops, p, m: m.x.motor_angle),
