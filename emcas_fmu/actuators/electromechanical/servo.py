@@ -96,7 +96,7 @@ _GEAR = Group((
     parameter("friction.stribeck_speed", "rad/s", 1e-4, 1e4, "speed of the output at which 37 % of that are left, w_s"),
     parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
               sheet="bench: friction torque of the hinge's bearings and seals")), (
-    Output(real_output("gear_torque", "N.m", "torque from the gear to the fin", 1.0),
+    Output(real_output("gear_torque", "N.m", "torque from the gear to the fin", 10.0),
            lambda ops, p, m: servo.gear_torque(ops, p, m.x, m.u)),))
 _POWER = Group(outputs=(Output(interface.SUPPLY_POWER, lambda ops, p, m: servo.current(ops, p, m.x, m.u)
                                * servo.voltage(ops, p, m.x, m.u)),), terminal="",
