@@ -20,8 +20,8 @@ from examples.jsbsim.results import FMU, IDEAL, SECOND_ORDER, Results, all_figur
 from examples.jsbsim.run import Options, every_model, run
 
 DOCUMENT = "../examples/jsbsim/README.md"
-# Other models of the electromechanical actuator, one of them without any limit.
-LEFT_OUT = ("linear", "ristanovic", "habibi", "ozkan")
+# Other models of the electromechanical actuator, one of them without any limit; and what is sized for another fin.
+LEFT_OUT = ("linear", "ristanovic", "habibi", "ozkan", "servo")
 DRAWN, BESIDE = "aggressive", "gentle"
 
 
