@@ -23,7 +23,7 @@ WHERE = ("the records are part of Rhoban/bam, \"Better Actuator Models\" (ICRA 2
          "https://github.com/Rhoban/bam: name their files or folder by --records, or the folder by the environment "
          f"variable {FOLDER}")
 DIVISOR = 256.0  # counts of PWM per count of error are the gain over this, by the PWM that the records have
-TILT = 0.0269  # rad, at which the pendulum hangs below the encoder's zero; identified with the set, +-0.003
+TILT = 0.0277  # rad, at which the pendulum hangs below the encoder's zero; identified with the set, +-0.003
 STEP = 1e-3  # s, of the simulation
 _COLUMNS = ("timestamp", "goal_position", "torque_enable", "position")
 

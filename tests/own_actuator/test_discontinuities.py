@@ -137,6 +137,15 @@ def test_dry_friction_takes_energy_and_holds(angle: float, rate: float, torque: 
         assert u.friction == pytest.approx(-angle, abs=1e-12)  # it balances the spring
 
 
+def test_friction_that_falls_lets_go_within_a_step() -> None:
+    """A force of 1 on a body that 2 - t holds: it starts at 1 s, within the second step of 0.7 s."""
+    friction = em.Coulomb("friction", "rate", lambda ops, p, x, u: 2.0 - x.clock)
+    system = System(lambda ops, p, x, u: {"rate": 1.0 - u.friction, "clock": 1.0}, (friction,), ("rate", "clock"))
+    end = run(system, {"rate": 0.0, "clock": 0.0}, 1.4, 0.7)
+    # Net force t - 1 over 0.4 s, which a step of second order follows; breakaway is found EDGE, 1e-9, early.
+    assert end["rate"] == pytest.approx(0.5 * 0.4**2, rel=1e-6)
+
+
 def test_a_stop_without_friction_is_left_at_once() -> None:
     system = System(lambda ops, p, x, u: {"fin_angle": x.fin_rate, "fin_rate": u.push},
                     (em.Stop("fin_angle", "fin_rate", 0.4),), ("fin_angle", "fin_rate"))
