@@ -231,7 +231,7 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         Defect("position gain × 0.5", {}, ("accuracy_loaded", "bandwidth_1deg"), factors={"controller.kp": 0.5}),
         Defect("position gain × 4", {}, ("gain_margin", "phase_margin"), factors={"controller.kp": 4.0}),
         Defect("no derivative", {"controller.kd": 0.0}, ("overshoot",)),
-        Defect("dead band of 15 counts", {"controller.dead_band": 15.0}, ("accuracy_20deg",)),
+        Defect("dead band of 30 counts", {"controller.dead_band": 30.0}, ("accuracy_20deg", "accuracy_1deg")),
         Defect("encoder of 512 counts", {"encoder.counts": 512, "controller.kp": 160.0, "controller.kd": 0.64},
                ("accuracy_1deg", "rest")),
         Defect("frames of 10 ms", {"controller.sample_time": 0.01}, ("phase_margin", "gain_margin")),
