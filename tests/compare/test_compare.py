@@ -79,6 +79,14 @@ def _emcas(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["compare", *map(str, arguments)])
 
 
+def test_all_are_judged_by_the_requirements_of_the_first() -> None:
+    """A servo and a missile's actuator have their own."""
+    kinds = {name: load_parameters(model=name) for name in ("servo", "second-order")}
+    rows = compare(kinds).rows
+    assert [row[0].name for row in rows] == [r.name for r in load_requirements(None, kinds["servo"]).requirements]
+    assert all(servo.title == other.title for servo, other in rows)
+
+
 def test_the_command_shows_verdicts_and_does_not_judge(tmp_path: Path) -> None:
     done = _emcas("default", "drive-scaled", "--json", tmp_path / "c.json", "--report", tmp_path / "c.html")
     assert done.exit_code == 0, done.output + done.stderr

@@ -17,7 +17,7 @@ from ... import __version__
 from ...actuators import NAMES, capabilities, is_named
 from ...bench import verdict
 from ...bench.measure import Test, excitation
-from ...bench.requirements import load_requirements
+from ...bench.requirements import load_requirements, shipped_file
 from ...bench.runs import Run
 from ...bench.subject import ParameterSubject
 from ...bench.verdict import Judged
@@ -121,11 +121,12 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
 
 
 def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requirements: Path | None = None) -> Result:
-    """Judge each set by the requirements of a file; without one, by the shipped requirements.
+    """Judge each set by the requirements of a file; without one, by the shipped requirements of the first set.
 
     `progress` is called with a label of set and test, the number of finished tests, and their total. Raises EmcasError.
     """
     columns = list[Column]()
+    requirements = requirements or next((shipped_file(each.model) for each in sets.values()), None)
     for done, (name, parameters) in enumerate(sets.items()):
         subject = ParameterSubject(parameters)
         judged = verdict.judge(subject, load_requirements(requirements, parameters),
