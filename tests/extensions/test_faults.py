@@ -56,8 +56,8 @@ def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
 
 @pytest.mark.parametrize("model", QUICK)
 def test_without_a_fault_it_is_the_model(model: str) -> None:
-    inputs = {"fin_command": wave,  # 40 N.m are beyond the servo's stall torque
-              "aero_torque": (lambda t: 0.1 * gust(t)) if model == "servo" else gust}
+    inputs: dict[str, Any] = {"fin_command": wave,  # 40 N.m are beyond the servo's stall torque
+                              "aero_torque": (lambda t: 0.1 * gust(t)) if model == "servo" else gust}
     plain = simulate(load_parameters(model=model).values, 0.4, model=model, **inputs)
     values = load_parameters(model=f"{model}+faults").values
     found = simulate(values, 0.4, model=f"{model}+faults", **inputs)
