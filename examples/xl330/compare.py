@@ -70,6 +70,7 @@ def draw(path: Path, runs: Sequence[Record], positions: Sequence[Array], errors:
         ax.set_title(f"gain {run.gain:.0f}, {run.trajectory}: {error:.1f} mrad", fontsize=9)
         ax.set_ylabel("rad")
     axes[0].legend(fontsize=8)
+    figure.supxlabel("time [s]", fontsize=9)
     for ax in axes[len(runs):]:
         ax.remove()
     with whole(path) as file:

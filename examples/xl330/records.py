@@ -83,7 +83,7 @@ def _number(path: Path, where: str, entry: Any, name: str) -> float:
 
 
 def files(named: Iterable[Path] | None) -> list[Path]:
-    """Return the files of records that are named, of folders all in them; by default those of the folder FOLDER.
+    """Return the files of records that are named, of a folder all in it or in its folder xl330; by default of FOLDER.
 
     Raises NoRecordsError where there is none.
     """
@@ -91,7 +91,8 @@ def files(named: Iterable[Path] | None) -> list[Path]:
     if not chosen:
         raise NoRecordsError(f"there are no records: {WHERE}")
     found: list[Path] = []
-    for path in chosen:
+    for name in chosen:
+        path = name / SET if (name / SET).is_dir() else name
         inside = sorted(path.glob("*.json")) if path.is_dir() else [path] if path.is_file() else []
         if not inside:
             raise NoRecordsError(f"{path}: there is no record; {WHERE}")

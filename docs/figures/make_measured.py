@@ -1,0 +1,73 @@
+"""What docs/model/measured.md shows: tables and pictures of simulated against measured actuators.
+
+    EMCAS_RECORDS=FOLDER python docs/figures/make_measured.py           # writes tables and pictures
+    EMCAS_RECORDS=FOLDER python docs/figures/make_measured.py --check   # exit code 1 where a table is stale
+
+The folder contains the records of EMPS in emps and those of the XL330 in xl330; they are not part of this project.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
+from functools import partial
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from make_tables import main, markdown
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from examples.xl330 import compare as xl330_compare
+
+from examples.emps import compare as emps_compare
+
+FIGURES = Path(__file__).resolve().parent
+FOLDER = "EMCAS_RECORDS"
+ERRORS = {"force_percent": ".2f", "position_percent": ".5f", "window_rms_mm": ".2f", "window_rms_mm_level": ".2f"}
+
+
+def figures(program: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
+    """The JSON of a comparison, which is written to the path that `program` receives after its arguments."""
+    with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
+        path = Path(folder) / "figures.json"
+        program(*arguments, path)
+        document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return document
+
+
+def emps(document: Mapping[str, Any]) -> str:
+    """Errors of the EMPS drive, with the authors' parameters and with ours."""
+    sets = [*((f"authors, {name}", each) for name, each in document["authors"].items()), ("this model", document)]
+    return markdown(("parameters", "record", "force %", "position %", "windows mm", "with level mm"), (
+        (words, record, *(format(each[record][name], form) if name in each[record] else "" for name, form in
+                          ERRORS.items())) for words, each in sets for record in ("fitted", "unseen")))
+
+
+def xl330(document: Mapping[str, Any]) -> str:
+    """Errors of the XL330's position for each record."""
+    rows = [(each["trajectory"].replace("_", " "), f"{each['kp']:.0f}", f"{each['mean_abs_error_mrad']:.1f}")
+            for each in sorted(document["records"], key=lambda each: (each["trajectory"], each["kp"]))]
+    return markdown(("trajectory", "firmware gain", "mean absolute error, mrad"),
+                    [*rows, ("mean", "", f"{document['mean_abs_error_mrad']:.1f}")])
+
+
+def documents(folder: Path, pictures: bool) -> dict[str, dict[str, Callable[[], str]]]:
+    """The tables of the page; the comparisons are run now, and draw their pictures if wanted."""
+    plots = [FIGURES / f"measured_{name}.png" if pictures else None for name in ("emps", "xl330")]
+    drive = figures(lambda path: emps_compare.compare(folder, path, plots[0]))
+    servo = figures(lambda path: xl330_compare.main([
+        "--records", str(folder / "xl330"), "--json", str(path), *(["--plot", str(plots[1])] if plots[1] else [])]))
+    return {"model/measured.md": {"emps": partial(emps, drive), "xl330": partial(xl330, servo)}}
+
+
+if __name__ == "__main__":
+    if not os.environ.get(FOLDER):
+        sys.exit(f"no records: name their folder by {FOLDER}; docs/model/measured.md says where they can be had")
+    checked = "--check" in sys.argv[1:]
+    sys.exit(main(checked, documents(Path(os.environ[FOLDER]), not checked), "make_measured.py"))
