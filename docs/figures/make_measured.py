@@ -23,9 +23,8 @@ from make_tables import main, markdown
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from examples.xl330 import compare as xl330_compare
-
 from examples.emps import compare as emps_compare
+from examples.xl330 import compare as xl330_compare
 
 FIGURES = Path(__file__).resolve().parent
 FOLDER = "EMCAS_RECORDS"
