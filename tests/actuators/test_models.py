@@ -176,10 +176,11 @@ def test_registry_and_files() -> None:
     with pytest.raises(EmcasError, match=r"no actuator 'hydraulic';.* there is nonlinear, linear"):
         get("hydraulic")
     # A name has the same meaning everywhere: the same unit, limits and kind, with any description. How far an
-    # output can go is the actuator's: a pump gives no power back.
+    # output can go is the actuator's: a pump gives no power back. So is how far it turns: a servo has no lever.
+    turns = {"command.limit", "fin.stop_angle", "fin.start_angle"}
     meant: dict[str, Any] = {}
     for v in (v for name in NAMES for v in get(name).inputs + get(name).outputs + get(name).file_entries):
-        limits = () if v.causality == "output" else (v.minimum, v.maximum)
+        limits = () if v.causality == "output" or v.name in turns else (v.minimum, v.maximum)
         same = (v.kind, v.causality, v.variability, v.unit, *limits)
         assert meant.setdefault(v.name, same) == same, v.name
     assert {"second_order.damping", "pwm.gain"} <= set(meant)

@@ -74,7 +74,7 @@ _MOTOR = Group((
               sheet="servo: no-load speed; 60 deg over the transit time", display="deg/s"),
     parameter("motor.asymmetry", "1", -0.9, 0.9, "share of the torque that brushes off their neutral position lose "
               "under negative voltage (negative: under positive)"),
-    parameter("inertia.motor", "kg.m2", 1e-12, 10.0, "rotor inertia, with that of the gear",
+    parameter("inertia.motor", "kg.m2", 1e-9, 10.0, "rotor inertia, with that of the gear",
               sheet="motor: rotor inertia (moment of inertia, J)")), (
     Output(real_output("motor_angle", "rad", "motor angle", 100.0), lambda ops, p, m: m.x.motor_angle),
     Output(real_output("motor_speed", "rad/s", "motor speed", 1000.0, display="rpm"),
