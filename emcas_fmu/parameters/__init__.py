@@ -1,6 +1,7 @@
 """Parameter sets: their files, the entries of a file, and checks of whole sets."""
 
-from .entries import Entry, ParameterError, Value, as_text, file_entry
+from .entries import IDENTIFIED, Entry, ParameterError, Value, as_text, file_entry
+from .measured import MeasuredRecord
 from .sets import (
     ParameterSet,
     are_defaults,
@@ -13,6 +14,6 @@ from .sets import (
     write_parameters,
 )
 
-__all__ = ["Entry", "ParameterError", "ParameterSet", "Value", "are_defaults", "as_text", "broken_rules",
-           "check_combinations", "check_parameters", "file_entry", "load_parameters", "parameter_file",
-           "require_sound", "write_parameters"]
+__all__ = ["IDENTIFIED", "Entry", "MeasuredRecord", "ParameterError", "ParameterSet", "Value", "are_defaults",
+           "as_text", "broken_rules", "check_combinations", "check_parameters", "file_entry", "load_parameters",
+           "parameter_file", "require_sound", "write_parameters"]

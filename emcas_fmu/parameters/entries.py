@@ -19,6 +19,9 @@ from . import schema
 
 Value = float | int | bool
 
+IDENTIFIED = "identified"
+"""Source of a value that was found from measurements."""
+
 _FIELDS = ("value", "unit", "source", "note")
 # Relative. A limit that is written in another unit is still the limit.
 _ROUNDING = 1e-12
@@ -78,8 +81,8 @@ class Entry:
     """One value in its variable's unit, and its origin.
 
     `text` is the value as written. `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in the default set,
-    otherwise ``user`` or the user's word. `file` is the name of the file, empty for a value set in a program.
-    `default` is true for values of the default set.
+    otherwise ``user``, ``identified`` or the user's word. `file` is the name of the file, empty for a value set in a
+    program. `default` is true for values of the default set.
     """
 
     variable: Variable

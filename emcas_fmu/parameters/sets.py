@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as dataclass_replace
 from functools import lru_cache, partial
-from itertools import groupby
+from itertools import chain, groupby
 from math import inf
 from pathlib import Path
 from types import MappingProxyType
@@ -27,6 +27,7 @@ from ..support.files import as_given, models_directory, named_sets
 from ..support.writing import write
 from . import schema, toml
 from .entries import (
+    IDENTIFIED,
     Entry,
     ParameterError,
     Value,
@@ -36,6 +37,7 @@ from .entries import (
     known_names,
     read_entries,
 )
+from .measured import MeasuredRecord, measured_records
 
 # Ratio of constants that should be equal. Measured ones differ less, by saturation and iron losses; a mistake (rms for
 # peak, phase for line to line) is 22 % or more.
@@ -44,20 +46,20 @@ _APART = 1.2
 MADE_FOR = "made_for"
 """Key of a parameter file that lists the actuators or +extensions for which its values are meant."""
 
-
 @checked
 @dataclass(frozen=True)
 class ParameterSet:
     """A complete, checked set of an actuator's parameters.
 
     `entries` are in the actuator's order. `unused` are names in a user's file that only other actuators have. `files`
-    are those loaded over the defaults: their names as passed, and their SHA-256.
+    are those loaded over the defaults: their names as passed, and their SHA-256. `records` are those that files name.
     """
 
     entries: tuple[Entry, ...]
     model: str = NONLINEAR
     unused: tuple[str, ...] = ()
     files: tuple[tuple[str, str], ...] = field(default=(), compare=False)
+    records: tuple[MeasuredRecord, ...] = field(default=(), compare=False)
 
     def __repr__(self) -> str:
         changed = sum(not e.default for e in self.entries)
@@ -77,6 +79,12 @@ class ParameterSet:
     def estimates(self) -> tuple[str, ...]:
         """Names of the parameters that are engineering estimates."""
         return tuple(e.variable.name for e in self.entries if e.source == "estimate")
+
+    @property
+    def measured(self) -> tuple[MeasuredRecord, ...]:
+        """The records of the files from which there is still an identified value."""
+        files = {e.file for e in self.entries if e.source == IDENTIFIED}
+        return tuple(dict.fromkeys(record for record in self.records if record.file in files))
 
     def estimates_in(self, names: Collection[str]) -> tuple[str, ...]:
         """Return the engineering estimates among named parameters, or groups of them such as ``heat.``."""
@@ -153,8 +161,10 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
         document = _document(path)
         _require_made_for(document.pop(MADE_FOR, None), path, chosen.model)
         chosen = _overridden(chosen, document, str(path), path.name)
-        read = as_given(path), hashlib.sha256(path.read_bytes()).hexdigest()
-        chosen = dataclass_replace(chosen, files=(*chosen.files, read))
+        content = path.read_bytes()
+        chosen = dataclass_replace(
+            chosen, files=(*chosen.files, (as_given(path), hashlib.sha256(content).hexdigest())),
+            records=(*chosen.records, *measured_records(path.name, content)))
     return chosen
 
 
@@ -213,8 +223,10 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
                    f"defaults must give every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:
         raise ParameterError(missing)
-    return _checked(tuple(dataclass_replace(entries[v.name], default=True) for v in actuator.file_entries), model,
+    made = _checked(tuple(dataclass_replace(entries[v.name], default=True) for v in actuator.file_entries), model,
                     str(where))
+    records = (measured_records(file.name, content) for file, content in zip(files, contents, strict=True))
+    return dataclass_replace(made, records=tuple(chain.from_iterable(records)))
 
 
 def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[str]:
@@ -296,7 +308,7 @@ def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, fil
         raise ParameterError(problems)
     chosen = _checked(tuple(entries.get(e.variable.name, e) for e in base.entries), base.model, label)
     return dataclass_replace(chosen, unused=tuple(dict.fromkeys((*base.unused, *unused))),
-                             files=base.files)
+                             files=base.files, records=base.records)
 
 
 def _checked(entries: tuple[Entry, ...], model: str, label: str) -> ParameterSet:
@@ -339,10 +351,11 @@ def _apart(one: Entry, other: Entry) -> str:
 def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[str]) -> None:
     """Write a parameter file, below comment lines, with all values that differ from the model's default set.
 
-    Values are in the variables' units, with source and note. The file loads as the same set. Raises EmcasError.
+    Comments name the records of identified values. Values are in the variables' units, with source and note. The file
+    loads as the same set. Raises EmcasError.
     """
     shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
-    lines = [*(f"# {comment}" for comment in comments), ""]
+    lines = [*(f"# {comment}" for comment in (*comments, *(r.comment for r in parameters.measured))), ""]
     for array, group in groupby(parameters.entries, lambda e: e.variable.name.partition("[")[0]):
         entries = list(group)
         changed = [e for e in entries if e != shipped[e.variable.name]]

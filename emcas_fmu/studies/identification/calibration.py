@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from ...parameters import ParameterSet
+from ...parameters import MeasuredRecord, ParameterSet
 from ...support.progress import Progress, silent
 from . import pictures
 from .estimation import Fit, Stretches, descend, solve, weighted_fit
@@ -75,6 +75,13 @@ class Calibration(Identification):
                  "unit": c.variable.unit, "residuals": count, "correlation_time": float(time)}
                 for c, deviation, count, time in zip(fitted, self.fit.deviations, self.fit.counts, self.fit.times,
                                                      strict=True)]
+
+    @property
+    def measured(self) -> list[MeasuredRecord]:
+        """The records with their use and the error of simulation of each output."""
+        return [MeasuredRecord("", record.name, record.sha256, "; ".join([use, *(
+            f"{c.variable.name} rms {c.figures['rms']:.3g} {c.unit}, largest {c.figures['largest']:.3g} {c.unit}"
+            for c in self.comparisons if c.record.sha256 == record.sha256)])) for record, use in self.used]
 
     def document(self) -> Mapping[str, Any]:
         """Return everything except the plots, for JSON."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from math import floor, log10
 from pathlib import Path
@@ -18,11 +18,10 @@ from typing import Any
 from ... import __version__
 from ...figures.plots import Drawing, pictures
 from ...pages.page import write_page
-from ...parameters import ParameterSet, file_entry, write_parameters
+from ...parameters import IDENTIFIED, MeasuredRecord, ParameterSet, file_entry, write_parameters
 from .estimation import METHOD, Fit
 from .records import Record, read_records, require
 
-SOURCE = "identified"
 _REMARK = "Reported, no parameter: "
 
 
@@ -108,6 +107,12 @@ class Identification:
                      self.records, fit.deviations, fit.counts, fit.times)]
 
     @property
+    def measured(self) -> list[MeasuredRecord]:
+        """The records, for comments of a parameter file, and how far the result is off."""
+        return [MeasuredRecord("", r.name, r.sha256, f"fitted, residual {noise['residual']:.2g} {noise['unit']}")
+                for r, noise in zip(self.records, self.noise, strict=True)]
+
+    @property
     def correlated(self) -> list[tuple[str, str, float]]:
         """Pairs of fitted values correlated by more than 0.8, strongest first, ten at most."""
         names, matrix = self.fit.names, self.fit.correlation
@@ -141,12 +146,13 @@ def write_identified(result: Identification, path: Path, base_files: Iterable[Pa
         elements = [e for e in identified if _array(e.name) == array]
         whole = len(elements) == names[array]
         for name, members in {array: elements}.items() if whole else {e.name: [e] for e in elements}.items():
-            changes[name] = file_entry([_rounded(e) for e in members], members[0].unit, SOURCE, _note(result, members))
+            changes[name] = file_entry([_rounded(e) for e in members], members[0].unit, IDENTIFIED,
+                                       _note(result, members))
     first = (f"Identified by emcas {__version__} ({result.experiment.kind}); values, units, 1-sigma uncertainties in "
              "the notes.")
-    write_parameters(result.base.with_values(changes), path, [
-        first, *(f"Record {record.name}, SHA-256 {record.sha256}" for record in result.records),
-        *_remarks(result, base_files)])
+    changed = result.base.with_values(changes)
+    write_parameters(replace(changed, records=(*changed.records, *result.measured)), path,
+                     [first, *_remarks(result, base_files)])
 
 
 def _array(name: str) -> str:
