@@ -17,6 +17,7 @@ from fmpy.fmi1 import FMICallException
 
 from ..actuators import NONLINEAR, full_name, get
 from ..errors import EmcasError
+from ..pages.credibility import FILE, MANAGEMENT, Card, Fact, card, read
 from ..parameters import load_parameters, require_sound
 from ..reference.files import parameters_hash
 from ..reference.stored import Stored
@@ -78,6 +79,18 @@ class FmuSubject(Subject):
             f"{description.modelName} {description.version or ''}".strip(), description.guid,
             description.generationTool or "", parameters_hash(self.values), f"fmpy {fmpy.__version__}", changed,
             tuple(name for name in estimates if name not in changed), self.actuator.name, self.fin)
+
+    @cached_property
+    def card(self) -> Card:
+        """The card inside the FMU; without one of its values, as in an older or changed FMU, one of what is known."""
+        path = self.fmu.folder / FILE
+        try:
+            inside = read(path.read_bytes()) if path.is_file() else None
+        except ValueError as error:
+            raise EmcasError(f"{self.fmu.path}: {FILE} {error}; build the FMU again") from error
+        if inside is None or inside.values_sha256[self.fin - 1:self.fin] != (parameters_hash(self.values),):
+            inside = card([self.parameters], self.fmu.path.name)
+        return inside.having(MANAGEMENT, Fact("file", self.fmu.path.name, note=f"SHA-256 {self.fmu.sha256}"))
 
     @cached_property
     def references(self) -> Sequence[Stored]:

@@ -24,6 +24,7 @@ from ..errors import EmcasError
 from ..namespace import with_values
 from ..ops.arrays import ARRAYS
 from ..ops.floats import FLOATS
+from ..pages.credibility import Card, card
 from ..pages.provenance import Source, shipped
 from ..parameters import ParameterSet, check_combinations, load_parameters
 from ..reference.files import parameters_hash
@@ -149,6 +150,11 @@ class Subject(ABC):
     def parameters(self) -> ParameterSet:
         """Its parameters as a set."""
         return load_parameters(model=self.model).with_values(self.values)
+
+    @cached_property
+    def card(self) -> Card:
+        """Its credibility card."""
+        return card([self.parameters])
 
     @property
     def references(self) -> Sequence[Stored]:

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import ast
 import inspect
-import re
+import json
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
+from math import degrees
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from .. import __copyright__, __license__, __version__
-from ..actuators import capabilities
-from ..pages.page import page
-from ..pages.provenance import repeatable
+from ..actuators import capabilities, get, parts
+from ..pages.credibility import FILE, Card, Fact, card
+from ..pages.page import page, prose
 from ..parameters import ParameterSet
 from ..runtime import schedule
 from .description import describe, parameters_in_words
 from .format import Format
 from .interface import FmuInterface, start_values
+from .references import Experiment
 
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
 later loaded; they bring no Python. From a Python host (fmpy) nothing is to do. From another host
@@ -65,30 +67,35 @@ def _rows(interface: FmuInterface, causality: str, sets: Sequence[ParameterSet],
     return rows
 
 
-def _typeset(text: str) -> Markup:
-    """Return a docstring or note as HTML.
-
-    Names between backticks become code, without Sphinx role and package.
-    """
-    return Markup(re.sub(r"(?::\w+:)?(`{1,2})(?:emcas_fmu\.)?(.+?)\1", r"<code>\2</code>", str(escape(text))))
-
-
 def _blocks(docstring: str) -> Iterator[tuple[bool, Markup]]:
     """Yield the paragraphs of a docstring as HTML, each with whether it is indented, as equations are."""
     for paragraph in docstring.split("\n\n"):
         indented = paragraph.startswith(" ")
-        yield indented, _typeset(dedent(paragraph.strip("\n")) if indented else " ".join(paragraph.split()))
+        yield indented, prose(dedent(paragraph.strip("\n")) if indented else " ".join(paragraph.split()))
+
+
+def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
+          platforms: Sequence[str], experiments: Sequence[Experiment]) -> Card:
+    """Return the credibility card of an FMU; the same at every build."""
+    configuration = [Fact("FMU", f"FMI {fmi.version}, back end {backend}, for {', '.join(platforms)}", note=guid)]
+    reference = Path(str(get(parts(interface.kind)[0]).reference)).name
+    # Two digits: an integration may differ in the last bits between machines.
+    compared = [Fact(f"{each.name}: largest error of fin_angle in {each.stop_time:g} s",
+                     float(f"{degrees(each.off):.2g}"), "deg",
+                     note=f"{each.title}. Against the independent integration of {reference}")
+                for each in experiments if each.independent]
+    return card(sets, f"{interface.model}.fmu", configuration, compared)
 
 
 def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
-          platforms: Sequence[str]) -> str:
+          platforms: Sequence[str], credibility: Card) -> str:
     from .figures import response_pictures  # with Matplotlib, a third of the start of every command
 
     equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
     docstrings = (ast.get_docstring(ast.parse(inspect.getsource(each))) for each in equations)  # modules have none: -OO
     tables = [(title, _rows(interface, causality, sets, fmi)) for title, causality in (
         ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))]
-    text = page("fmi/documentation.html.j2", made=repeatable(*sets), prose=_typeset, actuator=interface.actuator,
+    text = page("fmi/documentation.html.j2", credibility=credibility, actuator=interface.actuator,
                 model=interface.model, guid=guid, description=describe(interface), fins=interface.fins,
                 parameters=parameters_in_words(interface, sets), line=interface.line, backend=backend, fmi=fmi,
                 platforms=platforms, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
@@ -109,13 +116,18 @@ def _license(package: str) -> str:
 
 
 def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
-              platforms: Sequence[str]) -> dict[str, bytes]:
-    """Return all documentation files of an FMU with binaries for `platforms`, by archive name."""
+              platforms: Sequence[str], experiments: Sequence[Experiment] = ()) -> dict[str, bytes]:
+    """Return all documentation files of an FMU with binaries for `platforms`, by archive name.
+
+    `experiments` are the references inside it.
+    """
+    credibility = _card(interface, sets, guid, backend, fmi, platforms, experiments)
     others = {
         "python": "pythonfmu-license.txt is that of PythonFMU: of the binaries, and of pythonfmu in resources.",
         "native": "In sources, the headers whose names begin with fmi are the FMI standard's; each has its licence."}
     texts = {
-        "index.html": _page(interface, sets, guid, backend, fmi, platforms),
+        "index.html": _page(interface, sets, guid, backend, fmi, platforms, credibility),
+        Path(FILE).name: interface.respelt(json.dumps(credibility.as_dict(), indent=1, ensure_ascii=False)) + "\n",
         # Prescribed by FMI 2.0.5, section 2.3; it refers to the others.
         "licenses/license.txt": f"{interface.model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, "
                                 f"{__license__} licence, as below.\n{others[backend]}\n\n{_license('emcas-fmu')}"}

@@ -47,8 +47,9 @@ def interface_guid(starts: tuple[Any, ...], interface: FmuInterface, fmi: Format
 
 
 def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,
-              cc: str | None, progress: Progress | None, fmi: Format,
-              ) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
+              cc: str | None, progress: Progress | None, fmi: Format, references: bool,
+              ) -> tuple[dict[str, bytes], str, tuple[str, ...], tuple[str, ...]]:
+    """Return the files of the archive, GUID, platforms, and warnings about the references."""
     starts = start_values(interface, [p.values for p in sets])
     guid = interface_guid(starts, interface, fmi)
     # Without the versions of Python and compiler: all supported ones give the same FMU except for the binaries.
@@ -66,8 +67,9 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
         sources=backend == "native"))
     contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(terminals_and_icons(interface, fmi.arrays))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
-    contents.update(documents(interface, sets, guid, backend, fmi, built_for))
-    return contents, guid, built_for
+    embedded, doubts, experiments = reference_files(interface, sets, fmi, progress) if references else ({}, (), ())
+    contents |= embedded | documents(interface, sets, guid, backend, fmi, built_for, experiments)
+    return contents, guid, built_for, doubts
 
 
 @checked
@@ -102,9 +104,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     check_target(output, ".fmu", BuildError)
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
     interface, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else FORMATS[fmi]
-    contents, guid, built_for = _contents(interface, sets, backend, platforms, cc, progress, chosen)
-    embedded, doubts = reference_files(interface, sets, chosen, progress) if references else ({}, ())
-    contents.update(embedded)
+    contents, guid, built_for, doubts = _contents(interface, sets, backend, platforms, cc, progress, chosen, references)
     # modelDescription.xml first: readers that stream find it at once.
     write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *doubts))

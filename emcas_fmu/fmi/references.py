@@ -67,11 +67,12 @@ class Experiment:
 
 
 def reference_files(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format,
-                    progress: Progress | None = None) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """Return the references of an FMU whose fins have these parameters, as files of the archive, and warnings."""
+                    progress: Progress | None = None
+                    ) -> tuple[dict[str, bytes], tuple[str, ...], tuple[Experiment, ...]]:
+    """Return the references of an FMU whose fins have these parameters: files of the archive, warnings, experiments."""
     warnings: list[str] = []
-    experiments = list(_experiments(interface, sets, fmi, warnings, progress or silent))
-    return (_files(interface, experiments) if experiments else {}), tuple(dict.fromkeys(warnings))
+    experiments = tuple(_experiments(interface, sets, fmi, warnings, progress or silent))
+    return (_files(interface, experiments) if experiments else {}), tuple(dict.fromkeys(warnings)), experiments
 
 
 # -- experiments -----------------------------------------------------------------

@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 from .. import __version__
 from ..parameters import ParameterSet
 from ..support.writing import write
+from .credibility import APPLIES
 from .numbers import beside, number, percent, rounded, typeset, with_unit
 from .provenance import Source, made
 
@@ -35,6 +36,14 @@ def code(text: str) -> Markup:
     return Markup("<code>{}</code>").format(text) if text else Markup("")
 
 
+def prose(text: str) -> Markup:
+    """Return a docstring or note as HTML.
+
+    Names between backticks become code, without Sphinx role and package.
+    """
+    return Markup(re.sub(r"(?::\w+:)?(`{1,2})(?:emcas_fmu\.)?(.+?)\1", r"<code>\2</code>", str(escape(text))))
+
+
 def css_text(text: str) -> str:
     """Return a text for a style sheet's quotes, escaped so that it ends neither the quotes nor the element."""
     return re.sub(r"[^\w .,+-]", lambda found: f"\\{ord(found[0]):x} ", text)
@@ -48,13 +57,13 @@ def environment() -> Environment:
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
                         percent=percent, beside=lambda value, limit: beside(value, limit).replace("-", "−"),
                         rounded=lambda value, form: rounded(value, form).replace("-", "−"))
-    made.filters["code"] = code
+    made.filters.update(code=code, prose=prose)
     made.filters["breakable"] = lambda name: Markup("_<wbr>").join(name.split("_"))
     made.filters["right"] = lambda names: [Markup(">") + name for name in names]  # columns of numbers
     made.filters["css"] = lambda text: Markup(css_text(text))
     made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # what is in it was escaped before
     made.tests["tuple"] = lambda row: type(row) is tuple  # none with names
-    made.globals.update(version=__version__, **{
+    made.globals.update(version=__version__, applies=APPLIES, **{
         name: files("emcas_fmu.pages").joinpath(file).read_text(encoding="utf-8") for name, file in _SCRIPTS.items()})
     made.globals["m"] = made.get_template("pages/macros.html.j2").module  # the blocks that pages are made of
     return made

@@ -70,7 +70,7 @@ STORED, ONE, FINS = ["step", "load_opposing", "cold", "sag"], ["step_and_load"],
 @pytest.mark.parametrize("tick", [0.7e-3, 0.2e-3])
 def test_the_text_says_how_far_the_stepping_was_off(tick: float) -> None:
     parameters = load_parameters().with_values({**CUSTOM, "solver.max_tick": tick})
-    contents, _ = reference_files(FmuInterface(1), (parameters,), FORMATS["2"])
+    contents, *_ = reference_files(FmuInterface(1), (parameters,), FORMATS["2"])
     (said,) = re.findall(r"stepping is up to (\S+) deg off it", contents[TEXT].decode())
     case = files.suited(STEP_AND_LOAD, parameters.model, parameters.values)
     inputs: dict[str, Any] = {name: column for name, column in case.inputs().items() if name != "time"}
@@ -127,7 +127,7 @@ def made(model: str = "nonlinear", fins: int = 1, values: Mapping[str, Any] | No
          ) -> tuple[dict[str, bytes], tuple[str, ...]]:
     parameters = load_parameters(model=model).with_values(values or {})
     return reference_files(FmuInterface(fins, model), [parameters] if fins == 1 else fin_sets(parameters, fins),
-                           FORMATS["2"])
+                           FORMATS["2"])[:2]
 
 
 def xml(contents: Mapping[str, bytes], name: str) -> Element:
@@ -197,7 +197,7 @@ def test_fins_of_their_own_parameters_have_their_own_responses() -> None:
     unit = FmuInterface(2, "second-order")
     alike, _ = made("second-order", 2)
     slow = load_parameters(model="second-order").with_values({"second_order.natural_frequency": 150.0})
-    contents, _ = reference_files(unit, [load_parameters(model="second-order"), slow], FORMATS["2"])
+    contents, *_ = reference_files(unit, [load_parameters(model="second-order"), slow], FORMATS["2"])
     ours, theirs = (np.loadtxt(each[f"{FOLDER}/fins_ref.csv"].decode().splitlines()[1:], delimiter=",").T
                     for each in (contents, alike))
     header = contents[f"{FOLDER}/fins_ref.csv"].decode().splitlines()[0].split(",")

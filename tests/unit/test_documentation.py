@@ -10,10 +10,11 @@ import pytest
 from emcas_fmu import __version__
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi import documentation, figures
+from emcas_fmu.fmi import figures
 from emcas_fmu.fmi.documentation import documents
 from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
+from emcas_fmu.pages.page import prose
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import parameters_hash
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
@@ -51,7 +52,7 @@ def test_no_markup_is_left(model: str, fins: int, monkeypatch: pytest.MonkeyPatc
 def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "elastic drive line between them (<code>physics.drive_line</code>)" in page("elastic", 1, monkeypatch)
     assert "So is the position, unless <code>encoder.on_fin</code> selects an" in page("elastic", 1, monkeypatch)
-    assert documentation._typeset("a < b, ``c`` and `d`") == "a &lt; b, <code>c</code> and <code>d</code>"
+    assert prose("a < b, ``c`` and `d`") == "a &lt; b, <code>c</code> and <code>d</code>"
 
 
 def test_equations_keep_their_lines_and_prose_does_not(monkeypatch: pytest.MonkeyPatch) -> None:

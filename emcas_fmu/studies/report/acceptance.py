@@ -20,6 +20,7 @@ from ...bench.subject import Identification, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...motions import RATED, STEP
+from ...pages.credibility import CONVERGENCE, INPUTS, ROBUSTNESS, TEST_INPUTS, VERIFICATION, Card, Fact
 from ...parameters import load_parameters
 from ...parameters.schema import unknown
 from ...support.progress import Progress, silent
@@ -46,6 +47,7 @@ class Result:
 
     about: Identification
     load: float
+    card: Card
     outcomes: Mapping[str, Outcome]
     judged: tuple[Judged, ...]
     parameters: Mapping[str, Any] = field(repr=False)
@@ -116,7 +118,7 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
             lacking = {q.key: why for q in quantities if (why := subject.lacking(q.needs))}
             outcomes[name] = replace(outcome, name=name, title=title, quantities=quantities, not_applicable=lacking)
     progress("done", total, total)
-    return Result(subject.identification, load, outcomes, tuple(
+    return Result(subject.identification, load, _card(subject.card, outcomes), outcomes, tuple(
         _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),
         subject.values, subject.model, {r.name: abs(r.test.torque) for r in chosen.requirements
                                         if r.test and r.test.torque})
@@ -128,6 +130,21 @@ def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
         for name, group in outcome.groups.items():
             for key, value in group.figures.items():
                 yield f"{test}.{name}.{key}", value
+
+
+def _card(card: Card, outcomes: Mapping[str, Outcome]) -> Card:
+    """Return the credibility card with the figures of the tests that are facts about it."""
+    def figures(test: str, key: str) -> dict[str, float]:
+        each = {group.label: float(group.figures[key]) for group in outcomes[test].groups.values()}
+        return {label: value for label, value in each.items() if isfinite(value)}
+
+    if off := figures("stepping", "fin_angle_deg"):
+        note = f"The largest of {len(off)} motions. {outcomes['stepping'].method}"
+        card = card.having(VERIFICATION, Fact(CONVERGENCE, max(off.values()), "deg", note=note))
+    card = card.having(INPUTS, Fact(TEST_INPUTS, "those of the tests, as described",
+                                    note=outcomes["mission"].estimate))
+    return card.having(ROBUSTNESS, *(Fact(f"largest static error, {label}", error, "deg") for label, error in figures(
+        "static_accuracy", "largest_error_deg").items()))
 
 
 def _check_figure(r: Requirement, file: str) -> None:

@@ -46,6 +46,7 @@ def as_dict(result: Result, date: str = "") -> dict[str, Any]:
     return {
         "schema": SCHEMA, "passed": result.passed, "tool": f"emcas {__version__}", "date": date or None,
         "identification": asdict(result.about), "rated_load_n_m": result.load,
+        "credibility": result.card.as_dict(),
         "requirements": [j.as_dict() for j in result.judged],
         "figures": {name: o.figures for name, o in outcomes.items()},
         "curves": {name: o.curves for name, o in outcomes.items() if o.curves},

@@ -1,0 +1,195 @@
+"""The credibility card of a model: its use and limits, what is known of it, and what was not done.
+
+The factors are those of NASA-STD-7009A, appendix E; the card claims none of the standard's levels. A fact is computed
+when the card is made, or read from the parameter files, or the command follows that finds it.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, is_dataclass, replace
+from typing import Any, get_args, get_origin, get_type_hints
+
+from .. import __version__
+from ..actuators import EXTENSIONS, NONLINEAR, get, parts
+from ..parameters import IDENTIFIED, ParameterSet
+from ..reference.files import parameters_hash
+from .provenance import repeatable
+
+SCHEMA = "emcas-credibility/1"
+"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+FILE = "documentation/credibility.json"
+"""Name of the card in an FMU."""
+NOT_DONE = "not done here"
+USE = "In a 6-DOF simulation it turns fin commands and hinge moments into fin angles."
+APPLIES = "it applies to a device as far as the parameters are those of the device"
+DATA, VERIFICATION, VALIDATION, INPUTS, UNCERTAINTY, ROBUSTNESS, HISTORY, MANAGEMENT = (
+    "Data pedigree", "Verification", "Validation", "Input pedigree", "Uncertainty characterization",
+    "Results robustness", "M&S history", "M&S process and product management")
+CONVERGENCE, TEST_INPUTS = "accuracy of the stepping, by a shorter tick", "inputs, which the host supplies"
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A fact: its `value` in `unit` or in words, the `names` that it counts, and the `command` that finds it.
+
+    The value is NOT_DONE if it was not found; `command` is empty if none finds it.
+    """
+
+    what: str
+    value: float | int | str
+    unit: str = ""
+    names: tuple[str, ...] = ()
+    note: str = ""
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factor of credibility, and the facts about it."""
+
+    name: str
+    facts: tuple[Fact, ...]
+
+
+@dataclass(frozen=True)
+class Card:
+    """The credibility card of an actuator, or of several fins with a hash of the values of each."""
+
+    schema: str
+    model: str
+    values_sha256: tuple[str, ...]
+    use: str
+    limits: tuple[str, ...]
+    factors: tuple[Factor, ...]
+
+    @property
+    def not_done(self) -> list[str]:
+        """What was not done, in words."""
+        return [fact.what for factor in self.factors for fact in factor.facts if fact.value == NOT_DONE]
+
+    def having(self, name: str, *facts: Fact) -> Card:
+        """Return the card with facts of a factor; those of the same words are replaced, their commands stay."""
+        def added(factor: Factor) -> Factor:
+            by_words = {fact.what: fact for fact in factor.facts}
+            by_words |= {f.what: replace(f, command=by_words.get(f.what, f).command) for f in facts}
+            return replace(factor, facts=tuple(by_words.values()))
+
+        return replace(self, factors=tuple(added(each) if each.name == name else each for each in self.factors))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the card for JSON, with the list of what was not done."""
+        return {**asdict(self), "not_done": self.not_done}
+
+
+def read(content: bytes) -> Card | None:
+    """Return a card from JSON, None if it has another layout. Raises ValueError if it is damaged."""
+    try:
+        document = json.loads(content)
+        return _read(Card, document) if document["schema"] == SCHEMA else None
+    except (KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"is no credibility card ({error!r})") from error
+
+
+def _read(kind: Any, value: Any) -> Any:
+    """Return a value of JSON as one of a dataclass, or of a field's type. Raises TypeError, KeyError."""
+    if is_dataclass(kind):
+        return kind(**{name: _read(hint, value[name]) for name, hint in get_type_hints(kind).items()})  # type: ignore[operator]
+    if get_origin(kind) is tuple:
+        return tuple(_read(get_args(kind)[0], each) for each in value)
+    if not isinstance(value, kind):
+        raise TypeError(f"{value!r:.40}")
+    return value
+
+
+def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fact] = (),
+         compared: Sequence[Fact] = ()) -> Card:
+    """Return the card of fins with these parameters; `fmu` is the file's name, empty for parameters alone.
+
+    `configuration` is further facts of management; `compared`, without a command, are comparisons with an independent
+    reference.
+    """
+    model = sets[0].model
+    actuator, extensions = parts(model)
+    source, integrated = get(actuator).source, get(actuator).reference is not None
+    option = f"--model {'+'.join((shlex.quote(source.name) if source else actuator, *extensions))}"
+    files = (f"--parameters {shlex.quote(file)}" for file in dict.fromkeys(
+        s.file for p in sets for s in repeatable(p).sources if s.sha256))
+    settings = "".join(f" {each}" for each in (*([option] if model != NONLINEAR else ()), *files))
+    make = "" if fmu else f"emcas build{settings} --output A.fmu; "
+    article = shlex.quote(fmu or "A.fmu") + (f" {option}" if source else "")
+    identified = {e.variable.name: e.note for p in sets for e in p.entries if e.source == IDENTIFIED}
+    certain = tuple(name for name, note in identified.items() if "1 sigma" in note)
+    records = list(dict.fromkeys(record[1:] for p in sets for record in p.measured))
+    free = ",".join(dict.fromkeys(name.partition("[")[0] for name in identified)) or "NAMES"
+    factors = {
+        DATA: [*([Fact("equations", get(model).origin)] if get(model).origin else ()), *_sources(sets, settings)],
+        VERIFICATION: [*(replace(fact, command=f"emcas validate {article}") for fact in compared),
+                       *([] if compared else [Fact(
+                           "comparison with an independent integration", NOT_DONE,
+                           note="" if integrated else "there is none of this actuator",
+                           command=f"{make}emcas validate {article}" if integrated else "")]),
+                       Fact(CONVERGENCE, NOT_DONE, command=f"{make}emcas report {article}"),
+                       Fact("Python against native FMU", NOT_DONE, command=
+                            "emcas baseline record PYTHON.fmu; emcas baseline check NATIVE.fmu")],
+        VALIDATION: [*(Fact(f"record {name}", use or "identified from it; the file says no more",
+                            note=f"SHA-256 {sha256}") for name, sha256, use in records),
+                     *([Fact("records of the identified parameters", NOT_DONE, note="the parameter file names none")]
+                       if identified and not records else ()),
+                     *([Fact("comparison with measurements that were not fitted", NOT_DONE, command=
+                             f"emcas calibrate FITTED.csv --hold-out OTHER.csv --free {free}{settings}")]
+                       if not any(use.startswith("held out") for *_, use in records) else ())],
+        INPUTS: [Fact(TEST_INPUTS, NOT_DONE)],
+        UNCERTAINTY: [*([Fact("1 sigma of identified parameters, in their notes above", len(certain), names=certain)]
+                        if certain else ()),
+                      Fact("effect of uncertain parameters, loads and faults on results", NOT_DONE,
+                           command=f"emcas campaign CAMPAIGN.toml{f' --fmu {shlex.quote(fmu)}' if fmu else ''}")],
+        ROBUSTNESS: [Fact("sensitivity to each estimate", NOT_DONE,
+                          command=f"emcas parameters{settings} --sensitivity TORQUE")],
+        HISTORY: [Fact("earlier uses and what came of them", NOT_DONE)],
+        MANAGEMENT: [*_configuration(sets), *configuration,
+                     Fact("second build, with the same bytes", NOT_DONE,
+                          command=f"emcas build{settings} --output B.fmu")]}
+    missing = [name for name in EXTENSIONS if name not in extensions]
+    warnings = dict.fromkeys(warning for p in sets for warning in p.warnings)
+    return Card(
+        SCHEMA, get(model).name, tuple(parameters_hash(p.values) for p in sets), f"{get(model).title}. {USE}",
+        (f"What is computed is how the model behaves; {APPLIES}.",
+         *([f"It is built without the effects of the extensions {', '.join(missing)}."] if missing else ()), *warnings),
+        tuple(Factor(name, tuple(facts)) for name, facts in factors.items()))
+
+
+def _sources(sets: Sequence[ParameterSet], settings: str) -> Iterator[Fact]:
+    """Yield how many parameters have which source, and the identified values; of several fins with equal ones once."""
+    counted: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    found: dict[tuple[str, float, str, str], list[int]] = {}
+    for fin, p in enumerate(sets, 1):
+        by_source: dict[str, list[str]] = {}
+        for e in p.entries:
+            by_source.setdefault(e.source or "none", []).append(e.variable.name)
+            if e.source == IDENTIFIED:
+                found.setdefault((e.variable.name, e.value, e.variable.unit, e.note), []).append(fin)
+        for source, names in by_source.items():
+            counted.setdefault((source, tuple(names)), []).append(fin)
+
+    def of(fins: list[int]) -> str:
+        return "" if len(fins) == len(sets) else f" of fin {', '.join(map(str, fins))}"
+
+    for (origin, listed), fins in counted.items():
+        yield Fact(f"parameters{of(fins)}, source: {origin}", len(listed), names=listed,
+                   command=f"emcas parameters{settings}")
+    for (name, value, unit, note), fins in found.items():
+        yield Fact(f"{name}{of(fins)}", value, unit, note=note)
+
+
+def _configuration(sets: Sequence[ParameterSet]) -> Iterator[Fact]:
+    """Yield version, actuator, parameter files and hashes."""
+    yield Fact("version", f"emcas {__version__}")
+    yield Fact("actuator", get(sets[0].model).name)
+    for source in repeatable(*sets).sources:
+        yield Fact(source.what, source.file, names=source.changed, note=" ".join([
+            *([f"SHA-256 {source.sha256}."] if source.sha256 else ()),
+            *([f"Values, SHA-256 {source.values_sha256}."] if source.values_sha256 else ()),
+            *(["Changed after the files:"] if source.changed else ())]))
