@@ -66,9 +66,14 @@ class Card:
     factors: tuple[Factor, ...]
 
     @property
+    def rows(self) -> list[tuple[str, Fact]]:
+        """The facts, each with its factor's name where that begins."""
+        return [(factor.name * (not k), fact) for factor in self.factors for k, fact in enumerate(factor.facts)]
+
+    @property
     def not_done(self) -> list[str]:
         """What was not done, in words."""
-        return [fact.what for factor in self.factors for fact in factor.facts if fact.value == NOT_DONE]
+        return [fact.what for _, fact in self.rows if fact.value == NOT_DONE]
 
     def having(self, name: str, *facts: Fact) -> Card:
         """Return the card with facts of a factor; those of the same words are replaced, their commands stay."""
