@@ -6,6 +6,7 @@ when the card is made, or read from the parameter files, or the command follows 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
@@ -77,10 +78,11 @@ class Card:
 
     def having(self, name: str, *facts: Fact) -> Card:
         """Return the card with facts of a factor; those of the same words are replaced, their commands stay."""
+        new = {fact.what: fact for fact in facts}
+
         def added(factor: Factor) -> Factor:
-            by_words = {fact.what: fact for fact in factor.facts}
-            by_words |= {f.what: replace(f, command=by_words.get(f.what, f).command) for f in facts}
-            return replace(factor, facts=tuple(by_words.values()))
+            kept = [replace(new.pop(f.what), command=f.command) if f.what in new else f for f in factor.facts]
+            return replace(factor, facts=(*kept, *new.values()))
 
         return replace(self, factors=tuple(added(each) if each.name == name else each for each in self.factors))
 
@@ -193,6 +195,9 @@ def _configuration(sets: Sequence[ParameterSet]) -> Iterator[Fact]:
     """Yield version, actuator, parameter files and hashes."""
     yield Fact("version", f"emcas {__version__}")
     yield Fact("actuator", get(sets[0].model).name)
+    actuator = get(parts(sets[0].model)[0])
+    for file in filter(None, (actuator.source, *actuator.files)):
+        yield Fact(f"actuator's {file.name}", f"SHA-256 {hashlib.sha256(file.read_bytes()).hexdigest()}")
     for source in repeatable(*sets).sources:
         yield Fact(source.what, source.file, names=source.changed, note=" ".join([
             *([f"SHA-256 {source.sha256}."] if source.sha256 else ()),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +50,9 @@ def test_parameter_file_round_trip(chained: Path, identified: Mapping[str, Ident
     assert "# Reported, no parameter: backlash = 0.0" in text
     assert "# Reported, no parameter: total inertia at the motor" in text
     assert str(chained.parent) not in text
+    assert {(r.name, r.sha256) for r in loaded.measured} == {
+        (p.name, sha256(p.read_bytes()).hexdigest()) for kind in identified for p in shipped(kind)}
+    assert all(re.fullmatch(r"fitted, residual \S+ \S+", r.use) for r in loaded.measured)
 
 
 def test_command_shows_and_fmu_builds_with_it(chained: Path, tmp_path: Path) -> None:

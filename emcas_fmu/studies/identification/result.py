@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from math import floor, log10
 from pathlib import Path
@@ -150,9 +150,8 @@ def write_identified(result: Identification, path: Path, base_files: Iterable[Pa
                                        _note(result, members))
     first = (f"Identified by emcas {__version__} ({result.experiment.kind}); values, units, 1-sigma uncertainties in "
              "the notes.")
-    changed = result.base.with_values(changes)
-    write_parameters(replace(changed, records=(*changed.records, *result.measured)), path,
-                     [first, *_remarks(result, base_files)])
+    write_parameters(result.base.with_values(changes), path, [
+        first, *(record.comment for record in result.measured), *_remarks(result, base_files)])
 
 
 def _array(name: str) -> str:

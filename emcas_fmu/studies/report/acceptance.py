@@ -101,6 +101,7 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
     result. Raises EmcasError for a requirement on a figure that no test has.
     """
     rig, outcomes, total = Rig(subject, load, profile), dict[str, Outcome](), len(TESTS) + 1
+    card = subject.card  # before the tests, since that of an FMU may be damaged
     chosen = specification or load_requirements(None, subject.parameters)
     of_report = {r.name: r for r in chosen.requirements if r.test is None}
     for r in of_report.values():
@@ -118,7 +119,7 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
             lacking = {q.key: why for q in quantities if (why := subject.lacking(q.needs))}
             outcomes[name] = replace(outcome, name=name, title=title, quantities=quantities, not_applicable=lacking)
     progress("done", total, total)
-    return Result(subject.identification, load, _card(subject.card, outcomes), outcomes, tuple(
+    return Result(subject.identification, load, _card(card, outcomes), outcomes, tuple(
         _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),
         subject.values, subject.model, {r.name: abs(r.test.torque) for r in chosen.requirements
                                         if r.test and r.test.torque})
