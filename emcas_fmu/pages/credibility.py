@@ -96,7 +96,7 @@ def read(content: bytes) -> Card | None:
     try:
         document = json.loads(content)
         return _read(Card, document) if document["schema"] == SCHEMA else None
-    except (KeyError, TypeError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"is no credibility card ({error!r})") from error
 
 

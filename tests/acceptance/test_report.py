@@ -410,6 +410,20 @@ def test_json_has_no_value_json_does_not_know(shipped: Result) -> None:
     assert len(grid["command_deg"]) == len(grid["error_from_above_deg"])
 
 
+def test_the_credibility_card_has_figures_of_the_tests(shipped: Result, tmp_path: Path) -> None:
+    document: Any = plain(as_dict(shipped))
+    facts = {fact["what"]: fact for factor in document["credibility"]["factors"] for fact in factor["facts"]}
+    off = [group["fin_angle_deg"] for group in document["figures"]["stepping"].values()]
+    assert facts["accuracy of the stepping, by a shorter tick"]["value"] == max(off)
+    static = {what: fact["value"] for what, fact in facts.items() if what.startswith("largest static error, ")}
+    assert [*static.values()] == [group["largest_error_deg"] for group in document["figures"]["static_accuracy"].values()]
+    assert "mission profile is made up" in facts["inputs, which the host supplies"]["note"]
+    assert {"comparison with an independent integration", "earlier uses and what came of them"} <= {
+        *document["credibility"]["not_done"]}
+    text = page(shipped, tmp_path)
+    assert all(f"<td>{what}</td>" in text for what in facts)
+
+
 def test_a_bandwidth_beyond_those_looked_for_is_a_bound(tmp_path: Path) -> None:
     file = tmp_path / "asked.toml"
     file.write_text("".join(f"""[[requirements]]

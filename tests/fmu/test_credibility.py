@@ -183,7 +183,7 @@ def test_a_card_is_read_as_written() -> None:
     content = json.dumps(whole.as_dict())
     assert read(content.encode()) == whole
     assert read(content.replace("emcas-credibility/1", "emcas-credibility/2").encode()) is None
-    for damaged in ("[]", "{}", '"x"', "[" * 100_000, content.replace('"facts": [', '"facts": [3, '),
+    for damaged in ("", "[]", "{}", '"x"', "[" * 100_000, content.replace('"facts": [', '"facts": [3, '),
                     content.replace('"what": "version"', '"what": 3'), content.replace('"limits"', '"limit"')):
         with pytest.raises(ValueError, match="is no credibility card"):
             read(damaged.encode())

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -147,7 +148,12 @@ def test_the_command_writes_what_the_function_returns(recorded: tuple[ParameterS
         assert entry.source == "identified"
         assert f"1 sigma {e.sigma:.2g}" in entry.note
         assert abs(e.value - float(truth.values[e.name])) < 4.0 * e.sigma
-    assert all(record.sha256 in file.read_text() for record in result.records)
+    assert [(r.name, r.sha256, r.use.partition(";")[0]) for r in loaded.measured] == [
+        (path.name, sha256(path.read_bytes()).hexdigest(), use)
+        for path, use in zip(paths, ("fitted", "fitted", "held out"), strict=True)]
+    for c in result.comparisons:
+        (use,) = (r.use for r in loaded.measured if r.sha256 == c.record.sha256)
+        assert f"; {c.variable.name} rms {c.figures['rms']:.3g} {c.unit}, largest" in use
     held_out = [c for c in document["comparisons"] if c["held_out"]]
     assert {c["file"] for c in held_out} == {paths[2].name}
     assert {c["output"] for c in held_out} == {
