@@ -148,8 +148,9 @@ class Subject(ABC):
 
     @cached_property
     def parameters(self) -> ParameterSet:
-        """Its parameters as a set."""
-        return load_parameters(model=self.model).with_values(self.values)
+        """Its parameters as a set, with the sources of those that have default values."""
+        changed = differences(self.values, self.model)
+        return load_parameters(model=self.model).with_values({name: self.values[name] for name in changed})
 
     @cached_property
     def card(self) -> Card:
