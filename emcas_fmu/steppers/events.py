@@ -95,7 +95,8 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
         return tuple({**vars(at), **corrected}.values())
 
     whole = moved(h)
-    before, after = margins(x), margins(whole)
+    start, after = margins(x), margins(whole)
+    before = {name: y for name, y in start.items() if after[name] is not y}  # what a step holds is never lost
     lost = {name: ops.both(after[name] <= 0.0, y > 0.0) for name, y in before.items()}
 
     def to_event() -> tuple[Value, ...]:
@@ -104,10 +105,10 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
         far = first.margin > _FAR * first.begin
         used = ops.where(far, ops.maximum(first.time, _FURTHER * h), first.time)
         events = {name: ops.both(happens, ops.negate(far)) for name, happens in first.happens.items()}
-        return *landed(moved(used), events), used
+        return *landed(moved(used), dict.fromkeys(start, False) | events), used
 
     *states, used = ops.branch(reduce(ops.either, lost.values(), False), to_event,
-                               lambda: (*landed(whole, dict.fromkeys(before, False)), h), rare=True)
+                               lambda: (*landed(whole, dict.fromkeys(start, False)), h), rare=True)
     return Record(**dict(zip(vars(x), states, strict=True))), used
 
 

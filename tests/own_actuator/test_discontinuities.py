@@ -20,6 +20,7 @@ from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import cases, simulator
+from emcas_fmu.runtime.c_sources import kernel_header
 from emcas_fmu.simulation import respond, simulate
 from emcas_fmu.steppers.discontinuities import System
 
@@ -176,6 +177,22 @@ def test_a_limit_on_one_side() -> None:
     exact = 0.5 * (1.0 - exp(-2.0 * 0.65))
     for high in (inf, 1e12, 5.0):
         assert leak(high, 0.05) == pytest.approx(exact, abs=1e-4)
+
+
+def test_a_limit_of_what_a_step_holds(tmp_path: Path) -> None:
+    """A held reference meets no limit within a step: nothing is compared with itself, of which clang makes an error."""
+    file = tmp_path / "mine.py"
+    file.write_text("""import emcas_fmu.declare as em
+
+ACTUATOR = em.Actuator(
+    "held", "held", states=em.FIN, values={"inertia.fin": 1.0}, sample=lambda ops, p, x, inputs: {"reference": 3.0},
+    discontinuities=(em.Limit("torque", lambda ops, p, x, u: u.reference, 2.0),),
+    derivatives=lambda ops, p, x, u: {"fin_angle": x.fin_rate, "fin_rate": u.torque + u.aero_torque})
+""", encoding="utf-8")
+    source = kernel_header(model=str(file))
+    assert not re.search(r"\((\w+) <= 0\.0\) && \(\1 > 0\.0\)|\b(t\d+) == \2\b", source)
+    end = simulate(load_parameters(model=str(file)).values, 0.1, model=str(file), kernel="python")["fin_rate"][-1]
+    assert end == pytest.approx(0.2, rel=1e-9)  # rounding of 100 steps under the limit's torque
 
 
 # -- the declaration ---------------------------------------------------------------
