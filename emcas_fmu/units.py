@@ -123,7 +123,10 @@ def convert(amount: Decimal, written: str, unit: str) -> float:
 
 
 def to_base(unit: str) -> tuple[dict[str, int], float, float]:
-    """Return a unit's dimensions with integer exponents, and its factor and offset to SI base units."""
+    """Return a unit's dimensions with integer exponents, and its factor and offset to SI base units.
+
+    Raises UnitError for an unknown unit.
+    """
     with localcontext(Context(prec=34)):
         parsed = _parse(unit)
         zero, one = (_registry().Quantity(Decimal(amount), parsed).to_base_units() for amount in (0, 1))
@@ -137,11 +140,6 @@ def factor(unit: str, other: str) -> float:
     """Return the factor from `unit` to the `other` unit."""
     with localcontext(Context(prec=34)):
         return float(_registry().Quantity(Decimal(1), _parse(unit)).to(_parse(other)).magnitude)
-
-
-def check_unit(unit: str) -> None:
-    """Raise UnitError for an unknown unit."""
-    _parse(unit)
 
 
 def describe(unit: str) -> str:

@@ -18,7 +18,7 @@ from typing import Any
 
 from ..errors import EmcasError, declared_in, location
 from ..support.progress import warn
-from ..units import UnitError, check_unit
+from ..units import UnitError, to_base
 from . import EXTENSIONS, NAMES
 from .declaration import Actuator
 
@@ -107,14 +107,17 @@ def _check_name(actuator: Actuator, path: Path) -> None:
 
 
 def _check_units(actuator: Actuator, source: Path) -> None:
-    """Raise EmcasError for a variable whose unit is not known; warn of limits that look like degrees."""
+    """Raise EmcasError for a unit that is not known or not of the SI; warn of limits that look like degrees."""
     states = (*actuator.states, *actuator.controller_states, *actuator.sampled_states)
     variables = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
     for name, unit in (*((s.name, s.unit) for s in states), *((v.name, v.unit) for v in variables)):
         try:
-            check_unit(unit)
+            _, factor, _ = to_base(unit)
         except UnitError as error:
             raise EmcasError(f"{declared_in(source, name)}: {name}: {error}") from error
+        if factor != 1.0:
+            raise EmcasError(f"{declared_in(source, name)}: {name}: {unit} is {factor:g} times the SI unit, in which "
+                             f"equations compute; declare it in that (a variable may be shown with display={unit!r})")
     for v in actuator.parameters:
         if v.unit == "rad" and _TURN < (limit := max(-v.minimum, v.maximum)) < inf:
             warn(f"{declared_in(source, v.name)}: {v.name} may be up to {limit:g} rad, {degrees(limit):.4g} deg; if "
