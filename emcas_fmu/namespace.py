@@ -24,7 +24,10 @@ class Names(SimpleNamespace):
 
 
 class Record(Names):
-    """Named values at one instant: states, or inputs that act on them."""
+    """Named values at one instant: states, or inputs that act on them. They do not change."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"{name} cannot be set here; use a variable of your own, or return it")
 
     def replace(self: R, /, **changes: Any) -> R:
         """Return a copy with other values. Raises TypeError for an unknown name."""
