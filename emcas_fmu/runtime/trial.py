@@ -67,8 +67,7 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
         return
     at_rest = {v.name: float(np.asarray(x).flat[0]) for v, x in zip(actuator.inputs, inputs, strict=True)}
     at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.MOTION)), 0.0)
-    if model.endswith(".py"):
-        _require_all_set(actuator, values, at_rest)
+    _require_all_set(get(parts(model)[0]), values, at_rest)  # extensions return all states
     if isinstance(actuator.step, SwitchedStep):
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
         bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step))

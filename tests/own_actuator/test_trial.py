@@ -318,7 +318,9 @@ def test_an_inverted_margin(tmp_path: Path, margin: str, sound: bool) -> None:
             simulate(values, 0.002, kernel="python", model=str(path))
 
 
-def test_a_state_that_no_sample_sets(tmp_path: Path) -> None:
+@pytest.mark.parametrize("extension", ["", "+faults"])
+def test_a_state_that_no_sample_sets(tmp_path: Path, extension: str) -> None:
     path = changed(tmp_path, (' "integral": ops.where(inputs.enable, moved, 0.0),', ""))
+    model = f"{path}{extension}"
     with pytest.raises(EmcasError, match=r"mine\.py, line \d+: sample\(\) returns no integral, which nothing else"):
-        simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+        simulate(load_parameters(model=model).values, 0.002, kernel="python", model=model)
