@@ -96,10 +96,10 @@ def declared_in(path: Path, name: str, call: str = "") -> str:
 
 def called_from(path: Path) -> str:
     """Return file, line and name of the function of a file that is being executed, "" if there is none."""
-    frame = sys._getframe()
-    while frame is not None and frame.f_code.co_filename != str(path):
+    name, frame = str(path), sys._getframe()
+    while frame is not None and frame.f_code.co_filename != name:
         frame = frame.f_back  # type: ignore[assignment]
-    return f"{path}, line {frame.f_lineno}: {frame.f_code.co_name}()" if frame else ""
+    return f"{name}, line {frame.f_lineno}: {frame.f_code.co_name}()" if frame else ""
 
 
 def hint(word: Any, among: Iterable[str]) -> str:

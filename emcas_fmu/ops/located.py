@@ -59,15 +59,23 @@ def _result(path: Path, spelt: str, function: Callable[..., float], *operands: V
     return located(value, path, before or f"{called_from(path)}: {spelt.format(*numbers)} = {value:g}")
 
 
-def _operator(name: str, spelt: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return an operator of a number and another, and that of the other and the number."""
-    function = getattr(operator, name)
-    return (lambda self, *other: _result(self.path, spelt, function, self, *other),
-            lambda self, other: _result(self.path, spelt, function, other, self))
+def _operator(name: str, spelt: str, swapped: str = "") -> Callable[..., LocatedFloat]:
+    """Return an operator of a number; `swapped`, "r", is that of another number and it."""
+    own, function = getattr(float, f"__{swapped}{name}__"), getattr(operator, name)
+
+    def method(self: LocatedFloat, *other: Value) -> LocatedFloat:
+        try:
+            if isfinite(value := own(self, *other)):  # as almost every one, which this makes twice as fast
+                return located(value, self.path)
+        except (ZeroDivisionError, TypeError):  # TypeError: float's own operator does not know the other
+            pass
+        return _result(self.path, spelt, function, *((*other, self) if swapped else (self, *other)))
+
+    return method
 
 
 for _name, _symbol in _OPERATORS.items():
-    for _method, _operation in zip(("__%s__", "__r%s__"), _operator(_name, f"{{:g}} {_symbol} {{:g}}"), strict=True):
-        setattr(LocatedFloat, _method % _name, _operation)
+    for _swapped in ("", "r"):
+        setattr(LocatedFloat, f"__{_swapped}{_name}__", _operator(_name, f"{{:g}} {_symbol} {{:g}}", _swapped))
 for _name in ("neg", "abs"):
-    setattr(LocatedFloat, f"__{_name}__", _operator(_name, f"{_name}({{:g}})")[0])
+    setattr(LocatedFloat, f"__{_name}__", _operator(_name, f"{_name}({{:g}})"))
