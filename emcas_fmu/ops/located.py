@@ -7,7 +7,6 @@ from collections.abc import Callable
 from functools import partial
 from math import copysign, inf, isfinite, nan
 from pathlib import Path
-from typing import Any
 
 from ..errors import called_from
 from .base import Value
