@@ -83,14 +83,15 @@ class FmuSubject(Subject):
     @cached_property
     def card(self) -> Card:
         """The card inside the FMU; without one of its values, as in an older or changed FMU, one of what is known."""
-        path = self.fmu.folder / FILE
+        path, origin = self.fmu.folder / FILE, "this card is the one inside, with figures of these tests"
         try:
             inside = read(path.read_bytes()) if path.is_file() else None
         except ValueError as error:
             raise EmcasError(f"{self.fmu.path}: {FILE} {error}; build the FMU again") from error
         if inside is None or inside.values_sha256[self.fin - 1:self.fin] != (parameters_hash(self.values),):
-            inside = card([self.parameters], self.fmu.path.name)
-        return inside.having(MANAGEMENT, Fact("file", self.fmu.path.name, note=f"SHA-256 {self.fmu.sha256}"))
+            inside, origin = card([self.parameters], self.fmu.path.name), "it has no card of its values"
+        file = Fact("file", self.fmu.path.name, note=f"SHA-256 {self.fmu.sha256}; {origin}")
+        return inside.having(MANAGEMENT, file)
 
     @cached_property
     def references(self) -> Sequence[Stored]:

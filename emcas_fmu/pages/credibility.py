@@ -1,7 +1,7 @@
 """The credibility card of a model: its use and limits, what is known of it, and what was not done.
 
-The factors are those of NASA-STD-7009A, appendix E; the card claims none of the standard's levels. A fact is computed
-when the card is made, or read from the parameter files, or the command follows that finds it.
+The factors are those of NASA-STD-7009A (2016); the card claims none of the standard's levels. A fact is computed when
+the card is made, or read from the parameter files, or not known: then it has the command that finds it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ USE = "In a 6-DOF simulation it turns fin commands and hinge moments into fin an
 APPLIES = "it applies to a device as far as the parameters are those of the device"
 DATA, VERIFICATION, VALIDATION, INPUTS, UNCERTAINTY, ROBUSTNESS, HISTORY, MANAGEMENT = (
     "Data pedigree", "Verification", "Validation", "Input pedigree", "Uncertainty characterization",
-    "Results robustness", "M&S history", "M&S process and product management")
+    "Results robustness", "M&S history", "M&S process/product management")
 CONVERGENCE, TEST_INPUTS = "accuracy of the stepping, by a shorter tick", "inputs, which the host supplies"
 
 
@@ -120,25 +120,24 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     """
     model = sets[0].model
     actuator, extensions = parts(model)
-    source, integrated = get(actuator).source, get(actuator).reference is not None
+    source, integrated = get(actuator).source, get(actuator).reference is not None and not extensions
     option = f"--model {'+'.join((shlex.quote(source.name) if source else actuator, *extensions))}"
     files = (f"--parameters {shlex.quote(file)}" for file in dict.fromkeys(
         s.file for p in sets for s in repeatable(p).sources if s.sha256))
     settings = "".join(f" {each}" for each in (*([option] if model != NONLINEAR else ()), *files))
-    make = "" if fmu else f"emcas build{settings} --output A.fmu; "
-    article = shlex.quote(fmu or "A.fmu") + (f" {option}" if source else "")
+    own = f" {option}" if source else ""
+    make, article = f"emcas build{settings} --output A.fmu; ", shlex.quote(fmu or "A.fmu") + own
     identified = {e.variable.name: e.note for p in sets for e in p.entries if e.source == IDENTIFIED}
     certain = tuple(name for name, note in identified.items() if "1 sigma" in note)
     records = list(dict.fromkeys(record[1:] for p in sets for record in p.measured))
-    free = ",".join(dict.fromkeys(name.partition("[")[0] for name in identified)) or "NAMES"
     factors = {
         DATA: [*([Fact("equations", get(model).origin)] if get(model).origin else ()), *_sources(sets, settings)],
         VERIFICATION: [*(replace(fact, command=f"emcas validate {article}") for fact in compared),
                        *([] if compared else [Fact(
                            "comparison with an independent integration", NOT_DONE,
                            note="" if integrated else "there is none of this actuator",
-                           command=f"{make}emcas validate {article}" if integrated else "")]),
-                       Fact(CONVERGENCE, NOT_DONE, command=f"{make}emcas report {article}"),
+                           command=f"{make}emcas validate A.fmu{own}" if integrated else "")]),
+                       Fact(CONVERGENCE, NOT_DONE, command=f"{'' if fmu else make}emcas report {article}"),
                        Fact("Python against native FMU", NOT_DONE, command=
                             "emcas baseline record PYTHON.fmu; emcas baseline check NATIVE.fmu")],
         VALIDATION: [*(Fact(f"record {name}", use or "identified from it; the file says no more",
@@ -146,7 +145,7 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
                      *([Fact("records of the identified parameters", NOT_DONE, note="the parameter file names none")]
                        if identified and not records else ()),
                      *([Fact("comparison with measurements that were not fitted", NOT_DONE, command=
-                             f"emcas calibrate FITTED.csv --hold-out OTHER.csv --free {free}{settings}")]
+                             f"emcas calibrate FITTED.csv --hold-out OTHER.csv --free NAMES{settings}")]
                        if not any(use.startswith("held out") for *_, use in records) else ())],
         INPUTS: [Fact(TEST_INPUTS, NOT_DONE)],
         UNCERTAINTY: [*([Fact("1 sigma of identified parameters, in their notes above", len(certain), names=certain)]
@@ -157,8 +156,8 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
                           command=f"emcas parameters{settings} --sensitivity TORQUE")],
         HISTORY: [Fact("earlier uses and what came of them", NOT_DONE)],
         MANAGEMENT: [*_configuration(sets), *configuration,
-                     Fact("second build, with the same bytes", NOT_DONE,
-                          command=f"emcas build{settings} --output B.fmu")]}
+                     *([Fact("second build, with the same bytes", NOT_DONE, note="emcas build with the same options")]
+                       if fmu else ())]}
     missing = [name for name in EXTENSIONS if name not in extensions]
     warnings = dict.fromkeys(warning for p in sets for warning in p.warnings)
     return Card(

@@ -118,7 +118,7 @@ def test_identified_parameters_have_their_records(measured: Path) -> None:
     assert {what: (fact["value"], fact["note"]) for what, fact in validation.items()} == {
         "record a.csv": ("fitted; fin_angle rms 0.1 deg", f"SHA-256 {FITTED}"),
         "record `b`.csv": ("held out; fin_angle rms 0.2 deg", f"SHA-256 {UNSEEN}")}
-    configuration = facts(document, "M&S process and product management")
+    configuration = facts(document, "M&S process/product management")
     assert configuration["parameters"]["value"] == "mine.toml"
     assert sha256(measured.read_bytes()).hexdigest() in configuration["parameters"]["note"]
     assert parameters_hash(parameters.values) in configuration["parameters"]["note"]
@@ -133,7 +133,7 @@ def test_records_that_were_fitted_do_not_validate(tmp_path: Path) -> None:
     for name, others in (("fitted", "record a.csv"), ("bare", "records of the identified parameters")):
         validation = facts(made([load_parameters(tmp_path / f"{name}.toml")])[1], "Validation")
         assert [*validation] == [others, "comparison with measurements that were not fitted"]
-        assert "--free motor.resistance --parameters" in validation[[*validation][1]]["command"]
+        assert f"--free NAMES --parameters {name}.toml" in validation[[*validation][1]]["command"]
 
 
 def test_fins_that_differ_are_told_apart(measured: Path) -> None:
@@ -146,7 +146,7 @@ def test_fins_that_differ_are_told_apart(measured: Path) -> None:
 
 def test_a_users_actuator_names_its_files() -> None:
     _, document = made([load_parameters(model=str(OWN))])
-    said = facts(document, "M&S process and product management")[f"actuator's {OWN.name}"]["value"]
+    said = facts(document, "M&S process/product management")[f"actuator's {OWN.name}"]["value"]
     assert said == f"SHA-256 {sha256(OWN.read_bytes()).hexdigest()}"
     assert str(OWN.parent) not in json.dumps(document)
 
@@ -197,7 +197,7 @@ def test_an_fmu_keeps_its_card(measured: Path, tmp_path: Path) -> None:
         inside = json.loads((subject.fmu.folder / FILE).read_bytes())  # type: ignore[attr-defined]
         seen = subject.card.as_dict()
     assert "record a.csv" in facts(seen, "Validation")
-    assert sha256(fmu.read_bytes()).hexdigest() in facts(seen, "M&S process and product management")["file"]["note"]
+    assert sha256(fmu.read_bytes()).hexdigest() in facts(seen, "M&S process/product management")["file"]["note"]
     assert json.loads(json.dumps(seen["factors"][:-1])) == inside["factors"][:-1]
 
     def changed(before: bytes, after: bytes) -> Path:
@@ -205,9 +205,11 @@ def test_an_fmu_keeps_its_card(measured: Path, tmp_path: Path) -> None:
                          lambda name, content: content.replace(before, after) if name == FILE else content)
 
     with open_subject(changed(inside["values_sha256"][0].encode(), b"0" * 64)) as subject:
-        pedigree = facts(subject.card.as_dict(), "Data pedigree")
+        document = subject.card.as_dict()
+        pedigree = facts(document, "Data pedigree")
+    assert "no card of its values" in facts(document, "M&S process/product management")["file"]["note"]
     assert "motor.resistance" not in pedigree
-    assert pedigree["parameters, source: user"]["names"] == ["motor.resistance"]  # the others are the default ones
+    assert pedigree["parameters, source: user"]["names"] == ("motor.resistance",)  # the others are the default ones
     with (open_subject(changed(b'"factors"', b'"factor"')) as subject,
           pytest.raises(EmcasError, match=r"changed\.fmu: documentation/credibility\.json is no credibility card")):
         subject.card  # noqa: B018
