@@ -28,6 +28,7 @@ from emcas_fmu.parameters import load_parameters
 HERE = Path(__file__).parent
 BEGIN, END, STOP = 0.2, 0.4, 0.6  # s
 FOUND_STOP = 2.0  # s
+LOAD, LOADS = 40.0, {"servo": 4.0}  # N.m, of an actuator, and of those that hold less
 # What is below is rounding, or a count more or less.
 LEAST = 0.005  # deg
 
@@ -58,7 +59,7 @@ def _runs(model: str, faults: Sequence[str], window: tuple[float, float], **inpu
 def _under_sines(model: str, faults: Sequence[str]) -> Runs:
     time = times(STOP)
     return _runs(model, faults, (BEGIN, END), fin_command=_command(time),
-                 aero_torque=40.0 * np.sin(2.0 * np.pi * 1.7 * time))
+                 aero_torque=LOADS.get(model, LOAD) * np.sin(2.0 * np.pi * 1.7 * time))
 
 
 def acting() -> str:
