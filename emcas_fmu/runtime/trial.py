@@ -40,6 +40,7 @@ _ELSEWHERE = 0.01  # share of it by which it may start elsewhere: kinematics may
 _BELOW, _IN_A_ROW = -1e-9, 10
 # Difference of a state, to find its effect on its derivative; and the latter's rounding, or that of outputs.
 _DIFFERENCE, _ROUNDING = 1e-6, 1e-8
+_NEAR, _BEYOND = 0.9, 1.2  # start and command of a trial of the command's limit, in shares of it
 _MOVING = 0.01  # [rad, rad/s] of a fin whose outputs are compared, or that a load accelerates
 _GROWTH = 0.05  # [1/s] of a mode; less is rounding of the Jacobian
 # Newton's steps to an equilibrium; and the smallest singular value, relative, that is none of rounding.
@@ -84,7 +85,13 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
         if ignored := _unloaded(names, x, rates):
             warn(f"{actuator.source}: {ignored}")
         seen = _unstable(names, x, rates)
-    if _follows_disabled(values, at_rest, in_time):
+    limit = values["command.limit"]
+    near = {**values, "fin.start_angle": _NEAR * limit}  # where no drive is at its limit
+    if not check_parameters(near, model) and _differs(near, {**at_rest, fin_port.ENABLE.name: 1.0}, in_time, limit,
+                                                      _BEYOND * limit):
+        warn(f"{actuator.source}: fin_angle follows fin_command beyond command.limit; clip the command, by "
+             "em.fin_port.clipped_command(ops, p, inputs.command)")
+    if _differs(values, {**at_rest, fin_port.ENABLE.name: 0.0}, in_time, 0.0, 0.5 * limit):
         warn(f"{actuator.source}: fin_angle follows fin_command while disabled; use inputs.enable in sample(), or "
              "u.enabled in the plant")
     if seen := seen or _moves_away(values, at_rest, points, in_time):
@@ -300,12 +307,11 @@ def _grows(names: Sequence[str], jacobian: Array) -> str:
     return f"the states grow without bound while disabled, e-fold in {1.0 / growth[fastest].real:.3g} s, most {most}"
 
 
-def _follows_disabled(values: Mapping[str, Any], inputs: Mapping[str, float], run: Run) -> bool:
-    """Return whether a step of the command moves the fin while disabled, from rest and without load."""
-    centred, stepped = (
-        run([values], {**inputs, fin_port.COMMAND.name: command, fin_port.ENABLE.name: 0.0}, _STEP).columns["fin_angle"]
-        for command in (0.0, 0.5 * values["command.limit"]))
-    return not np.array_equal(centred, stepped, equal_nan=True)
+def _differs(values: Mapping[str, Any], inputs: Mapping[str, float], run: Run, *commands: float) -> bool:
+    """Return whether the fin moves in two ways under two commands [rad], from rest and without load."""
+    one, other = (run([values], {**inputs, fin_port.COMMAND.name: command}, _STEP).columns["fin_angle"]
+                  for command in commands)
+    return not np.array_equal(one, other, equal_nan=True)
 
 
 def _moves_away(values: Mapping[str, Any], inputs: Mapping[str, float], points: int, run: Run) -> str:

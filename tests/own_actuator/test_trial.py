@@ -197,6 +197,13 @@ def test_enable(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert message.startswith(f"{tmp_path / 'none.py'}: fin_angle follows fin_command while disabled")
 
 
+def test_a_command_that_is_not_clipped(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = changed(tmp_path, ("em.fin_port.clipped_command(ops, p, inputs.command)", "inputs.command"))
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    (message,) = caplog.messages
+    assert message.startswith(f"{path}: fin_angle follows fin_command beyond command.limit; clip the command")
+
+
 _TOOTH = (("PARAMETERS = (", 'PARAMETERS = (em.parameter("gear.tooth", "m", 0.0, 1.0, "size of a tooth"),'),
           ("ESTIMATES = {", 'ESTIMATES = {"gear.tooth": "1 mm", '))
 _IN_VAIN = "nothing depends on {}; use it in an equation or a rule, or leave it out"
