@@ -161,7 +161,7 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     missing = [name for name in EXTENSIONS if name not in extensions]
     warnings = dict.fromkeys(warning for p in sets for warning in p.warnings)
     return Card(
-        SCHEMA, get(model).name, tuple(parameters_hash(p.values) for p in sets), f"{get(model).title}. {USE}",
+        SCHEMA, get(model).name, tuple(parameters_hash(p.values) for p in sets), USE,
         (f"What is computed is how the model behaves; {APPLIES}.",
          *([f"It is built without the effects of the extensions {', '.join(missing)}."] if missing else ()), *warnings),
         tuple(Factor(name, tuple(facts)) for name, facts in factors.items()))
