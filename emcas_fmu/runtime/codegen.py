@@ -174,6 +174,7 @@ def _known(variables: Iterable[Variable]) -> dict[str, Known]:
     return known
 
 
+@lru_cache(maxsize=4)  # of a unit's GUID and of its files; of each campaign over an actuator
 def source(several: bool = False, model: str = NONLINEAR, spelt: Callable[[str], str] = str) -> str:
     """Return the Python source of a module with ``make(parameters)``.
 

@@ -29,6 +29,8 @@ from tests.own_actuator.least import least, written
 ALL = tuple(capabilities.NEEDED_VARIABLES)
 DEAR = others_slow(ALL, lambda words: words == capabilities.CASCADE)  # dozens of seconds for all
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def loaded(folder: Path, *provided: str, extension: str = "") -> ParameterSet:
     return load_parameters(model=written(folder, *provided) + extension)
@@ -65,6 +67,7 @@ def test_faults_and_monitors_of_several_capabilities(tmp_path: Path) -> None:
         moves(loaded(folder, *monitor.needs, extension="+faults"))
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("words", DEAR)
 def test_the_analysis_needs_no_more_than_it_says(words: str, tmp_path: Path) -> None:
     parameters = loaded(tmp_path, *dict.fromkeys((POSITION_LOOP, words))).with_values({"command.limit": "2 deg"})
