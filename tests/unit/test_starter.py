@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -85,7 +86,8 @@ def names(text: str) -> list[str]:
 def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) -> None:
     base = shipped(model)
     assert init(tmp_path, "--model", model).exit_code == 0
-    assert load_requirements(tmp_path / "requirements.toml", base) == load_requirements(None, base)
+    shipped_ones = load_requirements(None, base)
+    assert load_requirements(tmp_path / "requirements.toml", base) == replace(shipped_ones, file="requirements.toml")
     assert campaign.load_study(tmp_path / "campaign.toml").factors
     tuned = tmp_path / "tuning.toml"
     if tuned.exists():
