@@ -13,7 +13,7 @@ from .identify import estimates
 
 EPILOG = common.examples(
     "calibrate", "steps.csv sweep.csv --free inertia.motor,friction.viscous --output mine.toml",
-    "bench_*.csv -p data_sheet.toml --free motor.torque_constant=0.08..0.14 N*m/A "
+    "bench_*.csv -p data_sheet.toml --free 'motor.torque_constant=0.08..0.14 N*m/A' "
     "--prior 'motor.torque_constant=0.11+-0.01 N*m/A' --hold-out flight.csv -o mine.toml --report fit.html",
     "run.csv --model my_actuator.py --free gear.friction --compare fin_angle --robust --json fit.json",
     last=["  python build_fmu.py -p mine.toml"])

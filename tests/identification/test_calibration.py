@@ -209,6 +209,7 @@ def test_what_is_asked_wrongly_is_refused_first(recorded: tuple[ParameterSet, li
         ({"free": ["fin.start_angle"]}, "give bounds"),
         ({"free": [natural], "priors": ["second_order.damping=0.7+-0.1"]}, "is not free"),
         ({"free": [natural], "priors": [f"{natural}=100+-0 rad/s"]}, "a sigma above 0"),
+        ({"free": [natural], "priors": [f"{natural}=9e9+-1 rad/s"]}, "beyond the bounds"),
         ({"free": [natural], "compare": ["fin_angel"]}, "did you mean fin_angle"),
         ({"free": [natural], "compare": ["hinge_torque"]}, "has no column hinge_torque"),
         ({"free": [natural], "hold_out": [path]}, "held out must be another"),

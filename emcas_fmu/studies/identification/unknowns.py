@@ -70,6 +70,9 @@ def free_parameters(base: ParameterSet, free: Iterable[str], priors: Iterable[st
                 raise EmcasError(f"prior {text}: {name} is not free; free it, or leave its prior out")
             if values is None or not values[1] > 0.0:
                 raise EmcasError(f"prior {text}: expected NAME=VALUE+-SIGMA UNIT with a sigma above 0")
+            if not found[name].lower <= values[0] <= found[name].upper:
+                raise EmcasError(f"prior {text}: its value is beyond the bounds of {name}, {found[name].lower:.6g} to "
+                                 f"{found[name].upper:.6g} {found[name].unit}; correct it, or widen the bounds")
             found[name] = replace(found[name], mean=values[0], sigma=values[1])
     for name, other in (pair for names in base.actuator.equal_parameters for pair in (names, names[::-1])):
         if name in found and other not in found and base.values[other] == base.values[name]:
