@@ -18,6 +18,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import clutched_screw, drive, friction, kinematics, loads, mechanics, stick
 from emcas_fmu.steppers.electrical import Plant, electrical_mode
+from emcas_fmu.steppers.rigid import friction_speed
 from tests.default_actuator import namespace
 
 from ..simulation import acting, simulate
@@ -302,3 +303,10 @@ def test_the_margin_of_a_clutched_screw_s_load_is_the_load(felt: float) -> None:
         m = clutched_screw.Motion(screw=1.0, rotor=1.0, clutch=1.0, felt=felt)
         margins = clutched_screw.margins(FLOATS, t, m, 5.0, 9.0)
         assert margins["load"] == (load if felt == t.forward else -load)
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(1.0, 5.0), (1.1, 7.0), (3.75, 7.0)])
+def test_friction_of_a_worm_that_falls_acts_at_the_speed_of_mid_step(ratio: float, expected: float) -> None:
+    """At the speed of its begin the step would be of first order; friction that does not fall needs no prediction."""
+    values = {**load_parameters(model="worm-gear").values, "worm.static_ratio": ratio}
+    assert friction_speed(FLOATS, get("worm-gear").namespace(values), Record(motor_speed=5.0), lambda: 7.0) == expected
