@@ -76,6 +76,7 @@ def test_the_analysis_needs_no_more_than_it_says(words: str, tmp_path: Path) -> 
     write_report(found, tmp_path / "page.html")
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("section", SECTIONS)
 def test_a_section_of_the_analysis_needs_no_more_than_it_says(section: str, tmp_path: Path) -> None:
     needs = dict.fromkeys((POSITION_LOOP, *SECTIONS[section][1]))
