@@ -239,8 +239,7 @@ def calibrate(records: Sequence[Path | str] | Path | str, parameters: ParameterS
     """
     from .studies.identification.calibration import calibrate as run
 
-    if seed < 0:
-        raise EmcasError(f"calibrate: seed = {brief(seed)}: expected a whole number from 0 on")
+    _check_seed("calibrate", seed)
     names = [records] if isinstance(records, (str, Path)) else records
     return run([Path(name) for name in names], parameters or load_parameters(),
                [free] if isinstance(free, str) else free, [Path(name) for name in hold_out], compare, priors, delays,
@@ -265,8 +264,7 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
     from .studies.tuning.optimise import tune as run
     from .studies.tuning.study import Study, load_study, shipped_study
 
-    if seed < 0:
-        raise EmcasError(f"tune: seed = {brief(seed)}: expected a whole number from 0 on")
+    _check_seed("tune", seed)
     _check_counts("tune", generations=generations, workers=workers)
     base = parameters or load_parameters()
     chosen = (shipped_study(base) if study is None else study if isinstance(study, Study) else
@@ -275,6 +273,12 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
         extras.require("analysis", "margins (tests of kind linear) need", "control", "casadi")
     evaluations = Journal(None if journal is None else Path(journal), chosen)
     return run(chosen, seed, generations, workers or os.cpu_count() or 1, evaluations, progress)
+
+
+def _check_seed(function: str, seed: int) -> None:
+    """Raise EmcasError for a seed below 0."""
+    if seed < 0:
+        raise EmcasError(f"{function}: seed = {brief(seed)}: expected a whole number from 0 on")
 
 
 def _check_counts(function: str, **numbers: int | None) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from decimal import Context, Decimal, localcontext
-from functools import lru_cache
+from functools import cache, lru_cache
 from math import isfinite
 
 from pint import Unit, UnitRegistry
@@ -122,6 +122,7 @@ def convert(amount: Decimal, written: str, unit: str) -> float:
             raise UnitError(f"the unit {written} cannot be converted to {unit}: {error}") from error
 
 
+@cache
 def to_base(unit: str) -> tuple[dict[str, int], float, float]:
     """Return a unit's dimensions with integer exponents, and its factor and offset to SI base units.
 

@@ -97,13 +97,12 @@ def load(path: Path) -> Actuator:
 
 def _check_name(actuator: Actuator, path: Path) -> None:
     """Raise EmcasError for a name that cannot be part of the FMU's, or that is used already."""
-    where = declared_in(path, actuator.name)
     if not _NAME.fullmatch(actuator.name):
-        raise EmcasError(f"{where}: name {actuator.name!r}: use letters, digits, _ and -, a letter first: the FMU's "
-                         "name is made of it")
+        raise EmcasError(f"{declared_in(path, actuator.name)}: name {actuator.name!r}: use letters, digits, _ and -, a "
+                         "letter first: the FMU's name is made of it")
     if actuator.name in (*NAMES, *EXTENSIONS):
-        raise EmcasError(f"{where}: name {actuator.name!r} is that of an actuator or extension that is shipped; choose "
-                         "another")
+        raise EmcasError(f"{declared_in(path, actuator.name)}: name {actuator.name!r} is that of an actuator or "
+                         "extension that is shipped; choose another")
 
 
 def _check_units(actuator: Actuator, source: Path) -> None:

@@ -16,12 +16,10 @@ import numpy as np
 from pydantic import Field, PlainValidator, ValidationInfo, create_model, field_validator, model_validator
 
 from .. import motions
-from ..actuators import parts
 from ..errors import EmcasError
 from ..motions import SETTLE, STEP
-from ..parameters import ParameterSet
+from ..parameters import ParameterSet, shipped_file
 from ..parameters.schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
-from ..support.files import models_directory
 from ..variables import Variable
 from .measure import BANDWIDTHS, KINDS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
@@ -261,20 +259,12 @@ class _File(Table):
     requirements: Requirements
 
 
-def shipped_file(model: str) -> Path:
-    """Return the shipped requirements of an actuator: models/requirements/NAME.toml if it exists, otherwise
-    models/requirements.toml."""
-    folder = models_directory()
-    path = folder / "requirements" / f"{parts(model)[0]}.toml"
-    return path if path.is_file() else folder / "requirements.toml"
-
-
 def load_requirements(path: Path | None, base: ParameterSet) -> Specification:
     """Return the requirements of a TOML file, by default the shipped ones, for a parameter set.
 
     Raises EmcasError with the file, the entry and the remedy.
     """
-    path = path or shipped_file(base.model)
+    path = path or shipped_file("requirements", base.model)
     contents = document(path, EmcasError)[1]
     if other := misplaced(contents, "requirements"):
         raise EmcasError(f"{path}: is no file of requirements: it {other}; models/requirements.toml is one")

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from ..actuators import NONLINEAR
-from . import common
-from .identify import estimates
+from . import common, identify
 
 EPILOG = common.examples(
     "calibrate", "steps.csv sweep.csv --free inertia.motor,friction.viscous --output mine.toml",
@@ -51,24 +50,17 @@ def calibrate(
     values are shown and written, and the exit code is 130.
     """
     from ..api import calibrate as run
-    from ..studies.identification.result import write_identified
 
     held_out = hold_out or []
-    common.check_outputs(report, as_json, inputs=(files, held_out, parameters))
-    common.check_outputs(output, report, as_json, inputs=(files, held_out))
+    identify.check_outputs([*files, *held_out], parameters, output, report, as_json)
     base = common.parameter_set(parameters, model)
     names = [name.strip() for text in free for name in text.split(",") if name.strip()]
     with common.work("calibrate") as step:
         result = run(files, base, names, held_out, compare or (), prior or (), delays, robust, seed, step)
-    common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
-                         (report, type(result).write_report))
-    common.write_json(result.document(), as_json)
-    common.out.print(estimates(result))
-    common.out.print(common.table(["record", "use", "output", ">rms", ">mean", ">largest", "unit", ">fit / %"], (
+    identify.write(result, parameters, output, report, as_json)
+    identify.show(result, common.table(["record", "use", "output", ">rms", ">mean", ">largest", "unit", ">fit / %"], (
         [c.record.name, c.use, c.variable.name, *(f"{c.figures[name]:.3g}" for name in ("rms", "mean_abs", "largest")),
          c.unit, f"{c.figures['fit_percent']:.1f}"] for c in result.comparisons), "Error of the calibrated model"))
-    for line in result.notes:
-        common.say(line)
     common.warn(result.problems)
     common.print_written(output, report, as_json)
     if result.problems:

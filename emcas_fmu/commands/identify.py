@@ -50,28 +50,41 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
 def _identify(kind: str, files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
               as_json: Path | None, **choice: Any) -> None:
     """Identify, write the requested files and print the estimates."""
-    from ..studies.identification.result import write_identified
-
-    # The set may be written over: experiments chain through one file.
-    common.check_outputs(report, as_json, inputs=(files, parameters))
-    common.check_outputs(output, report, as_json, inputs=(files,))
+    check_outputs(files, parameters, output, report, as_json)
     experiment = import_module(f"..studies.identification.{kind}", __package__)
     result: Identification = experiment.identify(
         files, common.nonlinear_set(parameters, f"emcas identify {kind}"), **choice)
-    common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
-                         (report, type(result).write_report))
-    common.write_json(result.document(), as_json)
-    common.out.print(estimates(result))
-    for line in result.notes:
-        common.say(escape(line))
+    write(result, parameters, output, report, as_json)
+    show(result)
     common.print_written(output, report, as_json)
 
 
-def estimates(result: Identification) -> Any:
-    """Return the table of the estimates."""
-    return common.table(["name", ">value", ">1 sigma", "unit", ">base set"], (
+def check_outputs(files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
+                  as_json: Path | None) -> None:
+    """Check the outputs as `common.check_outputs` does; the set may be written over: experiments chain through one."""
+    common.check_outputs(report, as_json, inputs=(files, parameters))
+    common.check_outputs(output, report, as_json, inputs=(files,))
+
+
+def write(result: Identification, parameters: list[Path] | None, output: Path | None, report: Path | None,
+          as_json: Path | None) -> None:
+    """Write the requested files of a result, whose base set is that of the files `parameters`."""
+    from ..studies.identification.result import write_identified
+
+    common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
+                         (report, type(result).write_report))
+    common.write_json(result.document(), as_json)
+
+
+def show(result: Identification, *tables: Any) -> None:
+    """Print the estimates as a table, further tables, and the notes."""
+    estimates = common.table(["name", ">value", ">1 sigma", "unit", ">base set"], (
         [e.name, f"{e.value:.6g}", f"{e.sigma:.2g}", e.unit, "" if e.base is None else f"{e.base:.6g}"]
         for e in result.estimates), result.experiment.title, whole=range(5))
+    for each in (estimates, *tables):
+        common.out.print(each)
+    for line in result.notes:
+        common.say(escape(line))
 
 
 @app.command(epilog=common.examples(

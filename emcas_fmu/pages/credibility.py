@@ -10,12 +10,14 @@ import hashlib
 import json
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, is_dataclass, replace
-from typing import Any, get_args, get_origin, get_type_hints
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from pydantic import TypeAdapter
 
 from .. import __version__
 from ..actuators import EXTENSIONS, NONLINEAR, get, parts
-from ..parameters import IDENTIFIED, ParameterSet
+from ..parameters import IDENTIFIED, ParameterSet, Value
 from ..reference.files import parameters_hash
 from .provenance import repeatable
 
@@ -40,7 +42,7 @@ class Fact:
     """
 
     what: str
-    value: float | int | str
+    value: Value | str
     unit: str = ""
     names: tuple[str, ...] = ()
     note: str = ""
@@ -95,20 +97,9 @@ def read(content: bytes) -> Card | None:
     """Return a card from JSON, None if it has another layout. Raises ValueError if it is damaged."""
     try:
         document = json.loads(content)
-        return _read(Card, document) if document["schema"] == SCHEMA else None
+        return TypeAdapter(Card).validate_json(content, strict=True) if document["schema"] == SCHEMA else None
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"is no credibility card ({error!r})") from error
-
-
-def _read(kind: Any, value: Any) -> Any:
-    """Return a value of JSON as one of a dataclass, or of a field's type. Raises TypeError, KeyError."""
-    if is_dataclass(kind):
-        return kind(**{name: _read(hint, value[name]) for name, hint in get_type_hints(kind).items()})  # type: ignore[operator]
-    if get_origin(kind) is tuple:
-        return tuple(_read(get_args(kind)[0], each) for each in value)
-    if not isinstance(value, kind):
-        raise TypeError(f"{value!r:.40}")
-    return value
 
 
 def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fact] = (),

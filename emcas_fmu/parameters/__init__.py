@@ -11,9 +11,10 @@ from .sets import (
     load_parameters,
     parameter_file,
     require_sound,
+    shipped_file,
     write_parameters,
 )
 
 __all__ = ["IDENTIFIED", "Entry", "MeasuredRecord", "ParameterError", "ParameterSet", "Value", "are_defaults",
            "as_text", "broken_rules", "check_combinations", "check_parameters", "file_entry", "load_parameters",
-           "parameter_file", "require_sound", "write_parameters"]
+           "parameter_file", "require_sound", "shipped_file", "write_parameters"]

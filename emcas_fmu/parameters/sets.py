@@ -46,6 +46,7 @@ _APART = 1.2
 MADE_FOR = "made_for"
 """Key of a parameter file that lists the actuators or +extensions for which its values are meant."""
 
+
 @checked
 @dataclass(frozen=True)
 class ParameterSet:
@@ -126,6 +127,12 @@ class ParameterSet:
     def nested(self) -> Any:
         """Return the values as attributes, ``p.kinematics.moment_arm``; arrays are tuples."""
         return self.actuator.namespace(self.values)
+
+
+def shipped_file(kind: str, model: str) -> Path:
+    """Return a shipped file of a kind: models/KIND/NAME.toml of an actuator that has its own, else models/KIND.toml."""
+    path = models_directory() / kind / f"{parts(model)[0]}.toml"
+    return path if path.is_file() else models_directory() / f"{kind}.toml"
 
 
 @checked

@@ -309,8 +309,8 @@ def _grows(names: Sequence[str], jacobian: Array) -> str:
 
 def _differs(values: Mapping[str, Any], inputs: Mapping[str, float], run: Run, *commands: float) -> bool:
     """Return whether the fin moves in two ways under two commands [rad], from rest and without load."""
-    one, other = (run([values], {**inputs, fin_port.COMMAND.name: command}, _STEP).columns["fin_angle"]
-                  for command in commands)
+    under = {**inputs, fin_port.COMMAND.name: np.array([commands]).T}
+    one, other = run([values, values], under, _STEP).columns["fin_angle"]
     return not np.array_equal(one, other, equal_nan=True)
 
 

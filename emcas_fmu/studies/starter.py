@@ -13,11 +13,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from textwrap import wrap
 
 from ..actuators import NONLINEAR
-from ..bench.requirements import shipped_file as shipped_requirements
-from ..parameters import Entry, ParameterSet
+from ..parameters import Entry, ParameterSet, shipped_file
 from ..support.files import models_directory
 from .overview import offered
-from .tuning.study import has_shipped_study, shipped_file
+from .tuning.study import has_shipped_study
 
 PARAMETERS, TUNING, CAMPAIGN, REQUIREMENTS = "actuator.toml", "tuning.toml", "campaign.toml", "requirements.toml"
 README = "README.md"
@@ -35,9 +34,9 @@ _INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
 def starter_files(base: ParameterSet) -> dict[str, str]:
     """Return the texts of the files by name for an actuator with the default set `base`; a tuning study if one fits."""
     files = {PARAMETERS: parameter_text(base), CAMPAIGN: campaign_text(base),
-             REQUIREMENTS: shipped_requirements(base.model).read_text(encoding="utf-8")}
+             REQUIREMENTS: shipped_file("requirements", base.model).read_text(encoding="utf-8")}
     if has_shipped_study(base):
-        files[TUNING] = shipped_file(base.model).read_text(encoding="utf-8")
+        files[TUNING] = shipped_file("tuning", base.model).read_text(encoding="utf-8")
     return {**files, README: _readme(base, files)}
 
 

@@ -12,7 +12,7 @@ if __package__ in (None, ""):  # run as a file: modules are found from the folde
     sys.path[0] = str(Path(__file__).resolve().parents[2])
 
 from emcas_fmu.api import EmcasError
-from emcas_fmu.support.writing import check_target, whole, write
+from emcas_fmu.support.writing import check_target, write
 from examples.xl330 import records
 from examples.xl330.records import Array, Record
 
@@ -58,23 +58,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def draw(path: Path, runs: Sequence[Record], positions: Sequence[Array], errors: Sequence[float]) -> None:
     """Write a picture of goal, measured and simulated position of each record."""
-    from matplotlib.figure import Figure
+    from emcas_fmu.figures import plots
 
-    rows = -(-len(runs) // 2)
-    figure = Figure(figsize=(12.0, 2.6 * rows), layout="constrained")
-    axes = figure.subplots(rows, 2, squeeze=False).ravel()
-    for ax, run, position, error in zip(axes, runs, positions, errors, strict=False):
-        ax.plot(run.time, run.goal, color="0.7", linewidth=0.8, label="goal")
-        ax.plot(run.time, run.position, label="measured")
-        ax.plot(run.time, position, "--", label="simulated")
-        ax.set_title(f"gain {run.gain:.0f}, {run.trajectory}: {error:.1f} mrad", fontsize=9)
-        ax.set_ylabel("rad")
-    axes[0].legend(fontsize=8)
-    figure.supxlabel("time [s]", fontsize=9)
-    for ax in axes[len(runs):]:
-        ax.remove()
-    with whole(path) as file:
-        figure.savefig(file, format="png", dpi=100)
+    with plots.style():
+        figure, panels = plots.panels(len(runs), 2, width=12.0, height=2.6)
+        for axes, run, position, error in zip(panels, runs, positions, errors, strict=True):
+            axes.plot(run.time, run.goal, label="goal", **plots.COMMAND)
+            axes.plot(run.time, run.position, label="measured")
+            axes.plot(run.time, position, "--", label="simulated")
+            axes.set(title=f"gain {run.gain:.0f}, {run.trajectory}: {error:.1f} mrad", ylabel="rad")
+        plots.legend(panels[0])
+        figure.supxlabel("time [s]")
+        plots.write(figure, path)
 
 
 if __name__ == "__main__":

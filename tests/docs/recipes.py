@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -14,6 +17,13 @@ def recipes(document: str) -> dict[str, tuple[str, str]]:
     """Language and text of each marked block of a document in docs/, by name."""
     text = (ROOT / "docs" / document).read_text(encoding="utf-8")
     return {name: (language, block) for name, language, block in _BLOCK.findall(text)}
+
+
+def run_block(document: str, name: str, folder: Path) -> None:
+    """Run a shell block of a document in docs/ in a folder, with this environment's programs first."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    subprocess.run(["sh", "-euc", recipes(document)[name][1]], cwd=folder, check=True,
+                   env={**os.environ, "PATH": path}, stdout=subprocess.DEVNULL, timeout=120)
 
 
 def commands(document: str) -> list[list[str]]:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +10,11 @@ import pytest
 
 from tests.hosts.host import missing
 
-from .recipes import recipes
+from .recipes import run_block
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]  # four fins in Python, and a rocket's flight
-BLOCKS = recipes("use/simulate.md")
+PAGE = "use/simulate.md"
 JAM = 0.2  # s
-
-
-def run(name: str, folder: Path) -> None:
-    """Run a block of the page in a folder, with this environment's programs first."""
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    subprocess.run(["sh", "-euc", BLOCKS[name][1]], cwd=folder, check=True, env={**os.environ, "PATH": path},
-                   stdout=subprocess.DEVNULL, timeout=120)
 
 
 def check(time: np.ndarray, jammed: np.ndarray, others: np.ndarray) -> None:
@@ -35,7 +25,7 @@ def check(time: np.ndarray, jammed: np.ndarray, others: np.ndarray) -> None:
 
 
 def test_by_command(tmp_path: Path) -> None:
-    run("jam", tmp_path)
+    run_block(PAGE, "jam", tmp_path)
     table = np.genfromtxt(tmp_path / "jam.csv", delimiter=",", names=True, deletechars="")
     check(table["time"], table["fin[2].fin_angle"], table["fin[1].fin_angle"])
     assert (tmp_path / "jam.html").stat().st_size > 10_000
@@ -49,7 +39,7 @@ def test_in_a_rocket(tmp_path: Path) -> None:
     from examples.jsbsim.fmu import Fmu
     from tests.examples.flying import flown
 
-    run("jam_unit", tmp_path)
+    run_block(PAGE, "jam_unit", tmp_path)
     turns = Manoeuvre("turns", "Pitch up and down", 0.4, (Turn(0.02, (0, 8, 0)), Turn(0.18, (0, -8, 0))))
     flight = flown(Fmu(tmp_path / "Jam.fmu"), turns)
     check(flight["time"], flight["fin2_rad"], flight["fin1_rad"])

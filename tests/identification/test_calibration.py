@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from math import radians
@@ -23,7 +20,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.identification import calibration
 from emcas_fmu.units import factor
 
-from ..docs.recipes import recipes
+from ..docs.recipes import run_block
 from .conftest import emcas
 
 STEP, ROWS = 1e-3, 600
@@ -258,10 +255,7 @@ def test_robust_fits_ignore_outliers(recorded: tuple[ParameterSet, list[Path]], 
 
 def test_the_example_of_the_page(tmp_path: Path) -> None:
     """docs/tools/calibration.md: the values of the simulated unit are found from noise-free records."""
-    block = recipes("tools/calibration.md")["try"][1]
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    subprocess.run(["sh", "-euc", block], cwd=tmp_path, check=True, env={**os.environ, "PATH": path},
-                   stdout=subprocess.DEVNULL, timeout=120)
+    run_block("tools/calibration.md", "try", tmp_path)
     values = load_parameters(tmp_path / "mine.toml").values
     assert values["inertia.motor"] == pytest.approx(3.4e-4, rel=1e-3)  # one response with its quantisation
     assert values["drive.current_gain"] == pytest.approx(9.0, rel=1e-3)

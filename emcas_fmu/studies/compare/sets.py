@@ -17,7 +17,7 @@ from ... import __version__
 from ...actuators import NAMES, capabilities, is_named
 from ...bench import verdict
 from ...bench.measure import Test, excitation
-from ...bench.requirements import load_requirements, shipped_file
+from ...bench.requirements import load_requirements
 from ...bench.runs import Run
 from ...bench.subject import ParameterSubject
 from ...bench.verdict import Judged
@@ -26,7 +26,7 @@ from ...figures.plots import COMMAND, Drawing, figure, pictures
 from ...pages import numbers
 from ...pages.page import write_page
 from ...pages.terminal import table
-from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file
+from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file, shipped_file
 from ...support.progress import Progress, silent
 
 SCHEMA = "emcas-compare/1"
@@ -126,7 +126,7 @@ def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requi
     `progress` is called with a label of set and test, the number of finished tests, and their total. Raises EmcasError.
     """
     columns = list[Column]()
-    requirements = requirements or next((shipped_file(each.model) for each in sets.values()), None)
+    requirements = requirements or next((shipped_file("requirements", each.model) for each in sets.values()), None)
     for done, (name, parameters) in enumerate(sets.items()):
         subject = ParameterSubject(parameters)
         judged = verdict.judge(subject, load_requirements(requirements, parameters),

@@ -1,7 +1,7 @@
 """Calibration: parameters of any actuator from records of its inputs and outputs, by the error of simulation.
 
-A record's inputs drive the simulation, its outputs are compared. Besides the free parameters the fin angle at the start
-of each record is unknown, and the delay of each measured output if wanted.
+A record's inputs drive the simulation, its outputs are compared. Unknown are the free parameters, the fin angle at the
+start of each record and, if wanted, the delay of each measured output.
 
 Quantisation of measured angles makes the response a rough function of the parameters, with many minima of the error.
 Therefore the mean response from several starts close together is compared, which is less rough, and the fit ends where
@@ -50,7 +50,7 @@ class Calibration(Identification):
 
     `calibrated` is the base set with the estimates, `comparisons` are of all records, `undetermined` lists combinations
     of parameters that the records do not determine, `at_bound` the parameters at a bound; `stopped` by Ctrl-C.
-    `problems` say in a line each what is wrong with records or result.
+    `faults` say in a line each what is wrong with a record.
     """
 
     calibrated: ParameterSet
@@ -58,9 +58,21 @@ class Calibration(Identification):
     undetermined: Sequence[tuple[str, ...]]
     at_bound: Sequence[str]
     stopped: bool
-    problems: Sequence[str] = ()
+    faults: Sequence[str]
     method = METHOD
     template = "studies/identification/calibration.html.j2"
+
+    @property
+    def problems(self) -> list[str]:
+        """Where the fit ended, what the records leave open, and what is wrong with them, a line each."""
+        lines = ["stopped before the end of the fit: these are the best values until then"] if self.stopped else []
+        for names in self.undetermined:
+            what = names[0] if len(names) == 1 else f"a combination of {', '.join(names)}"
+            lines.append(f"not determined: the records say little more of {what} than the bounds do; keep all but one "
+                         "at known values, give a prior, or excite more")
+        lines += [f"{name} is at a bound: what fits best may lie beyond; give wider bounds, or look for what is missing"
+                  for name in self.at_bound]
+        return [*lines, *self.faults]
 
     @property
     def used(self) -> list[tuple[Record, str]]:
@@ -109,10 +121,11 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
         require(record.sha256 not in {r.sha256 for r in records}, f"{record.path}: has the contents of a record that "
                 "is fitted; a record that is held out must be another")
     replay = Replay(base, unknown, records, outputs, delays)
-    _require_plausible(replay, np.array([u.start for u in replay.unknowns]), _WIDE)
+    _require_plausible(replay, replay.residuals(np.array([[u.start for u in replay.unknowns]]))[0], _WIDE)
     search = _Search(replay, seed, progress)
-    _require_plausible(replay, search.best, _RATIO)
-    fit = search.fit(robust)
+    near = replay.residuals(search.best[None])[0]
+    _require_plausible(replay, near, _RATIO)
+    fit = search.fit(near, robust)
     estimates = [Estimate(u.name, float(x), float(s), u.unit, float(base.values[u.name]) if u in unknown else None,
                           u in unknown) for u, x, s in zip(replay.unknowns, fit.values, fit.sigmas, strict=True)]
     units = {v.name: v.unit for v in base.actuator.parameters}
@@ -121,12 +134,10 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     comparisons = list(replay.comparisons(calibrated, fit.values, others))
     at_bound = [u.name for u, x in zip(unknown, fit.values)
                 if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
-    result = Calibration(
+    return Calibration(
         Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
         _notes(fit), lambda: pictures.comparisons(comparisons, fit), calibrated, comparisons,
-        _undetermined(fit, unknown), at_bound,
-        search.stopped)
-    return replace(result, problems=[*_problems(result), *_faults(replay, fit)])
+        _undetermined(fit, unknown), at_bound, search.stopped, list(_faults(replay, fit)))
 
 
 def _undetermined(fit: Fit, free: Sequence[Unknown]) -> list[tuple[str, ...]]:
@@ -171,10 +182,9 @@ class _Search:
         except KeyboardInterrupt:
             self.stopped = True
 
-    def fit(self, robust: bool) -> Fit:
-        """Return the fit from the best point, or at it if Ctrl-C stops the work."""
+    def fit(self, near: Stretches, robust: bool) -> Fit:
+        """Return the fit from the best point, or at it if Ctrl-C stops the work; `near` are the residuals there."""
         owners, count = self._replay.owners, len(self._units)
-        near = self._replay.residuals(self.best[None])[0]
         self._units = np.array([float(np.sqrt(np.mean(np.concatenate(near[j::count]) ** 2))) or 1.0
                                 for j in range(count)])
 
@@ -212,12 +222,13 @@ class _Search:
             for point, stretches in zip(points, self._scaled(points * self._size, smooth), strict=True)])
 
 
-def _require_plausible(replay: Replay, point: Array, largest: float) -> None:
+def _require_plausible(replay: Replay, residuals: Stretches, largest: float) -> None:
     """Raise RecordError for a column that no parameters explain: its sign or unit is wrong, or an input is missing.
 
-    `largest` is the ratio of measured to simulated deviations, or its inverse, up to which nothing is wrong.
+    `residuals` are those at one point; `largest` is the ratio of measured to simulated deviations, or its inverse, up
+    to which nothing is wrong.
     """
-    for r, (i, j) in zip(replay.residuals(point[None])[0], replay.owners, strict=True):
+    for r, (i, j) in zip(residuals, replay.owners, strict=True):
         record, v = replay.records[i], replay.outputs[j]
         measured = record[v.name]
         simulated = measured + r
@@ -232,18 +243,6 @@ def _require_plausible(replay: Replay, point: Array, largest: float) -> None:
         record.require(1.0 / largest < size / expected < largest, f"{v.name} varies by {size:.3g} {v.unit or '1'} (1 "
                        f"sigma), the simulated one by {expected:.3g}: it was read as {record.units[v.name]}; put the "
                        f"unit that it has into the header, as in {v.name} [{v.unit}]; otherwise give wider bounds")
-
-
-def _problems(result: Calibration) -> Iterator[str]:
-    """Yield where the fit ended, and what the records leave open."""
-    if result.stopped:
-        yield "stopped before the end of the fit: these are the best values until then"
-    for names in result.undetermined:
-        what = names[0] if len(names) == 1 else f"a combination of {', '.join(names)}"
-        yield (f"not determined: the records say little more of {what} than the bounds do; keep all but one at known "
-               "values, give a prior, or excite more")
-    for name in result.at_bound:
-        yield f"{name} is at a bound: what fits best may lie beyond; give wider bounds, or look for what is missing"
 
 
 def _faults(replay: Replay, fit: Fit) -> Iterator[str]:

@@ -107,10 +107,15 @@ class Identification:
                      self.records, fit.deviations, fit.counts, fit.times)]
 
     @property
+    def residuals(self) -> list[tuple[Record, dict[str, Any]]]:
+        """The records with what the fit leaves of each."""
+        return list(zip(self.records, self.noise, strict=True))
+
+    @property
     def measured(self) -> list[MeasuredRecord]:
         """The records, for comments of a parameter file, and how far the result is off."""
         return [MeasuredRecord("", r.name, r.sha256, f"fitted, residual {noise['residual']:.2g} {noise['unit']}")
-                for r, noise in zip(self.records, self.noise, strict=True)]
+                for r, noise in self.residuals]
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
@@ -122,8 +127,7 @@ class Identification:
 
     def write_report(self, path: Path) -> None:
         """Write a page with the plots; the same result gives the same bytes."""
-        write_page(path, self.template, [self.base], result=self,
-                   figures=pictures(self.drawings()), records=list(zip(self.records, self.noise)))
+        write_page(path, self.template, [self.base], result=self, figures=pictures(self.drawings()))
 
     def document(self) -> Mapping[str, Any]:
         """Return everything except the plots, for JSON."""

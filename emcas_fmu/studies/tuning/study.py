@@ -25,10 +25,9 @@ from ...bench.requirements import (
 )
 from ...bench.subject import ParameterSubject
 from ...errors import EmcasError
-from ...parameters import ParameterSet, load_parameters
+from ...parameters import ParameterSet, load_parameters, shipped_file
 from ...parameters.schema import In, Quantity, Table, each, load
 from ...support import extras
-from ...support.files import models_directory
 
 _AT_BOUND = 0.01  # of the range searched, on its logarithmic scale
 
@@ -128,25 +127,18 @@ class _File(_CasesOfFile):
     requirements: Requirements
 
 
-def shipped_file(model: str) -> Path:
-    """Return the file of an actuator's shipped study: models/tuning/NAME.toml if it exists, else models/tuning.toml."""
-    folder = models_directory()
-    path = folder / "tuning" / f"{parts(model)[0]}.toml"
-    return path if path.is_file() else folder / "tuning.toml"
-
-
 def shipped_cases(base: ParameterSet) -> list[Case]:
     """Return the cases of the shipped study, even if its requirements cannot be measured."""
-    return list(load(_CasesOfFile, shipped_file(base.model), StudyError, base).cases.values())
+    return list(load(_CasesOfFile, shipped_file("tuning", base.model), StudyError, base).cases.values())
 
 
 def has_shipped_study(base: ParameterSet) -> bool:
     """Return whether a shipped study is for this kind of actuator or fits it, even if a package is missing."""
     kind = parts(base.model)[0]
-    if kind == NONLINEAR or shipped_file(base.model).stem == kind:
+    if kind == NONLINEAR or shipped_file("tuning", base.model).stem == kind:
         return True
     try:
-        load_study(shipped_file(base.model), base)
+        load_study(shipped_file("tuning", base.model), base)
     except StudyError:
         return False
     return True
@@ -158,7 +150,7 @@ def shipped_study(base: ParameterSet) -> Study:
     Raises StudyError, for example if the actuator does not have the parameters that it tunes.
     """
     try:
-        return load_study(shipped_file(base.model), base)
+        return load_study(shipped_file("tuning", base.model), base)
     except StudyError as error:
         if has_shipped_study(base):
             extras.require("analysis", "the margins of the shipped study need", "control", "casadi")
