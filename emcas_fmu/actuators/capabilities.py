@@ -45,6 +45,7 @@ SCREW_DRIVE = _capability("motor, gear and hinge with their inertia and friction
                           shared=_MECHANICS)
 SCREW_AND_LEVER = _capability("a screw and a lever", "screw.lead", "kinematics.moment_arm", shared=_MECHANICS)
 COMMAND_REFERENCE = _capability("a drive whose reference is the fin command")
+DUTY_REFERENCE = _capability("a drive whose reference is the duty cycle of a PWM", "pwm.limit", "pwm.full")
 POSITION_LOOP = _capability("a sampled position loop")
 CASCADE = _capability("loops of position and velocity in cascade", "controller.position.kp", "controller.position.ki",
                       "controller.velocity.kp")

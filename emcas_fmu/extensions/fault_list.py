@@ -6,7 +6,7 @@ The general ones come first, then those that an actuator declares for its kind
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, NamedTuple
@@ -40,13 +40,18 @@ class Fault:
     of_supply: bool = False
 
 
+FULL_REFERENCE: dict[str, Callable[[Any], Value]] = {
+    capabilities.REFERENCE_LIMIT: lambda p: p.drive.reference_limit,
+    capabilities.COMMAND_REFERENCE: lambda p: p.fin.stop_angle,
+    capabilities.DUTY_REFERENCE: lambda p: p.pwm.limit / p.pwm.full}
+"""The largest reference of a controller, by the capability that says what it is."""
 FAULTS = (
     Fault("jam", "the drive line is blocked"),
     Fault("free_fin", "the shaft is broken between fork and fin: the fin floats, permanently",
           needs=(capabilities.SCREW_DRIVE,)),
-    Fault("hard_over", "the controller's DAC puts out a constant", (
-        tunable("share", "1", -1.0, 1.0, "of drive.reference_limit that the DAC puts out"),),
-        (capabilities.REFERENCE_LIMIT, capabilities.COMMAND_REFERENCE)),
+    Fault("hard_over", "the controller puts out a constant", (
+        tunable("share", "1", -1.0, 1.0, "of the largest reference that the controller puts out"),),
+        tuple(FULL_REFERENCE)),
     Fault("drive_loss", "the drive is off, unknown to the controller"),
     Fault("current_derating", "the drive limits the current further", (
         tunable("share", "1", 0.0, 1.0, "of drive.current_limit that is left"),),

@@ -141,8 +141,7 @@ class _Faulty:
                                    inputs.replace(command=command, supply=supply, position=seen))
         reference = sampled["reference"]
         if any(fault.name == "hard_over" for fault in self.faults):
-            limited = capabilities.REFERENCE_LIMIT in actuator.provides
-            full = p.drive.reference_limit if limited else p.fin.stop_angle
+            full = next(full(p) for kind, full in fault_list.FULL_REFERENCE.items() if kind in actuator.provides)
             reference = ops.where(ops.both(on["hard_over"], inputs.enable), p.fault.hard_over.share * full, reference)
 
         # The monitors are active only in closed loop.

@@ -471,9 +471,9 @@ def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tm
     page = files["report"].read_text(encoding="utf-8")
     assert "Judged is performance only" in page
     assert "independent reference</text>" not in page
-    # Of its drive an actuator without one has no picture, and none of the cold one whose friction depends on nothing.
-    has = {v.name for v in (*get(model).outputs, *get(model).parameters)}
-    plain = 7 + len(has & {"drive_reference", "friction.temperature"})
+    # A sag needs a supply voltage, and cold a friction that depends on temperature.
+    has = {v.name for v in (*get(model).inputs, *get(model).parameters)}
+    plain = 7 + len(has & {"supply_voltage", "friction.temperature"})
     assert page.count("<svg") == (10 if document["comparisons"] else plain)
 
 

@@ -64,7 +64,7 @@ _FIRMWARE = Group((
     parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from a frame to the PWM", display="ms")),
     (Output(real_output("duty", "1", "duty cycle of the PWM, negative for negative voltage", 1.0, minimum=-1.0,
                         maximum=1.0), lambda ops, p, m: m.u.sampled_reference),),
-    (_within_full,), (capabilities.POSITION_LOOP,))
+    (_within_full,), (capabilities.POSITION_LOOP, capabilities.DUTY_REFERENCE))
 _MOTOR = Group((
     parameter("motor.nominal_voltage", "V", 0.1, 1000.0, "voltage of stall torque and no-load speed, V_n",
               sheet="servo: voltage at which torque and speed are rated"),
