@@ -38,7 +38,7 @@ _MODULES = {
 NAMES = tuple(_MODULES)
 _OVER = {"worm-gear-elastic": "worm-gear"}  # shipped actuators whose parameter file overrides that of another
 # In the order in which they extend an actuator.
-EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "supply", "faults")
+EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "trajectory", "supply", "faults")
 _SEPARATOR = "+"
 _NAME = re.compile(r"(.*\.py|[^+]*)((?:\+[^+]*)*)", re.DOTALL)
 

@@ -148,9 +148,9 @@ class Composition:
         `rules` are added to those of the groups. `fields` are other fields of the declaration, used unchanged: an
         equation among them gets the actuator's parameters without `change`.
         """
-        equations = {name: getattr(base, name) for name in ("initial", "sample", "derivatives", "step")}
+        equations = {name: getattr(base, name) for name in ("initial", "sample", "derivatives", "step", "feed_forward")}
         equations["output_values"] = self.output_values
-        changed = {name: with_parameters(equation, change) for name, equation in equations.items()}
+        changed = {name: with_parameters(equation, change) for name, equation in equations.items() if equation}
         return replace(base, **{**self.declared(rules), **changed, "reference": None, **fields})
 
 

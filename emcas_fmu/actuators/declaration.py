@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from ..control import command as bus
+from ..control.trajectory import Ahead, Motion
 from ..errors import EmcasError, hint
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
@@ -164,6 +165,8 @@ class Actuator:
       values of the deviations without which they do not
     - ``longest_tick``, ``tick_remedy``, ``transport_delay``: largest internal tick [s], and how a user makes it longer;
       time [s] from a sample to the drive
+    - ``feed_forward(ops, p, motion, memory)``: what causes a motion of the fin (:class:`Motion`, :class:`Ahead` of
+      :mod:`emcas_fmu.control.trajectory`), its memory after a sample, and the time [s] after which a reference acts
     - ``faults``: of its kind, which the extension `faults` offers in addition to the general ones
     - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
     - ``reference``: an independent integration: a Python file, or a module's name, with `simulate(parameters, inputs)`
@@ -204,6 +207,7 @@ class Actuator:
     longest_tick: Callable[[Ops, Parameters], Value] = fin_port.max_tick
     tick_remedy: str = "raise solver.max_tick"
     transport_delay: Callable[[Ops, Parameters], Value] | None = None
+    feed_forward: Callable[[Ops, Parameters, Motion, Value], tuple[Ahead, Value, Value]] | None = None
     faults: tuple[PlantFault, ...] = ()
     provides: frozenset[str] = frozenset()
     reference: Path | str | None = None

@@ -28,4 +28,5 @@ class SampleInputs(Record):
     - ``command`` [rad], ``supply`` [V or Pa], ``enable``, the actuator's further inputs
     - ``position`` [rad]: the state of angle that the encoder reads
     - ``encoder_offset`` [counts]: error of the encoder's zero, None if that is the fin's
+    - ``ahead``: what is fed forward of a motion (:class:`emcas_fmu.control.trajectory.Ahead`), None without one
     """

@@ -34,6 +34,7 @@ from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics
 from . import command as bus
 from .sensors import Measurement
+from .trajectory import Ahead, Motion
 
 
 class Loops(NamedTuple):
@@ -113,23 +114,43 @@ def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current:
     return -load / per_volt, momentum + p.controller.sample_time * net
 
 
-def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value) -> Output:
+def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahead, Value, Value]:
+    """Return what causes a motion of the fin, by the inverse of plant and current loop, without Coulomb friction.
+
+    `integral` [V] is that of the drive's current loop which this motion causes. It is returned for the next sample,
+    with the time [s] after which a reference acts: the drive's delay and the lag of its current.
+    """
+    now, after = (mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, angle))
+                  for angle in (motion.angle, motion.next_angle))
+    speed, next_speed = motion.rate * now.ratio, motion.next_rate * after.ratio
+    mean = 0.5 * (speed + next_speed)
+    torque = (0.5 * (now.inertia + after.inertia) * (next_speed - speed) / p.controller.sample_time
+              + mechanics.damping(ops, p, now, mean) * mean - now.centrifugal * mean * mean)
+    reference, integral = drive.inverse(p, torque / p.motor.torque_constant, mean, integral)
+    return Ahead(mean, reference), integral, p.drive.transport_delay + drive.lag(p)
+
+
+def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value,
+           ahead: Ahead | None = None) -> Output:
     """Return the result of a sample at a motor current [A]; `command` [rad] before its limit."""
     position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
                                          p.controller.sample_time)
     target = target_angle(ops, p, command)
     error = target - measured.motor_angle
     fed_back = position.kp * (error - (1.0 - position.setpoint_weight) * target) + loops.integral
-    between, ahead = bus.interval(ops, p), target - loops.target
-    speed_raw = fed_back + position.velocity_feedforward * ahead / between
-    lagged = ops.where(between > period, loops.target + period / between * ahead, target)
+    between, change = bus.interval(ops, p), target - loops.target
+    speed_raw = fed_back + position.velocity_feedforward * change / between
+    lagged = ops.where(between > period, loops.target + period / between * change, target)
     speed_reference = ops.clip(speed_raw, -limit, limit)
-    compensation = friction_compensation(ops, p, measured.fin_angle, speed_reference)
+    turning = speed_reference if ahead is None else ops.where(ahead.active, fed_back + ahead.speed, speed_reference)
+    compensation = friction_compensation(ops, p, measured.fin_angle, turning)
     speed_error = speed_reference - measured.motor_speed
     against_load, momentum = ops.branch(
         p.controller.load_observer > 0.0,
         lambda: _observed(ops, p, loops.momentum, measured, current, compensation), lambda: (0.0, loops.momentum))
     raw = velocity.kp * speed_error + loops.velocity_integral + compensation + against_load
+    if ahead is not None:
+        raw = raw + ops.where(ahead.active, ahead.reference, 0.0)
     u_max = p.drive.reference_limit
     limited = ops.either(ops.either(ops.fabs(command) > p.command.limit, ops.fabs(speed_raw) > limit),
                          ops.fabs(raw) > u_max)

@@ -45,6 +45,8 @@ _APART = 1.2
 
 MADE_FOR = "made_for"
 """Key of a parameter file that lists the actuators or +extensions for which its values are meant."""
+EXTENDS = "extends"
+"""Key of a parameter file that lists the +extensions which it adds to the actuator."""
 
 
 @checked
@@ -166,7 +168,8 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
     for name in [files] if isinstance(files, (str, Path)) else files or ():
         path = parameter_file(name)
         document = _document(path)
-        _require_made_for(document.pop(MADE_FOR, None), path, chosen.model)
+        chosen = _extended(chosen, _names(document, EXTENDS, path))
+        _require_made_for(_names(document, MADE_FOR, path), path, chosen.model)
         chosen = _overridden(chosen, document, str(path), path.name)
         content = path.read_bytes()
         chosen = dataclass_replace(
@@ -175,16 +178,33 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
     return chosen
 
 
-def _require_made_for(made_for: Any, path: Path, model: str) -> None:
+def _names(document: dict[str, Any], key: str, path: Path) -> tuple[str, ...]:
+    """Remove a list of names of actuators or +extensions from a document, and return it; () if there is none."""
+    names = document.pop(key, ())
+    if names != () and not (names and isinstance(names, list) and all(isinstance(each, str) for each in names)):
+        raise ParameterError(f"{path}: {key} = {names!r}: expected a list of names of actuators, or of "
+                             'extensions with a +, such as ["elastic", "+heat"]')
+    return tuple(names)
+
+
+def _extended(base: ParameterSet, extensions: tuple[str, ...]) -> ParameterSet:
+    """Return a set of the actuator with these +extensions, in which `base` replaces the defaults."""
+    actuator, present = parts(base.model)
+    if not (added := [each.removeprefix("+") for each in extensions if each.removeprefix("+") not in present]):
+        return base
+    defaults = _defaults(full_name("+".join((actuator, *present, *added))))
+    before = {e.variable.name: e for e in base.entries}
+    return dataclass_replace(defaults, entries=tuple(before.get(e.variable.name, e) for e in defaults.entries),
+                             unused=base.unused, files=base.files, records=(*defaults.records, *base.records))
+
+
+def _require_made_for(made_for: tuple[str, ...], path: Path, model: str) -> None:
     """Raise ParameterError if a file is made for actuators or +extensions other than this shipped one.
 
     Users decide for their actuators.
     """
-    if made_for is None:
+    if not made_for:
         return
-    if not isinstance(made_for, list) or not made_for or not all(isinstance(each, str) for each in made_for):
-        raise ParameterError(f"{path}: {MADE_FOR} = {made_for!r}: expected a list of names of actuators, or of "
-                             'extensions with a +, such as ["elastic", "+heat"]')
     actuator, extensions = parts(model)
     if is_shipped(model) and not {actuator, *(f"+{each}" for each in extensions)} & set(made_for):
         name = path.stem if named_sets().get(path.stem) == path else str(path)

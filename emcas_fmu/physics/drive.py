@@ -116,6 +116,27 @@ def rates(p: Any, reference: Value, speed: Value, current: Value, integral: Valu
     return (voltage - p.motor.resistance * current - back_emf(p, speed)) / p.motor.inductance, rise
 
 
+def lag(p: Any) -> Value:
+    """Return the time constant [s] of the current behind its reference: L/(R + K_p), 0 of an ideal loop."""
+    if p.structure.current == "ideal":
+        return 0.0
+    return p.motor.inductance / (p.motor.resistance + (p.drive.kp if p.structure.current == "loop" else 0.0))
+
+
+def inverse(p: Any, current: Value, speed: Value, integral: Value) -> tuple[Value, Value]:
+    """Return the reference [V] that causes a motor current [A] at a motor speed [rad/s], without offset and limits.
+
+    `integral` [V] is that of the current loop; the second value is that a sample time later.
+    """
+    if p.structure.current == "ideal":
+        return current / p.drive.current_gain, integral
+    voltage = p.motor.resistance * current + back_emf(p, speed)
+    if p.structure.current == "pwm":
+        return voltage / p.pwm.gain, integral
+    error = (voltage - integral) / p.drive.kp
+    return (current + error) / p.drive.current_gain, integral + p.controller.sample_time * p.drive.ki * error
+
+
 def back_emf(p: Any, speed: Value) -> Value:
     """Return the back-EMF [V] at a motor speed [rad/s]."""
     return p.motor.back_emf_constant * speed

@@ -184,7 +184,7 @@ def _require_all_set(actuator: Actuator, values: Mapping[str, Any], inputs: Mapp
     p = actuator.namespace(values)
     x = Record(**actuator.start(FLOATS, p))
     at = SampleInputs(command=0.0, enable=True, supply=_supply(actuator, inputs),
-                      position=actuator.position(FLOATS, p, x), encoder_offset=None,
+                      position=actuator.position(FLOATS, p, x), encoder_offset=None, ahead=None,
                       **{identifier(v.name): inputs[v.name] for v in actuator.further_inputs})
     returned = {*actuator.sample(FLOATS, p, x, at), *bus.STATES}
     for state in (*actuator.controller_states, *actuator.sampled_states):

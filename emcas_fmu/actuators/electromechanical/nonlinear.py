@@ -37,7 +37,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     loops = controllers.Loops(x.integral, x.velocity_integral, x.target, x.momentum)
 
     def running() -> tuple[Value, ...]:
-        out = controllers.sample(ops, p, loops, measured, x.motor_current, inputs.command)
+        out = controllers.sample(ops, p, loops, measured, x.motor_current, inputs.command, inputs.ahead)
         return out.reference, ops.where(out.limited, 1.0, 0.0), *out.loops
 
     reference, limited, *kept = ops.branch(
@@ -124,6 +124,7 @@ ACTUATOR = Actuator(
     longest_tick=longest_tick,
     tick_remedy=interface.TICK_REMEDY,
     transport_delay=fin_port.transport_delay,
+    feed_forward=controllers.feed_forward,
     reference="emcas_fmu.reference.simulate",
     modules=EQUATIONS,
 )

@@ -1,0 +1,82 @@
+"""Trajectory generator: a command becomes a motion that the actuator can follow.
+
+    a   = clip(2 z W (v_d - v), +-a_max), which changes by at most j_max T_s        v_d = clip(s(c - r), +-v_max)
+    v+  = v + T_s a        r+ = r + T_s (v + v+)/2
+
+c is the command within its limit. Within the limits r follows c as a system of second order of natural frequency W and
+damping z: s(e) = W e/(2 z). Beyond |e| = a_b (2 z/W)^2 the speed s is that of braking in time with a_b, 0.8 a_max:
+
+    s(e) = sgn(e) sqrt(2 a_b (|e| - a_b (2 z/W)^2/2))
+
+The feedback follows r as it was the time ago that a reference needs to act. If the fin falls behind that by more than a
+tracking limit, as with too little supply, the motion is slowed down to the fin's, but never turned around.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..ops.base import Ops, Value
+
+LONGEST = 20  # samples by which the feedback may lag the motion
+_BRAKING = 0.8  # share of the acceleration limit that the braking plans with; the rest is for the end of the braking
+_SLOWING = 0.3  # share of the excess rate by which a motion that is too fast slows down in a sample
+_LEAST = 1e-3  # rad/s: a natural frequency of 0 is no motion, and divides nothing
+
+
+class Motion(NamedTuple):
+    """Angle [rad] and rate [rad/s] of the fin at a sample and at the next one, and the acceleration [rad/s2] between.
+    """
+
+    angle: Value
+    rate: Value
+    acceleration: Value
+    next_angle: Value
+    next_rate: Value
+
+
+class Ahead(NamedTuple):
+    """What feeds a motion forward: the speed of motor or piston [rad/s or m/s], the reference of the plant in its unit,
+    and whether both are used."""
+
+    speed: Value
+    reference: Value
+    active: Value = True
+
+
+def move(ops: Ops, p: Any, angle: Value, rate: Value, before: Value, command: Value) -> Motion:
+    """Return the motion from an angle [rad] and rate [rad/s] towards a command [rad] within its limit.
+
+    `before` [rad/s2] is the acceleration that led there.
+    """
+    t, period = p.trajectory, p.controller.sample_time
+    error, most, step = command - angle, t.acceleration_limit, t.jerk_limit * period
+    slope = 2.0 * t.damping / ops.maximum(t.natural_frequency, _LEAST)
+    near = _BRAKING * most * slope * slope
+    distance = ops.fabs(error)
+    size = ops.where(distance > near, ops.sqrt(2.0 * _BRAKING * most * ops.maximum(distance - 0.5 * near, 0.0)),
+                     distance / slope)
+    wanted = ops.clip(ops.where(error < 0.0, -size, size), -t.rate_limit, t.rate_limit)
+    acceleration = ops.clip(2.0 * t.damping * t.natural_frequency * (wanted - rate), -most, most)
+    acceleration = ops.clip(acceleration, before - step, before + step)
+    after = rate + period * acceleration
+    return Motion(angle, rate, acceleration, angle + 0.5 * period * (rate + after), after)
+
+
+def delayed(ops: Ops, samples: Value, angles: tuple[Value, ...]) -> Value:
+    """Return the angle [rad] some samples ago, interpolated, from the angles of now and of the samples before."""
+    total: Value = 0.0
+    for k, angle in enumerate(angles):
+        total = total + ops.maximum(1.0 - ops.fabs(samples - k), 0.0) * angle
+    return total
+
+
+def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> Value:
+    """Return the part of a sample's motion [rad] that is too much for a fin that is a distance [rad] behind."""
+    limit, way = p.trajectory.tracking_limit, p.controller.sample_time * motion.next_rate
+    return ops.clip(distance - ops.clip(distance, -limit, limit), ops.minimum(way, 0.0), ops.maximum(way, 0.0))
+
+
+def slowed(p: Any, motion: Motion, excess: Value) -> Value:
+    """Return the rate [rad/s] of a motion that loses an excess [rad]."""
+    return motion.next_rate - _SLOWING * excess / p.controller.sample_time
