@@ -1,10 +1,11 @@
-"""Draw what margins cost and write the table of docs/model/control.md: `python docs/figures/make_control.py`."""
+"""Draw what margins and feed-forward give, and write the table of docs/model/control.md."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from math import degrees
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.figures import plots
 from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.simulation import simulate
 
 PAGE = Path(__file__).resolve().parents[1] / "model" / "control.md"
 THESIS = {"controller.position.setpoint_weight": 1.0}
@@ -21,7 +23,10 @@ SETS: Mapping[str, ParameterSet] = {
     "robust": load_parameters("robust"),
     "shipped with a load observer": load_parameters("load-observer"),
     "robust with a load observer": load_parameters(["robust", "load-observer"]),
+    "two degrees of freedom": load_parameters("two-degrees-of-freedom"),
 }
+COLORS = {"shipped": plots.BLUE, "robust with a load observer": plots.VERMILLION,
+          "two degrees of freedom": plots.GREEN}
 OBSERVER = SETS["shipped with a load observer"].values["controller.load_observer"]
 GAINS = ("controller.position.kp", "controller.position.ki", "controller.velocity.kp")
 LINEAR = Test("linear")
@@ -46,14 +51,53 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
     return {
         "phase margin / °": degrees(phase), "gain margin / dB": gain,
         "100 N·m load step / °": degrees(of(LOAD, "peak_angle")[0]),
+        "back within 0.05° after / ms": recovery(parameters),
         "rate against 100 N·m / °/s": degrees(of(OPPOSED, "sustained_rate", sense="minimum")[0]),
         "and with it": degrees(of(AIDED, "sustained_rate", sense="minimum")[0]),
         **{f"bandwidth at {size}° / Hz": of(Test("sine", float(np.radians(size))), "bandwidth_3db", sense="minimum")[0]
            for size in (1.0, 3.5)},
         "largest overshoot of 1, 5, 10° / %": 100.0 * max(overshoot for overshoot, _ in moves),
         **{f"settling of {size}° / ms": 1e3 * settling for size, (_, settling) in zip((1, 5, 10), moves, strict=True)},
-        "20° within 0.2° after / ms": 1e3 * of(step(20.0), "time_to_accuracy")[0],
+        "20° within 0.2° after / ms": 1e3 * of(step(20.0), "time_to_accuracy")[0], "lag at 5 Hz / °": lag(parameters),
     }
+
+
+def respond(parameters: ParameterSet, **inputs: Any) -> Mapping[str, Any]:
+    return simulate(parameters.values, 1.2, model=parameters.model, **inputs)
+
+
+def recovery(parameters: ParameterSet) -> float:
+    """Return the time [ms] after a load step of 100 N.m until the fin is within 0.05 deg for good."""
+    run = respond(parameters, aero_torque=lambda t: 100.0 if t >= 0.1 else 0.0)
+    away = np.abs(np.degrees(run["fin_angle"])) > 0.05
+    return float(run["time"][away][-1] - 0.1) * 1e3
+
+
+def lag(parameters: ParameterSet) -> float:
+    """Return the lag [deg] of a sine of 1 deg at 5 Hz."""
+    run = respond(parameters, fin_command=lambda t: np.radians(np.sin(10.0 * np.pi * t)))
+    late = (run["time"] >= 0.4) & (run["time"] < 1.2 - 1e-9)
+    turning = run["fin_angle"][late] * np.exp(-10j * np.pi * run["time"][late])
+    return float(-np.degrees(np.angle(1j * np.sum(turning))))
+
+
+def compared() -> None:
+    """Draw a step of 1 deg, a load step, and a slew of 40 deg at 20 V with the sets of COLORS."""
+    def step(size: float, before: float = 0.0) -> Any:
+        return lambda t: np.radians(size if t >= 0.35 else before)
+
+    panels = (("step of 1 deg", {"fin_command": step(1.0)}, (0.34, 0.46)),
+              ("100 N·m at 0.35 s", {"aero_torque": lambda t: 100.0 if t >= 0.35 else 0.0}, (0.33, 1.0)),
+              ("slew at 20 V", {"fin_command": step(20.0, -20.0), "supply_voltage": 20.0}, (0.33, 1.0)))
+    with plots.style():
+        drawn, (row,) = plots.figure(1, len(panels), height=2.6, width=9.0)
+        for axes, (title, inputs, window) in zip(row, panels, strict=True):
+            for name, color in COLORS.items():
+                run = respond(SETS[name], **inputs)
+                axes.plot(run["time"], np.degrees(run["fin_angle"]), color=color, label=name)
+            axes.set(title=title, xlim=window, xlabel="time [s]", ylabel="fin angle [deg]")
+        plots.legend_above(drawn)
+    drawn.savefig(Path(__file__).parent / "two_degrees.png", dpi=150, facecolor="white", metadata={"Software": None})
 
 
 def between(share: float) -> ParameterSet:
@@ -91,6 +135,7 @@ def main() -> None:
         axes.set(xlabel="phase margin at the drive's reference [deg]", ylabel="deviation under 100 N·m [deg]")
         axes.legend()
     drawn.savefig(Path(__file__).parent / "control.png", dpi=150, facecolor="white", metadata={"Software": None})
+    compared()
 
 
 if __name__ == "__main__":

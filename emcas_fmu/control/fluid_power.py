@@ -1,12 +1,13 @@
 """Position loop of a cylinder: PI on the piston's position, computed from the transducer of the fin angle.
 
     r    = x(clip(command))        y = x(fin_measured)        e = r - y
-    v_raw = Kp (b r - y) + I        v_ref = clip(v_raw, +-v_max)
+    v_raw = Kp (b r - y) + I + v_f  v_ref = clip(v_raw, +-v_max)
     I+   = I + T_s Ki e            or, while the limit is met and e drives it further, I + Kp (1 - b) (y - y_before)
 
 x(angle) is that of the lever (:mod:`emcas_fmu.physics.cylinder`), so that the loop's gain is the same at every angle.
 At rest the integral is Kp (1 - b) y. At a limit I less this share is held, so that large steps also end without the
-tail that a weight below 1 would leave; back-calculation would leave a tail with its time constant.
+tail that a weight below 1 would leave; back-calculation would leave a tail with its time constant. v_f is the speed of
+a motion that is fed forward.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
-from ..physics import cylinder
+from ..physics import cylinder, loads
 from .controllers import clipped_command, resting_integral
+from .trajectory import Ahead, Motion
 
 
 class Output(NamedTuple):
@@ -40,17 +42,27 @@ def at_rest(ops: Ops, p: Any, fin_measured: Value) -> Value:
     return resting_integral(p, cylinder.piston_position(ops, p, fin_measured))
 
 
-def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value, command: Value, limit: Value
-           ) -> Output:
+def piston_motion(ops: Ops, p: Any, motion: Motion) -> tuple[Value, Value]:
+    """Return the piston's mean speed [m/s] and acceleration [m/s2] in a motion of the fin until the next sample."""
+    speed, after = (cylinder.linkage(ops, p, angle, loads.NONE).ratio * rate
+                    for angle, rate in ((motion.angle, motion.rate), (motion.next_angle, motion.next_rate)))
+    return 0.5 * (speed + after), (after - speed) / p.controller.sample_time
+
+
+def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value, command: Value, limit: Value,
+           ahead: Ahead | None = None) -> Output:
     """Return the result of a sample; the speed reference is within +-`limit` [m/s].
 
-    `before` is the piston's position [m] at the last sample, `command` [rad] is that before its limit.
+    `before` is the piston's position [m] at the last sample, `command` [rad] is that before its limit; `ahead` has the
+    speed [m/s] that is fed forward.
     """
     position = p.controller.position
     target = cylinder.piston_position(ops, p, clipped_command(ops, p, command))
     piston = cylinder.piston_position(ops, p, fin_measured)
     error = target - piston
     raw = position.kp * (error - (1.0 - position.setpoint_weight) * target) + integral
+    if ahead is not None:
+        raw = raw + ops.where(ahead.active, ahead.speed, 0.0)
     beyond = ops.fabs(raw) > limit
     followed = resting_integral(p, piston - before)
     moved = integral + ops.where(ops.both(beyond, raw * error > 0.0), followed,

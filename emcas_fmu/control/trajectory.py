@@ -71,10 +71,14 @@ def delayed(ops: Ops, samples: Value, angles: tuple[Value, ...]) -> Value:
     return total
 
 
-def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> Value:
-    """Return the part of a sample's motion [rad] that is too much for a fin that is a distance [rad] behind."""
+def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> tuple[Value, Value]:
+    """Return the part of a sample's motion [rad] that is too much for a fin that is a distance [rad] behind.
+
+    The second value is 1 if the fin still moves: nothing is integrated then. Of a fin that is held the error is.
+    """
     limit, way = p.trajectory.tracking_limit, p.controller.sample_time * motion.next_rate
-    return ops.clip(distance - ops.clip(distance, -limit, limit), ops.minimum(way, 0.0), ops.maximum(way, 0.0))
+    lost = ops.clip(distance - ops.clip(distance, -limit, limit), ops.minimum(way, 0.0), ops.maximum(way, 0.0))
+    return lost, ops.where(ops.both(ops.fabs(lost) > 0.0, ops.fabs(lost) < ops.fabs(way)), 1.0, 0.0)
 
 
 def slowed(p: Any, motion: Motion, excess: Value) -> Value:

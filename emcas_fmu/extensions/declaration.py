@@ -17,7 +17,8 @@ class Extension:
 
     It `needs` capabilities of the actuator (:mod:`emcas_fmu.actuators.capabilities`); those that it `replaces` are not
     available to later extensions. `extend(actuator)` returns the actuator with further states and other equations, to
-    which `parameters(actuator)`, `outputs` and `rules(actuator)` are appended.
+    which `parameters(actuator)`, `outputs` and `rules(actuator)` are appended. `references` are the
+    independent integrations of actuators that integrate the extension, too.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Extension:
     parameters: Callable[[Actuator], tuple[Variable, ...]] = lambda actuator: ()
     outputs: tuple[Variable, ...] = ()
     rules: Callable[[Actuator], tuple[Rule, ...]] = lambda actuator: ()
+    references: tuple[str, ...] = ()
 
     def over(self, actuator: Actuator) -> Actuator:
         """Return the extended actuator."""
@@ -40,6 +42,6 @@ class Extension:
             outputs=with_outputs(extended.outputs, self.outputs),
             rules=extended.rules + self.rules(actuator),
             provides=extended.provides - set(self.replaces),
-            reference=None,
+            reference=actuator.reference if actuator.reference in self.references else None,
             modules=(sys.modules[self.extend.__module__], *extended.modules),
         )

@@ -33,8 +33,10 @@ PARAMETERS = in_group(
     tunable("rate_limit", "rad/s", radians(0.1), 1e3, "largest fin rate of that motion", display="deg/s"),
     tunable("acceleration_limit", "rad/s2", 1e-3, 1e6, "largest acceleration of that motion"),
     tunable("jerk_limit", "rad/s3", 1.0, 1e12, "fastest change of that acceleration"),
-    tunable("tracking_limit", "rad", radians(1e-3), 10.0, "largest angle by which that motion is ahead of a fin"),
 )
+TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(1e-3), 10.0,
+                                          "angle of the fin behind that motion beyond which this slows down"))
+"""Parameters beside PARAMETERS of actuators with a feed-forward."""
 _LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST + 1))
 _RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_slowed")
 _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
@@ -61,6 +63,9 @@ def _resting(angle: Value) -> dict[str, Value]:
 
 def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs) -> dict[str, Value]:
     on = p.trajectory.natural_frequency > 0.0
+    follows = ops.both(on, inputs.enable)
+    if hasattr(x, "homing_phase"):
+        follows = ops.both(follows, ops.equal(x.homing_phase, homing_run.READY))
     angles = tuple(getattr(x, name) for name in _LINE)
     motion = trajectory.move(ops, p, angles[0], x.trajectory_rate, x.trajectory_acceleration,
                              controllers.clipped_command(ops, p, inputs.command))
@@ -68,24 +73,21 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     if actuator.feed_forward is not None:
         ahead, memory, time = actuator.feed_forward(ops, p, motion, x.trajectory_memory)
         followed = trajectory.delayed(ops, time / p.controller.sample_time, angles)
-        inputs = inputs.replace(ahead=ahead._replace(active=on))
+        inputs = inputs.replace(ahead=ahead._replace(active=follows))
         declared = {v.name for v in actuator.parameters}
         q = with_values(p, {name: ops.where(on, value, value_of(p, name)) for name, value in _ALONE.items()
                             if name in declared})
-        if (gain := "controller.position.ki") in declared:  # of a motion that is slowed down nothing is integrated
-            held = ops.both(on, ops.fabs(x.trajectory_slowed) > 0.0)
+        if (gain := "controller.position.ki") in declared:
+            held = ops.both(on, x.trajectory_slowed > 0.0)
             q = with_values(q, {gain: ops.where(held, 0.0, p.controller.position.ki)})
     out = actuator.sampled(ops, q, x, inputs.replace(command=ops.where(on, followed, inputs.command)))
-    excess = 0.0
+    excess, slowed = 0.0, 0.0
     if actuator.feed_forward is not None:
-        excess = trajectory.excess(ops, p, motion, followed - out["measured_fin_angle"])
-    values = (trajectory.slowed(p, motion, excess), motion.acceleration, memory, excess)
+        excess, slowed = trajectory.excess(ops, p, motion, followed - out["measured_fin_angle"])
+    values = (trajectory.slowed(p, motion, excess), motion.acceleration, memory, slowed)
     line = (motion.next_angle, *angles[:-1])
     moved = {**dict(zip(_RESTING, values, strict=True)),
              **{name: angle - excess for name, angle in zip(_LINE, line, strict=True)}}
-    follows = ops.both(on, inputs.enable)
-    if "homing_phase" in out:
-        follows = ops.both(follows, ops.equal(out["homing_phase"], homing_run.READY))
     rests = _resting(out["measured_fin_angle"])
     return {**out, **{name: ops.where(follows, value, rests[name]) for name, value in moved.items()}}
 
@@ -106,4 +108,5 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 
 EXTENSION = Extension(
     "trajectory", "trajectory generator and feed-forward", extend, needs=(capabilities.POSITION_LOOP,),
-    parameters=lambda actuator: PARAMETERS, rules=_rules)
+    parameters=lambda actuator: PARAMETERS if actuator.feed_forward is None else PARAMETERS + TRACKING, rules=_rules,
+    references=("emcas_fmu.reference.simulate",))

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..actuators import NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, is_shipped, parts
 from ..actuators.declaration import Actuator
-from ..errors import declared_in, hint
+from ..errors import EmcasError, declared_in, hint
 from ..ops.arrays import ARRAYS
 from ..ops.floats import FLOATS
 from ..rules import SHARES, Check, Rule, check_ranges, check_rules
@@ -132,9 +132,10 @@ class ParameterSet:
 
 
 def shipped_file(kind: str, model: str) -> Path:
-    """Return a shipped file of a kind: models/KIND/NAME.toml of an actuator that has its own, else models/KIND.toml."""
-    path = models_directory() / kind / f"{parts(model)[0]}.toml"
-    return path if path.is_file() else models_directory() / f"{kind}.toml"
+    """Return a shipped file of a kind: models/KIND/NAME.toml, NAME with extensions or without, else models/KIND.toml.
+    """
+    named = (models_directory() / kind / f"{name}.toml" for name in (model, parts(model)[0]))
+    return next((path for path in named if path.is_file()), models_directory() / f"{kind}.toml")
 
 
 @checked
@@ -168,7 +169,7 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
     for name in [files] if isinstance(files, (str, Path)) else files or ():
         path = parameter_file(name)
         document = _document(path)
-        chosen = _extended(chosen, _names(document, EXTENDS, path))
+        chosen = _extended(chosen, _names(document, EXTENDS, path), path)
         _require_made_for(_names(document, MADE_FOR, path), path, chosen.model)
         chosen = _overridden(chosen, document, str(path), path.name)
         content = path.read_bytes()
@@ -187,12 +188,15 @@ def _names(document: dict[str, Any], key: str, path: Path) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _extended(base: ParameterSet, extensions: tuple[str, ...]) -> ParameterSet:
+def _extended(base: ParameterSet, extensions: tuple[str, ...], path: Path) -> ParameterSet:
     """Return a set of the actuator with these +extensions, in which `base` replaces the defaults."""
     actuator, present = parts(base.model)
     if not (added := [each.removeprefix("+") for each in extensions if each.removeprefix("+") not in present]):
         return base
-    defaults = _defaults(full_name("+".join((actuator, *present, *added))))
+    try:
+        defaults = _defaults(full_name("+".join((actuator, *present, *added))))
+    except EmcasError as error:
+        raise ParameterError(f"{path}: {error}") from error
     before = {e.variable.name: e for e in base.entries}
     return dataclass_replace(defaults, entries=tuple(before.get(e.variable.name, e) for e in defaults.entries),
                              unused=base.unused, files=base.files, records=(*defaults.records, *base.records))

@@ -88,6 +88,13 @@ class Controllers:
         angle = self.counts * self.count_size
         return self.nominal.fin_angle(angle), angle, speed
 
+    def fed_forward(self, feedback: float, reference: float) -> tuple[float, float]:
+        """Return the speed [rad/s] that friction is compensated for, and a reference [V] that is fed forward.
+
+        `feedback` [rad/s] and `reference` [rad/s] are speed references, the latter with the command's rate and limited.
+        """
+        return reference, 0.0
+
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
         """Return the DAC value u_k [V] of one sample.
 
@@ -95,6 +102,7 @@ class Controllers:
         """
         p = self.p
         fin, motor, speed = self._measure(delta, omega)
+        self.measured = fin
         if not enable:
             self._reset(fin, motor, speed, command)
             return 0.0
@@ -106,11 +114,12 @@ class Controllers:
         moving = p["controller.position.velocity_feedforward"] * ahead / (self.update_samples * self.period)
         self.target += ahead / self.update_samples
         reference = clip(feedback + moving, p["controller.speed_limit"])
-        friction = self.nominal.motor_coulomb(fin, 1 if reference > 0.0 else -1)
-        compensation = p["compensation.gain"] * friction * clip(reference / p["compensation.speed_band"], 1.0)
+        moved, motion = self.fed_forward(feedback, reference)
+        friction = self.nominal.motor_coulomb(fin, 1 if moved > 0.0 else -1)
+        compensation = p["compensation.gain"] * friction * clip(moved / p["compensation.speed_band"], 1.0)
         compensation /= p["motor.torque_constant"] * p["drive.current_gain"]
         gain = p["controller.velocity.kp"]
-        u = gain * (reference - speed) + self.velocity_integral + compensation
+        u = gain * (reference - speed) + self.velocity_integral + compensation + motion
         torque_constant, bandwidth = p["motor.torque_constant"], p["controller.load_observer"]
         if bandwidth:
             load = bandwidth * (self._inertia(fin) * speed - self.momentum)

@@ -15,6 +15,7 @@ from .controllers import Controllers
 from .drive import FREE, Driven
 from .events import Accuracy, Body, Changes, State, Value
 from .screw import Screw
+from .trajectory import Following
 from .vehicle import Surroundings
 
 
@@ -50,7 +51,7 @@ class Plant(Screw, Driven):
 
     def controller(self, nominal: Screw) -> Sample:
         """Return position and velocity loop with the encoder."""
-        loops = Controllers(self, nominal)
+        loops = (Following if nominal.p.get("trajectory.natural_frequency") else Controllers)(self, nominal)
         return lambda y, command, enable: loops.sample(y[0], y[1], command, enable, y[2])
 
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:

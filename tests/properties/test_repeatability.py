@@ -106,6 +106,11 @@ def test_no_choice_of_the_controllers_remembers_use(option: str) -> None:
     compare(NONLINEAR, values, list(HISTORIES), REPEATED_BESIDE_VELOCITY_INTEGRAL if beside else REPEATED)
 
 
+def test_a_generated_motion_remembers_no_use() -> None:
+    chosen = load_parameters("two-degrees-of-freedom")
+    compare(chosen.model, chosen.values, list(HISTORIES))
+
+
 @pytest.mark.parametrize("model", EVERY + EXTENDED)
 def test_no_actuator_remembers_use(model: str) -> None:
     compare(model, load_parameters(model=model).values, list(HISTORIES))

@@ -32,6 +32,8 @@ OTHER: Mapping[str, Any] = {
     "bypass_valve.opens_disabled": True, "oil.cavitation_pressure": 2e4, "valve.null_shift": 0.02,
     "heat.winding_start_rise": 60.0, "heat.case_start_rise": 40.0, "heat.winding_limit": 105.0, "heat.peak_time": 0.1,
     "mass.shaft": 1.0, "mass.fork": 0.8, "inertia.shaft": 0.004, "inertia.fork": 0.006,  # the default actuator's
+    "trajectory.natural_frequency": 120.0, "trajectory.rate_limit": 3.0, "trajectory.acceleration_limit": 150.0,
+    "trajectory.jerk_limit": 4e4, "trajectory.tracking_limit": 0.02,
     "motor.asymmetry": 0.1, "controller.ki": 3.0, "controller.dead_band": 2.0, "pwm.limit": 900.0,
     "homing.required": False, "homing.positive_first": False, "supply.one_way": False,
     **{f"deviation.{name}": value for name, value in {

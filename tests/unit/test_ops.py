@@ -62,7 +62,7 @@ def _public(module: ModuleType) -> list[Function]:
 
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {kinematics.deviates, loads.motion_loads, loads.level, mechanics.breakaway, mechanics.damping,
-              rigid.advance, controllers.sample, *_public(electrical),
+              rigid.advance, controllers.sample, controllers.feed_forward, *_public(electrical),
               rigid.acceleration, rigid.current_course, rigid.integral_end, rigid.friction_speed,
               rigid.stop_time, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
               mechanics.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,

@@ -16,6 +16,7 @@ from math import pi
 from typing import Any
 
 from ...control import firmware
+from ...control.trajectory import Ahead, Motion
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import servo
@@ -124,10 +125,19 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the duty cycle and the firmware's states; a disabled firmware forgets its integral."""
-    out = firmware.sample(ops, p, x.integral, x.counts, inputs.position, inputs.command)
+    out = firmware.sample(ops, p, x.integral, x.counts, inputs.position, inputs.command, inputs.ahead)
     on = {"reference": out.duty, "limited": out.limited, "integral": out.integral}
     return {**{name: ops.where(inputs.enable, value, 0.0) for name, value in on.items()}, "counts": out.counts,
             "measured_fin_angle": out.counts * firmware.count(p)}
+
+
+def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
+    """Return the duty cycle that causes a motion of the fin at the nominal voltage, with a stiff gear; no memory."""
+    speed = 0.5 * (motion.rate + motion.next_rate)
+    inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)
+    torque = inertia * motion.acceleration + (p.friction.gear_viscous + p.friction.fin_viscous) * speed
+    duty = torque / p.motor.stall_torque + speed / p.motor.no_load_speed
+    return Ahead(speed, duty), memory, p.drive.transport_delay
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
@@ -160,6 +170,7 @@ ACTUATOR = Actuator(
                   "supply_voltage": "voltage that feeds the servo"},
     initial=initial,
     sample=sample,
+    feed_forward=feed_forward,
     derivatives=derivatives,
     discontinuities=(
         Backlash("mesh", servo.windup, servo.half_play),

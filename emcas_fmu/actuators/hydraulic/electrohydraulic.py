@@ -16,6 +16,7 @@ import sys
 from typing import Any
 
 from ...control import fluid_power
+from ...control.trajectory import Ahead, Motion
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import cylinder, servovalve
@@ -86,12 +87,18 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the reference and states of the controller after a sample; it is held in reset while disabled."""
     measured = fluid_power.measured(ops, p, inputs.position)
     full = p.valve.rated_flow / p.cylinder.area  # piston speed [m/s] with the open valve at its rated pressure
-    out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command, full)
+    out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command, full, inputs.ahead)
     at_rest = fluid_power.at_rest(ops, p, measured)
     return {"reference": ops.where(inputs.enable, out.speed / full, 0.0),
             "integral": ops.where(inputs.enable, out.integral, at_rest),
             "piston": cylinder.piston_position(ops, p, measured),
             "measured_fin_angle": measured, "limited": ops.where(inputs.enable, out.limited, 0.0)}
+
+
+def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
+    """Return the piston's speed in a motion, no memory, and the drive's delay with the lag of the spool [s]."""
+    return (Ahead(fluid_power.piston_motion(ops, p, motion)[0], 0.0), memory,
+            p.drive.transport_delay + 2.0 * p.valve.damping / p.valve.natural_frequency)
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
@@ -183,6 +190,7 @@ ACTUATOR = Actuator(
     reference="emcas_fmu.reference.electrohydraulic",
     initial=initial,
     sample=sample,
+    feed_forward=feed_forward,
     derivatives=derivatives,
     step=events.Switched(mode, _rates, _margins, _landed).step(as_built),
     transport_delay=fin_port.transport_delay,

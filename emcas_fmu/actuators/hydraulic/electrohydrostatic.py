@@ -25,9 +25,10 @@ from dataclasses import replace
 from typing import Any
 
 from ...control import controllers, fluid_power
+from ...control.trajectory import Ahead, Motion
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
-from ...physics import cylinder, drive, pump, stick
+from ...physics import cylinder, drive, loads, pump, stick
 from ...steppers import electrical, events
 from ...variables import only, parameter, switch, tunable
 from .. import capabilities, fin_port
@@ -98,10 +99,12 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     def running() -> tuple[Value, ...]:
         per_speed = p.pump.displacement / p.cylinder.area
         out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command,
-                                 p.controller.speed_limit * per_speed)
+                                 p.controller.speed_limit * per_speed, inputs.ahead)
         speed_reference = out.speed / per_speed
         compensation = controllers.fed_forward(ops, p, _dry_at_motor(ops, p, measured), speed_reference)
         raw = p.controller.velocity.kp * (speed_reference - x.motor_speed) + compensation
+        if inputs.ahead is not None:
+            raw = raw + ops.where(inputs.ahead.active, inputs.ahead.reference, 0.0)
         largest = p.drive.reference_limit
         reference = ops.clip(raw, -largest, largest)
         # The part of the reference beyond the limits of DAC or current.
@@ -113,6 +116,19 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     reference, integral, limited = ops.branch(inputs.enable, running, lambda: (0.0, at_rest, 0.0))
     return {"reference": reference, "integral": integral, "piston": cylinder.piston_position(ops, p, measured),
             "measured_fin_angle": measured, "limited": limited}
+
+
+def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahead, Value, Value]:
+    """Return what causes a motion of the fin, with stiff oil; see :func:`.controllers.feed_forward`."""
+    per_speed = p.pump.displacement / p.cylinder.area
+    piston, piston_acceleration = fluid_power.piston_motion(ops, p, motion)
+    speed, acceleration = piston / per_speed, piston_acceleration / per_speed
+    linkage = cylinder.linkage(ops, p, motion.angle, loads.NONE)
+    reflected = per_speed / linkage.ratio
+    torque = (p.inertia.motor + linkage.inertia * reflected * reflected) * acceleration
+    reference, integral = drive.inverse(p, (torque + p.pump.viscous_friction * speed) / p.motor.torque_constant, speed,
+                                        integral)
+    return Ahead(piston, reference), integral, p.drive.transport_delay + drive.lag(p)
 
 
 def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:
@@ -220,6 +236,7 @@ ACTUATOR = replace(
     as_built=as_built,
     initial=initial,
     sample=sample,
+    feed_forward=feed_forward,
     derivatives=derivatives,
     step=events.Switched(mode, _rates, _margins, _landed, electrical.begun).step(as_built),
     reference="emcas_fmu.reference.electrohydrostatic",

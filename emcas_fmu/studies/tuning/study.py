@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from math import log
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import Field, PlainValidator, ValidationInfo
 
@@ -26,7 +26,7 @@ from ...bench.requirements import (
 from ...bench.subject import ParameterSubject
 from ...errors import EmcasError
 from ...parameters import ParameterSet, load_parameters, shipped_file
-from ...parameters.schema import In, Quantity, Table, each, load
+from ...parameters.schema import In, Quantity, Table, document, each, read
 from ...support import extras
 
 _AT_BOUND = 0.01  # of the range searched, on its logarithmic scale
@@ -69,10 +69,10 @@ class Study:
 
         Raises EmcasError.
         """
-        read = load_requirements(file, self.base)
-        requirements = _measurable(read.requirements, self.base)
-        if read.cases != (NOMINAL,):
-            return replace(self, cases=read.cases, requirements=requirements)
+        required = load_requirements(file, self.base)
+        requirements = _measurable(required.requirements, self.base)
+        if required.cases != (NOMINAL,):
+            return replace(self, cases=required.cases, requirements=requirements)
         names = [case.name for case in self.cases]
         return replace(self, requirements=tuple(r.model_copy(update={"cases": names}) for r in requirements))
 
@@ -101,7 +101,7 @@ class _Bounds(Table):
 def _tunables(entries: Any, info: ValidationInfo) -> Any:
     base: Any = info.context
 
-    def read(name: str, entry: Any) -> Tunable:
+    def bounded(name: str, entry: Any) -> Tunable:
         variable = variable_of(name, base)
         unit = In(variable.unit, variable.minimum, variable.maximum)
         bounds = _Bounds.model_validate(entry, context=unit)
@@ -113,13 +113,16 @@ def _tunables(entries: Any, info: ValidationInfo) -> Any:
             raise ValueError(f"expected 0 < lower < upper, {unit.limits}")
         return Tunable(name, bounds.lower, bounds.upper)
 
-    return each(entries, read)
+    return each(entries, bounded)
 
 
 class _CasesOfFile(Table):
     tunables: Any
     cases: Cases
     requirements: Any
+
+
+_Read = TypeVar("_Read", bound=_CasesOfFile)
 
 
 class _File(_CasesOfFile):
@@ -129,7 +132,15 @@ class _File(_CasesOfFile):
 
 def shipped_cases(base: ParameterSet) -> list[Case]:
     """Return the cases of the shipped study, even if its requirements cannot be measured."""
-    return list(load(_CasesOfFile, shipped_file("tuning", base.model), StudyError, base).cases.values())
+    return list(_read(_CasesOfFile, shipped_file("tuning", base.model), base).cases.values())
+
+
+def _read(kind: type[_Read], path: Path, base: ParameterSet) -> _Read:
+    """Return a study's file; without cases of its own it has those of the actuator's without extensions."""
+    contents = document(path, StudyError)[1]
+    if "cases" not in contents and is_shipped(base.model):
+        contents["cases"] = document(shipped_file("tuning", parts(base.model)[0]), StudyError)[1]["cases"]
+    return read(kind, contents, path, StudyError, base)
 
 
 def has_shipped_study(base: ParameterSet) -> bool:
@@ -167,6 +178,6 @@ def shipped_study(base: ParameterSet) -> Study:
 
 def load_study(path: Path, base: ParameterSet) -> Study:
     """Return the study of a TOML file (see models/tuning.toml) for a parameter set. Raises StudyError."""
-    file = load(_File, path, StudyError, base)
+    file = _read(_File, path, base)
     return Study(base, tuple(file.tunables.values()), tuple(file.cases.values()),
                  _measurable(file.requirements.values(), base))

@@ -1,0 +1,92 @@
+"""A trajectory generator and feed-forward before the thesis's loops, sample by sample.
+
+The generator has angle r, rate v and acceleration a. Its speed towards the command c is that of a linear system where
+the rest e of the way is short, and that of braking with 0.8 a_max elsewhere; the acceleration then follows from that
+speed with the time constant 1/(2 z W). A history of r delays the feedback by the drive's delay and the current's lag.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .controllers import Controllers
+from .screw import Screw
+from .vehicle import clip
+
+_FOLLOWING = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
+              "command.update_time": 0.0}
+
+
+class Following(Controllers):
+    """The loops of the thesis's actuator behind a trajectory generator, with feed-forward of its motion."""
+
+    def __init__(self, plant: Screw, nominal: Screw):
+        self.gain = float(nominal.p["controller.position.ki"])
+        nominal.p = self.own = {**nominal.p, **_FOLLOWING}
+        super().__init__(plant, nominal)
+        p = self.p
+        self.loop = p["motor.resistance"] + p["drive.kp"]  # Ohm
+        self.late = (p["drive.transport_delay"] + p["motor.inductance"] / self.loop) / self.period  # samples
+        self._rest(self.nominal.fin_angle(self._measure(p["fin.start_angle"], 0.0)[1]))
+
+    def _rest(self, fin: float) -> None:
+        self.history = [fin] * (math.ceil(self.late) + 2)  # rad, the newest first
+        self.rate = self.acceleration = self.integral_of_drive = 0.0
+        self.slowed = False
+        self.ahead: tuple[float, float] = 0.0, 0.0
+
+    def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
+        """Return the DAC value [V] of a sample; see :meth:`Controllers.sample`."""
+        now, rate = self.history[0], self.rate
+        self._accelerate(clip(command, self.p["command.limit"]) - now)
+        after = rate + self.period * self.acceleration
+        following = now + self.period * (rate + after) / 2.0
+        self._feed_forward(now, rate, following, after)
+        whole, share = math.floor(self.late), self.late % 1.0
+        followed = (1.0 - share) * self.history[whole] + share * self.history[whole + 1]
+        self.own["controller.position.ki"] = 0.0 if self.slowed else self.gain
+        reference = super().sample(delta, omega, followed, enable, current)
+        fin = self.measured
+        if not enable:
+            self._rest(fin)
+            return reference
+        # A fin that stays behind slows the motion down, at most to a standstill.
+        behind, limit, way = followed - fin, self.p["trajectory.tracking_limit"], self.period * after
+        lost = math.copysign(min(max(abs(behind) - limit, 0.0), abs(way)), way) if behind * way > 0.0 else 0.0
+        self.slowed = 0.0 < abs(lost) < abs(way)
+        self.rate = after - 0.3 * lost / self.period
+        self.history = [angle - lost for angle in (following, *self.history[:-1])]
+        return reference
+
+    def _accelerate(self, way: float) -> None:
+        """Set the acceleration [rad/s2] until the next sample, for a rest of the way [rad]."""
+        p = self.p
+        damping, frequency = p["trajectory.damping"], p["trajectory.natural_frequency"]
+        largest, constant = p["trajectory.acceleration_limit"], 2.0 * damping / frequency
+        braking = 0.8 * largest
+        linear = braking * constant**2
+        speed = (abs(way) / constant if abs(way) <= linear
+                 else math.sqrt(2.0 * braking * (abs(way) - linear / 2.0)))
+        wanted = math.copysign(min(speed, p["trajectory.rate_limit"]), way)
+        acceleration = clip(2.0 * damping * frequency * (wanted - self.rate), largest)
+        self.acceleration += clip(acceleration - self.acceleration, p["trajectory.jerk_limit"] * self.period)
+
+    def _feed_forward(self, now: float, rate: float, following: float, after: float) -> None:
+        """Set the motor speed [rad/s] that is fed forward, and its reference [V]."""
+        p, ratios = self.p, (self.nominal.ratio(now), self.nominal.ratio(following))
+        first, last = ratios[0] * rate, ratios[1] * after
+        speed, inertia = (first + last) / 2.0, (self._inertia(now) + self._inertia(following)) / 2.0
+        way = 1 if speed > 0.0 else -1
+        viscous = self.nominal.viscous[way] + self.nominal.fin_viscous / ratios[0] ** 2
+        # The fin's inertia at the motor changes with the ratio, of which the slope over the ratio is the bend.
+        swing = self.nominal.fin_inertia / ratios[0] ** 3 * self.nominal.bend(now)
+        torque = inertia * (last - first) / self.period + viscous * speed - swing * speed**2
+        motor = torque / p["motor.torque_constant"]
+        voltage = p["motor.resistance"] * motor + p["motor.back_emf_constant"] * speed
+        error = (voltage - self.integral_of_drive) / p["drive.kp"]
+        self.integral_of_drive += self.period * p["drive.ki"] * error
+        self.ahead = speed, (motor + error) / p["drive.current_gain"]
+
+    def fed_forward(self, feedback: float, reference: float) -> tuple[float, float]:
+        """Return the speed [rad/s] that friction is compensated for, and the reference [V] of the motion."""
+        return feedback + self.ahead[0], self.ahead[1]
