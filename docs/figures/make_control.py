@@ -86,16 +86,17 @@ def compared() -> None:
     def step(size: float, before: float = 0.0) -> Any:
         return lambda t: np.radians(size if t >= 0.35 else before)
 
-    panels = (("step of 1 deg", {"fin_command": step(1.0)}, (0.34, 0.46)),
-              ("100 N·m at 0.35 s", {"aero_torque": lambda t: 100.0 if t >= 0.35 else 0.0}, (0.33, 1.0)),
-              ("slew at 20 V", {"fin_command": step(20.0, -20.0), "supply_voltage": 20.0}, (0.33, 1.0)))
+    panels: tuple[tuple[str, dict[str, Any], tuple[float, float], tuple[float, float]], ...] = (
+        ("step of 1 deg", {"fin_command": step(1.0)}, (0.34, 0.46), (-0.05, 1.05)),
+        ("100 N·m at 0.35 s", {"aero_torque": lambda t: 100.0 if t >= 0.35 else 0.0}, (0.33, 1.0), (-0.05, 0.55)),
+        ("slew at 20 V", {"fin_command": step(20.0, -20.0), "supply_voltage": 20.0}, (0.55, 1.1), (17.0, 21.0)))
     with plots.style():
         drawn, (row,) = plots.figure(1, len(panels), height=2.6, width=9.0)
-        for axes, (title, inputs, window) in zip(row, panels, strict=True):
+        for axes, (title, inputs, times, angles) in zip(row, panels, strict=True):
             for name, color in COLORS.items():
                 run = respond(SETS[name], **inputs)
                 axes.plot(run["time"], np.degrees(run["fin_angle"]), color=color, label=name)
-            axes.set(title=title, xlim=window, xlabel="time [s]", ylabel="fin angle [deg]")
+            axes.set(title=title, xlim=times, ylim=angles, xlabel="time [s]", ylabel="fin angle [deg]")
         plots.legend_above(drawn)
     drawn.savefig(Path(__file__).parent / "two_degrees.png", dpi=150, facecolor="white", metadata={"Software": None})
 

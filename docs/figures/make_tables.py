@@ -223,7 +223,8 @@ def extensions() -> str:
     """What each extension needs of an actuator, and the inputs and outputs it adds."""
     rows = []
     for name in EXTENSIONS:
-        extension, page = get_extension(name), {"stribeck": "friction", "lugre": "friction"}.get(name, name)
+        extension = get_extension(name)
+        page = {"stribeck": "friction", "lugre": "friction", "trajectory": "control"}.get(name, name)
         model = next(model for model in NAMES if _over(name, model))
         plain = {v.name for v in (*get(model).inputs, *get(model).outputs)}
         extended = get(f"{model}+{name}")
