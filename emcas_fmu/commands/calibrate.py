@@ -60,7 +60,7 @@ def calibrate(
     identify.write(result, parameters, output, report, as_json)
     identify.show(result, common.table(["record", "use", "output", ">rms", ">mean", ">largest", "unit", ">fit / %"], (
         [c.record.name, c.use, c.variable.name, *(f"{c.figures[name]:.3g}" for name in ("rms", "mean_abs", "largest")),
-         c.unit, f"{c.figures['fit_percent']:.1f}"] for c in result.comparisons), "Error of the calibrated model"))
+         c.unit, c.fit] for c in result.comparisons), "Error of the calibrated model"))
     common.warn(result.problems)
     common.print_written(output, report, as_json)
     if result.problems:

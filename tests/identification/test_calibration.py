@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from emcas_fmu import api
+from emcas_fmu.bench.writers import write_json
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.units import display
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.identification import calibration
+from emcas_fmu.studies.identification import calibration, estimation
 from emcas_fmu.units import factor
 
 from ..docs.recipes import run_block
@@ -101,6 +102,17 @@ def test_errors_of_forty_actuators_are_as_large_as_stated(tmp_path: Path) -> Non
     # The rms of 96 standard normal numbers is 1 +- 0.07.
     assert len(chosen) == 40
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.15)
+
+
+def test_every_output_may_be_compared(tmp_path: Path) -> None:
+    """What is computed of one quantity repeats its errors, and a controller's chatter has many minima of the delay."""
+    free, rng, base = KINDS["nonlinear"][0], np.random.default_rng(2), load_parameters()
+    truth = random_truth(base, free, rng)
+    result = calibration.calibrate(records(truth, [v.name for v in base.actuator.outputs if v.kind == "Real"], tmp_path,
+                                           rng), base, free)
+    z = np.array([(e.value - float(truth.values[e.name])) / e.sigma for e in result.estimates if e.parameter])
+    assert np.abs(z).max() < 4.0  # sigmas, as above
+    assert result.problems == []
 
 
 @pytest.fixture(scope="module")
@@ -220,6 +232,31 @@ def test_what_is_asked_wrongly_is_refused_first(recorded: tuple[ParameterSet, li
         api.calibrate([write(path.parent / "bare.csv", {"time": (np.arange(30.0), "s"), "fin_angle": (np.arange(30.0),
                                                                                                       "deg")})],
                       base, [natural])
+
+
+def test_a_fit_that_is_poor_or_not_settled_is_reported(recorded: tuple[ParameterSet, list[Path]],
+                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    base = load_parameters(model="second-order")
+    wrong = base.with_values({"second_order.natural_frequency": 0.3 * float(
+        recorded[0].values["second_order.natural_frequency"])})
+    (line,) = calibration.calibrate(recorded[1][:1], wrong, ["second_order.damping"], compare=["fin_angle"]).problems
+    assert "fin_angle (fitted) is explained poorly" in line
+    for module, name in ((calibration, "_STEPS"), (calibration, "_EVALUATIONS"), (estimation, "_PASSES")):
+        monkeypatch.setattr(module, name, 1)
+    problems = calibration.calibrate(recorded[1][:1], base, FREE.split(",")).problems
+    assert any("not settled: " in line and "after 1 steps" in line for line in problems)
+
+
+def test_constant_outputs_are_called_that(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+    path = changed(recorded[1][0], tmp_path, fin_rate=lambda x: 0.0 * x)
+    base, figures = load_parameters(model="second-order"), tmp_path / "fit.json"
+    result = calibration.calibrate([path], base, FREE.split(","))
+    assert [(c.variable.name, c.fit == "constant") for c in result.comparisons] == [
+        ("fin_angle", False), ("fin_rate", True)]
+    write_json(result.document(), figures)
+    text = figures.read_text()
+    assert "Infinity" not in text
+    assert json.loads(text)["comparisons"][1]["fit_percent"] is None
 
 
 def test_delays_of_channels_are_found(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:

@@ -7,17 +7,19 @@ import subprocess
 import sys
 from math import radians
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.studies.identification import current_loop, drive, motion
-from emcas_fmu.studies.identification.estimation import correlation_time, each, weighted_fit
+from emcas_fmu.studies.identification.estimation import SETTLED, Fit, correlation_time, descend, each, weighted_fit
 from emcas_fmu.studies.identification.records import Array, Record
 from examples.identification_bench import bench, rig
 
@@ -55,6 +57,85 @@ def test_sigmas_of_a_line_are_those_of_repeated_experiments(rho: float) -> None:
     ratio = np.std(values, axis=0) / np.mean(sigmas, axis=0)
     assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
     assert np.abs(np.mean(values, axis=0) - [3.0, 2.0]).max() < 4.0 * np.max(sigmas) / 60**0.5
+
+
+X = np.linspace(-1.0, 1.0, 600)
+TRUE = np.array([3.0, 2.0])
+
+
+def fitted(ys: list[Array], **options: Any) -> Fit:
+    """The fit of a line to simultaneous series, by descent."""
+    bounds = np.full(2, -1e3), np.full(2, 1e3)
+    return weighted_fit(("offset", "slope"), each(lambda b: [y - b[0] - b[1] * X for y in ys]), np.zeros(2), np.ones(2),
+                        range(len(ys)), prior=(np.zeros(2), np.full(2, 1e6)), together=[0] * len(ys),
+                        minimise=lambda r, x, **k: descend(r, x, bounds=bounds, steps=60, **k)[:2], **options)
+
+
+def test_a_signal_in_several_forms_counts_once() -> None:
+    rng = np.random.default_rng(8)
+    y = TRUE @ [np.ones(600), X] + 0.1 * rng.normal(size=600)
+    one, forms = fitted([y]), fitted([y, y, y, y, y])
+    np.testing.assert_allclose(forms.covariance, one.covariance, rtol=4e-3, atol=1e-15)  # degrees of freedom: 2 of 600
+    # Of different sensors each counts: the sums' correlation is 0 +- 1/sqrt(120).
+    five = fitted([TRUE @ [np.ones(600), X] + 0.1 * rng.normal(size=600) for _ in range(5)])
+    np.testing.assert_allclose(five.sigmas, one.sigmas / 5**0.5, rtol=0.25)
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_errors_with_common_noise_are_as_large_as_stated(late: int) -> None:
+    rng = np.random.default_rng(9)
+    z = []
+    for _ in range(100):
+        common = lfilter([1.0], [1.0, -0.5], rng.normal(size=700))
+        ys = [TRUE @ [np.ones(600), X] + common[50 - late * k:650 - late * k] + 0.3 * rng.normal(size=600)
+              for k in range(4)]
+        fit = fitted(ys)
+        z.append((fit.values - TRUE) / fit.sigmas)
+    # The rms of 200 standard normal numbers is 1 +- 0.05: three of these. Counted as independent, it would be 1.9.
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(("rho", "share"), [(0.0, 0.0), (0.0, 0.05), (0.6, 0.0), (0.6, 0.05)])
+def test_robust_fits_are_soft_l1_of_residual_over_noise(rho: float, share: float) -> None:
+    """Outliers of a known share move the estimate by no more than sigma says, however correlated the noise is."""
+    rng = np.random.default_rng(10)
+    z = []
+    for _ in range(100):
+        noise = (1.0 - rho**2) ** 0.5 * lfilter([1.0], [1.0, -rho], rng.normal(size=700))[100:]
+        outliers = (rng.random(600) < share) * rng.choice([-1.0, 1.0], 600) * 20.0
+        y = TRUE @ [np.ones(600), X] + noise + outliers
+        fit = fitted([y], robust=True)
+        z.append((fit.values - TRUE) / fit.sigmas)
+    reference = least_squares(lambda b, y=y: y - b[0] - b[1] * X, np.zeros(2), loss="soft_l1",
+                              f_scale=fit.deviations[0], xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+    # The noise is that of the pass before, and the last step is below a fifth of a sigma.
+    assert np.all(np.abs(fit.values - reference) < 0.2 * fit.sigmas)
+    # 1 +- 0.05 as above; a tau of 4 from 600 samples is some per cent too small.
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.15)
+
+
+def test_descent_ends_where_it_has_settled_and_says_where_it_has_not() -> None:
+    """Rosenbrock's valley from far away: a linear problem is done at once, this one is not in five steps."""
+    calls = []
+
+    def line(points: Array) -> Array:
+        calls.append(len(points))
+        away: Array = points - np.array([3.0, 2.0])
+        return away
+
+    def valley(points: Array) -> Array:
+        x, y = points.T
+        return np.stack([10.0 * (y - x**2), 1.0 - x, np.full_like(x, 0.1)], axis=1)
+
+    bounds = np.full(2, -10.0), np.full(2, 10.0)
+    x, _, left = descend(line, np.ones(2), None, bounds, 100)
+    np.testing.assert_allclose(x, [3.0, 2.0], rtol=1e-9)  # rounding
+    assert np.all(left < SETTLED)
+    assert len(calls) < 30
+    assert np.any(descend(valley, np.array([-1.2, 1.0]), None, bounds, 2)[2] > SETTLED)
+    x, _, left = descend(valley, np.array([-1.2, 1.0]), None, bounds, 100)
+    assert np.all(left < SETTLED)
+    np.testing.assert_allclose(x, 1.0, atol=0.02)  # 0.2 sigma of 0.1
 
 
 @given(every=st.sampled_from([1, 2, 10]), slope=st.floats(-5.0, 5.0), offset=st.floats(-5.0, 5.0))

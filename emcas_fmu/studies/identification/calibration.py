@@ -10,7 +10,7 @@ the error is orthogonal to the derivatives without quantisation, as it is at the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, sqrt
@@ -23,7 +23,7 @@ from scipy.stats import qmc
 from ...parameters import MeasuredRecord, ParameterSet
 from ...support.progress import Progress, silent
 from . import pictures
-from .estimation import Fit, Stretches, descend, solve, weighted_fit
+from .estimation import SETTLED, Fit, Stretches, descend, solve, weighted_fit
 from .records import Array, Record, require, runs
 from .replay import Comparison, read
 from .replay import Replay as Replay
@@ -31,14 +31,16 @@ from .result import Estimate, Experiment, Identification
 from .unknowns import Unknown, free_parameters
 
 METHOD = ("simulation error over all records, weighted by the noise of each output; 1 sigma from the covariance scaled "
-          "by the residuals and by their autocorrelation time")
+          "by the residuals, by their autocorrelation time and by their correlation among outputs")
 _CANDIDATES, _TRIED = 64, 3  # starting points that are simulated, and those of them from which is fitted
-_EVALUATIONS, _STEPS = 30, 8  # from each of these; of Gauss and Newton afterwards
+_EVALUATIONS, _STEPS = 30, 24  # from each of these; of Gauss and Newton afterwards
+_MEAN = 10  # samples, of which means are fitted first: a controller's change at every sample has many minima
 _FAINT = 1e-6  # weight of the prior in the fits from starting points, which only need to end near the result
 _OPPOSITE = -0.5  # correlation of measured and simulated values that no parameters explain
 _STILL = 1e-3  # ratio of their deviations, simulated to measured, without an input
 _WIDE, _RATIO = 30.0, 5.0  # the same with a wrong unit, or its inverse, before and after parameters are found
 _FLAT, _BEYOND = 6, 3.0  # equal samples at the extreme, and by how many deviations the simulation exceeds them
+_POOR = 0.1  # share of a measured deviation, without noise, that a good model leaves at most: 1 % of the variance
 _DRIFT, _CERTAIN = 5e-4, 6.0  # smallest relative drift of a clock that is reported; in sigmas
 _OPEN, _PART = 0.5, 0.3  # share of a prior's variance that is left; of the largest effect, of a parameter that is named
 _AT_BOUND = 1e-3  # of the interval between the bounds
@@ -136,8 +138,9 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
                 if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
     return Calibration(
         Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
-        _notes(fit), lambda: pictures.comparisons(comparisons, fit), calibrated, comparisons,
-        _undetermined(fit, unknown), at_bound, search.stopped, list(_faults(replay, fit)))
+        _notes(fit, comparisons), lambda: pictures.comparisons(comparisons, fit), calibrated, comparisons,
+        _undetermined(fit, unknown), at_bound, search.stopped,
+        [*search.unsettled(), *_poor(comparisons), *_faults(replay, fit)])
 
 
 def _undetermined(fit: Fit, free: Sequence[Unknown]) -> list[tuple[str, ...]]:
@@ -177,8 +180,11 @@ class _Search:
             order = np.argsort(np.linalg.norm(self._relative(candidates / self._size), axis=1)).tolist()
             for k, index in enumerate([0, *(i for i in order if i)][:_TRIED]):
                 progress("fitting from starting points", k + 1, _TRIED + 1)
-                solve(self._relative, candidates[index] / self._size, partial(self._relative, smooth=True),
-                      method="trf", bounds=self._bounds, max_nfev=_EVALUATIONS, xtol=1e-6, ftol=1e-4)
+                point = candidates[index] / self._size
+                for samples in (_MEAN, 1):
+                    point = solve(partial(self._relative, smooth=True, samples=samples), point, method="trf",
+                                  bounds=self._bounds, max_nfev=_EVALUATIONS, xtol=1e-6, ftol=1e-4)[0]
+                    self._scaled(point[None] * self._size)
         except KeyboardInterrupt:
             self.stopped = True
 
@@ -192,8 +198,9 @@ class _Search:
             return weighted_fit(
                 [u.name for u in self._replay.unknowns], self._scaled, self.best, self._size,
                 [i * count + j for i, j in owners], prior=(self._mean, self._sigma), robust=robust,
+                together=[i for i, _ in owners],
                 smooth=partial(self._scaled, smooth=True) if self._replay.rough else None,
-                minimise=partial(descend, bounds=self._bounds, robust=robust, steps=steps))
+                minimise=partial(self._descend, steps=steps))
 
         self._progress("fitting", _TRIED + 1, _TRIED + 1)
         try:
@@ -203,6 +210,18 @@ class _Search:
         units = self._units[[j for _, j in owners]]
         return replace(fit, residuals=tuple(r * u for r, u in zip(fit.residuals, units, strict=True)),
                        deviations=fit.deviations * units)
+
+    def unsettled(self) -> Iterator[str]:
+        """Yield the unknown that still changes most, unless the fit was stopped."""
+        left, name = max(zip(self._left, (u.name for u in self._replay.unknowns), strict=True))
+        if left >= SETTLED and not self.stopped:
+            yield (f"not settled: {name} still changes by {left:.2g} sigma a step after {_STEPS} steps: values are "
+                   "less certain than stated; compare only what sensors measure, give narrower bounds, or free less")
+
+    def _descend(self, residuals: Callable[[Array], Array], start: Array, **options: Any) -> tuple[Array, Array]:
+        """Return parameters and Jacobian of `descend`, and keep how far it is from its end."""
+        values, jacobian, self._left = descend(residuals, start, bounds=self._bounds, **options)
+        return values, jacobian
 
     def _scaled(self, points: Array, smooth: bool = False) -> list[Stretches]:
         """Return residuals over the unit of their output, and keep the point of the smallest error."""
@@ -214,10 +233,11 @@ class _Search:
         return [[r / self._units[j] for r, (_, j) in zip(stretches, self._replay.owners, strict=True)]
                 for stretches in found]
 
-    def _relative(self, points: Array, smooth: bool = False) -> Array:
-        """Return residuals relative to the measured deviations, from points relative to their sizes."""
+    def _relative(self, points: Array, smooth: bool = False, samples: int = 1) -> Array:
+        """Return means over `samples` of residuals over measured deviations, from points relative to their sizes."""
         return np.array([np.concatenate([
-            *(r / (s * sqrt(len(r))) for r, s in zip(stretches, self._deviations, strict=True)),
+            *(mean / (s * sqrt(len(mean))) for r, s in zip(stretches, self._deviations, strict=True)
+              for mean in (r[:len(r) // samples * samples].reshape(-1, samples).mean(axis=1),)),
             _FAINT * (point * self._size - self._mean) / self._sigma])
             for point, stretches in zip(points, self._scaled(points * self._size, smooth), strict=True)])
 
@@ -243,6 +263,15 @@ def _require_plausible(replay: Replay, residuals: Stretches, largest: float) -> 
         record.require(1.0 / largest < size / expected < largest, f"{v.name} varies by {size:.3g} {v.unit or '1'} (1 "
                        f"sigma), the simulated one by {expected:.3g}: it was read as {record.units[v.name]}; put the "
                        f"unit that it has into the header, as in {v.name} [{v.unit}]; otherwise give wider bounds")
+
+
+def _poor(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """Yield outputs that differ from the simulation by more than their noise and a small share of their deviation."""
+    for c in comparisons:
+        if c.unexplained > _POOR:
+            yield (f"{c.record.name}: {c.variable.name} ({c.use}) is explained poorly: {100.0 * c.unexplained:.0f} % "
+                   "of its deviation is left besides noise; look for a wrong input, unit or fixed value, free more, or "
+                   "choose a model that has what is missing")
 
 
 def _faults(replay: Replay, fit: Fit) -> Iterator[str]:
@@ -277,7 +306,8 @@ def _drift(simulated: Array, error: Array, step: float, time: float) -> tuple[fl
     return float(found[0]), float(np.std(left)) * sqrt(time) * float(np.linalg.norm(inverse[0]))
 
 
-def _notes(fit: Fit) -> list[str]:
+def _notes(fit: Fit, comparisons: Sequence[Comparison]) -> list[str]:
     return [f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; white noise has 1. "
-            "Longer times show what the model lacks; the uncertainties account for them, but not for parameters that "
-            "are wrong and not free."]
+            f"Without white noise they are up to {100.0 * max(c.unexplained for c in comparisons):.2g} % of a measured "
+            "deviation. Longer times and larger shares show what the model lacks; the uncertainties account for it, "
+            "but not for parameters that are wrong and not free."]

@@ -4,7 +4,10 @@ A first fit gives each record's noise. Its residuals are weighted by that noise 
 tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones. Records of few
 residuals share one tau, that of all of them, since each alone would be too uncertain. The sum ends at the first window
 of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). The covariance is
-(sum J'J/(s^2 tau))^-1 with the records' residual variances s^2, degrees of freedom counted.
+(sum J'J/(s^2 tau))^-1 with the records' residual variances s^2, degrees of freedom counted. Where residuals are
+simultaneous, as of outputs of one unit, the correlation of their sums over five tau is in the covariance, by the
+sandwich formula (White 1980): a signal in several forms counts once. That of a robust fit is Huber's (1981, section
+7.6), with the mean square of the influences of r/s and their mean slope.
 """
 
 from __future__ import annotations
@@ -25,10 +28,16 @@ METHOD = ("weighted least squares; 1 sigma from the covariance scaled by each fi
 Stretches = Sequence[Array]
 _WINDOW = 5.0
 _PASSES = 3
+_SUMS = 20  # sums of residuals, at least, from which a correlation is estimated
 _DIFFERENCE = 6e-6  # cube root of the rounding error, best for central differences
 # The same of simulations: a delay acts in thousandths of a sample; roughness must be small against the change.
 _SMOOTH_DIFFERENCE, _ROUGH_DIFFERENCE = 3e-3, 3e-2
-_LONGEST = 0.3  # step of `descend`, relative
+# Of `descend`: its longest step, relative; the steps of a rough function of which it takes the mean; when these are
+# short, in sigmas; how often a step is halved, while it makes the squares larger than the lowest by this factor, which
+# is more than roughness does.
+_LONGEST, _LAST, SETTLED, _HALVINGS, _WORSE = 0.3, 4, 0.2, 6, 1.1
+_ROUNDING = 1e-9  # of a parameter: records without noise leave no residuals
+_SIGMAS = 10.0  # of a difference: roughness of at most the noise then changes slopes by a twentieth
 _ENOUGH = 90  # residuals of a record whose autocorrelation time may be longer than that shared by small records
 _ALONE = 500  # residuals of a record that does not need the shared time
 _SINGULAR = 1e-10  # of the largest singular value: the accuracy of the Jacobian's differences
@@ -89,7 +98,7 @@ def each(residuals: Callable[[Array], Stretches]) -> Callable[[Array], list[Stre
     return lambda points: [residuals(point) for point in points]
 
 
-def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: float) -> Array:
+def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: Array | float) -> Array:
     """Return the Jacobian by central differences, for parameters of the order of one."""
     changes = np.diag(difference * np.maximum(np.abs(x), 1.0))
     after, before = np.split(residuals(np.concatenate([x + changes, x - changes])), 2)
@@ -118,30 +127,46 @@ def solve(residuals: Callable[[Array], Array], start: Array, smooth: Callable[[A
 
 
 def descend(residuals: Callable[[Array], Array], start: Array, smooth: Callable[[Array], Array] | None,
-            bounds: tuple[Array, Array], robust: bool, steps: int) -> tuple[Array, Array]:
-    """Return the least-squares parameters and the Jacobian there, from a start near them, by Gauss and Newton.
+            bounds: tuple[Array, Array], steps: int, ratios: Array | float = 0.0) -> tuple[Array, Array, Array]:
+    """Return the least-squares parameters, the Jacobian there, and the last step in sigmas, by Gauss and Newton.
 
     Where residuals are a rough function of the parameters, their sum of squares has many minima, and differences of
     them are noise. With the derivatives Z of `smooth` as instruments, the steps lead to where Z'r = 0, which roughness
     of a share of the noise moves by that share of 1 sigma; the Jacobian is that of the residuals, projected on Z, whose
-    covariance is that of instrumental variables (Soderstrom and Stoica 1983, section 4). Arguments as those of `solve`;
-    `robust` weights a residual r by 1/sqrt(1 + r^2), as soft L1 does (Triggs et al. 2000, section 4).
+    covariance is that of instrumental variables (Soderstrom and Stoica 1983, section 4). A step that makes the squares
+    larger is halved; after at most `steps` of them, or once they are short, their end is the mean of the last ones.
+    `ratios` are those of a residual over its noise to its value in `residuals`: where they are not 0, large residuals
+    count in proportion, as by soft L1 (Triggs et al. 2000, section 4). Other arguments are those of `solve`.
     """
-    x, reached = start, [start]
-    for _ in range(max(steps, 1)):
-        r = residuals(x[None])[0]
-        root = (1.0 + r**2) ** -0.25 if robust else np.ones(len(r))
+    def rooted(r: Array) -> Array:
+        root: Array = (1.0 + (ratios * r) ** 2) ** -0.25
+        return root
+
+    x, r, reached, changes, last = start, residuals(start[None])[0], [start], [], _LAST if smooth else 1
+    lowest, difference = np.inf, np.full(len(x), _ROUGH_DIFFERENCE)
+    while True:
+        root = rooted(r)
+        lowest = min(lowest, float(np.sum((root * r) ** 2)))
         jacobian = _jacobian(smooth or residuals, x, _SMOOTH_DIFFERENCE) * root[:, None]
         if smooth:
             instruments = np.linalg.qr(jacobian)[0]
-            rough = _jacobian(residuals, x, _ROUGH_DIFFERENCE) * root[:, None]
-            jacobian = instruments @ (instruments.T @ rough)
-        if not steps:
-            break
+            jacobian = instruments @ (instruments.T @ (_jacobian(residuals, x, difference) * root[:, None]))
+        noise = np.sqrt(np.mean((root * r) ** 2))
+        sigma = np.linalg.norm(np.linalg.pinv(jacobian), axis=1) * noise + _ROUNDING * np.maximum(np.abs(x), 1.0)
         change = lsq_linear(jacobian, -r * root, (bounds[0] - x, bounds[1] - x)).x
-        x = np.clip(x + change / max(1.0, float(np.abs(change / np.maximum(np.abs(x), 1.0)).max()) / _LONGEST), *bounds)
+        changes.append(change)
+        left = np.abs(np.mean(changes[-last:], axis=0)) / sigma
+        if len(changes) > steps or (len(changes) > last and np.all(left < SETTLED)):
+            return np.mean(reached[-last:], axis=0), jacobian / root[:, None], left
+        change = change / max(1.0, float(np.abs(change / np.maximum(np.abs(x), 1.0)).max()) / _LONGEST)
+        for share in 0.5 ** np.arange(_HALVINGS):
+            to = np.clip(x + share * change, *bounds)
+            r = residuals(to[None])[0]
+            if np.sum((rooted(r) * r) ** 2) < _WORSE * lowest:
+                break
+        x = to
         reached.append(x)
-    return np.mean(reached[(steps + 1) // 2:], axis=0), jacobian
+        difference = np.clip(_SIGMAS * sigma / np.maximum(np.abs(x), 1.0), _SMOOTH_DIFFERENCE, _ROUGH_DIFFERENCE)
 
 
 def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
@@ -167,21 +192,36 @@ def _deviations(records: Sequence[Sequence[Array]], leverages: Sequence[Sequence
     return deviations
 
 
+def _common(influences: Array, time: float) -> Array:
+    """Return the correlation of simultaneous residuals [outputs, rows], over longer than their correlation `time`.
+
+    It is that of sums over rows, which differ by their delays among the outputs, too.
+    """
+    samples = max(min(round(_WINDOW * time), influences.shape[1] // _SUMS), 1)
+    rows = influences.shape[1] // samples * samples
+    sums = influences[:, :rows].reshape(len(influences), -1, samples).sum(axis=2)
+    norms = np.linalg.norm(sums, axis=1)
+    correlation: Array = sums @ sums.T / np.outer(norms, norms).clip(np.finfo(float).tiny)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
+
 def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Stretches]], start: Array, scale: Array,
                  owners: Sequence[int], least_time: float = 1.0, prior: tuple[Array, Array] | None = None,
                  minimise: Callable[..., tuple[Array, Array]] = solve, robust: bool = False,
-                 smooth: Callable[[Array], Sequence[Stretches]] | None = None) -> Fit:
+                 smooth: Callable[[Array], Sequence[Stretches]] | None = None, together: Sequence[int] = ()) -> Fit:
     """Minimise the stretches of residuals, a function of the parameters, the first of which have `names`.
 
     `residuals` maps points [points, parameters] to the stretches of each. `scale` has each parameter's typical size.
     `owners` has the index of each stretch's record: a record's stretches have the same noise. `least_time` [samples] is
     the correlation time of the residuals of white noise. A `prior` has each parameter's mean and 1 sigma, which is
     finite. `minimise` is `solve` or has its arguments and result. The noise is that of the rms residual, or of the
-    median if the fit is to be `robust`. `smooth` is as of `solve`.
-    Raises RecordError if the parameters cannot be determined.
+    median if the fit is to be `robust`, as of `descend`. `smooth` is as of `solve`. Stretches with the same number in
+    `together`, each of its own record, are simultaneous, and their noise may be common: outputs of one unit repeat each
+    other. Raises RecordError if the parameters cannot be determined.
     """
     count = max(owners) + 1
-    weights = np.ones(count)
+    weights, times = np.ones(count), np.ones(count)
     values = start / scale
 
     mean, sigma = prior or (start, np.full(len(start), np.inf))
@@ -194,23 +234,40 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
     def by_record(stretches: Stretches) -> list[list[Array]]:
         return [[each for each, owner in zip(stretches, owners, strict=True) if owner == k] for k in range(count)]
 
+    lengths = [len(r) for r in residuals(values[None] * scale)[0]]
     for _ in range(_PASSES):
-        values, jacobian = minimise(weighted, values, smooth=partial(weighted, by=smooth) if smooth else None)
+        ratios = np.append(np.repeat(np.sqrt(times)[list(owners)], lengths), np.zeros(len(start)))
+        values, jacobian = minimise(weighted, values, smooth=partial(weighted, by=smooth) if smooth else None,
+                                    **({"ratios": ratios} if robust else {}))
         stretches = residuals(values[None] * scale)[0]
-        lengths = [len(r) for r in stretches]
         leverages = np.split(np.sum(np.linalg.qr(jacobian)[0] ** 2, axis=1), np.cumsum(lengths))[:-1]
         deviations = (_deviations(by_record(stretches), by_record(leverages)) if not robust else
                       np.array([median_abs_deviation(np.concatenate(of_one), scale="normal")
                                 for of_one in by_record(stretches)]))
-        times = np.maximum(_times(by_record(stretches), deviations), least_time)
         least = _QUIETEST * float(np.median(deviations)) or 1.0
-        before, weights = weights, 1.0 / (np.maximum(deviations, least) * np.sqrt(times))
-    jacobian[:sum(lengths)] *= np.repeat((weights / before)[list(owners)], lengths)[:, None]  # with the final weights
+        counted = np.maximum(deviations, least)
+        influences, slopes = [r / counted[k] for r, k in zip(stretches, owners, strict=True)], np.ones(count)
+        if robust:
+            slopes = np.array([np.mean((1.0 + np.concatenate(z) ** 2) ** -1.5) for z in by_record(influences)])
+            influences = [z / np.sqrt(1.0 + z**2) for z in influences]
+        times = np.maximum(_times(by_record(influences), np.ones(count)) if robust else
+                           _times(by_record(stretches), deviations), least_time)
+        before, weights = weights, 1.0 / (counted * np.sqrt(times))
+    # With the final weights, and the mean slopes of influences.
+    jacobian[:sum(lengths)] *= np.repeat((weights / before * np.sqrt(slopes))[list(owners)], lengths)[:, None]
     # By singular values: the normal equations would square the condition number of a sixth-order polynomial.
-    _, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
+    left, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
     require(prior or singular.min() > _SINGULAR * singular.max(), "the records leave some combination of the "
             "parameters undetermined: they are too alike, or what they excite is too little; vary speeds, levels and "
             "range more")
     inverse = rows.T / singular
-    covariance = (inverse @ inverse.T) * np.outer(scale, scale)
-    return Fit(names, values * scale, covariance, tuple(stretches), owners, deviations, times)
+    covariance = inverse @ inverse.T
+    parts = np.split(inverse @ left.T, np.cumsum(lengths), axis=1)
+    for group in set(together):
+        members = [k for k, each in enumerate(together) if each == group]
+        sizes = np.sqrt([np.mean(influences[k] ** 2) / slopes[owners[k]] if robust else 1.0 for k in members])
+        common = _common(np.array([influences[k] for k in members]), max(times[owners[k]] for k in members))
+        excess = common * np.outer(sizes, sizes) - np.eye(len(members))
+        of_group = np.array([parts[k] for k in members])
+        covariance += np.einsum("cpt,cd,dqt->pq", of_group, excess, of_group, optimize=True)
+    return Fit(names, values * scale, covariance * np.outer(scale, scale), tuple(stretches), owners, deviations, times)

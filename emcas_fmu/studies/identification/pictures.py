@@ -105,7 +105,7 @@ def comparisons(compared: Sequence[Comparison], fit: Fit) -> Iterator[Drawing]:
             panel.plot(time, simulated, label="simulated")
         legend(axes[0], loc="best")
         yield Drawing(f"{name}, {use}", plot, "Measured and simulated: " + "; ".join(
-            f"{c.variable.name} {c.figures['rms']:.3g} {c.unit} rms, fit {c.figures['fit_percent']:.1f} %"
+            f"{c.variable.name} {c.figures['rms']:.3g} {c.unit} rms, {'constant' if c.constant else f'fit {c.fit} %'}"
             for c in panels_of) + ".")
     series = [(f"{c.record.name} {c.variable.name}", c.record["time"]) for c in compared if not c.held_out]
     relative = tuple(r / (s or 1.0) for r, s in zip(fit.residuals, fit.deviations, strict=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import inf, pi
+from math import pi, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -50,16 +50,34 @@ class Comparison:
         return "held out" if self.held_out else "fitted"
 
     @property
-    def figures(self) -> dict[str, float]:
+    def constant(self) -> bool:
+        """The measured values are all the same."""
+        return not np.ptp(self.measured)
+
+    @property
+    def unexplained(self) -> float:
+        """Error without white noise, which differences of neighbouring samples show, over the measured deviation."""
+        error = self.simulated - self.measured
+        power = float(np.mean(error**2) - 0.5 * np.mean(np.diff(error) ** 2))
+        return 0.0 if self.constant else sqrt(max(power, 0.0)) / float(np.std(self.measured))
+
+    @property
+    def figures(self) -> dict[str, float | None]:
         """Root mean square, mean magnitude and largest magnitude of the error, and the fit [%].
 
-        The fit is 100 (1 - |y - y_m| / |y - mean y|), that of system identification (Ljung 1999, section 16.4).
+        The fit is 100 (1 - |y - y_m| / |y - mean y|), that of system identification (Ljung 1999, section 16.4); None if
+        y is constant.
         """
         error = self.simulated - self.measured
         spread = float(np.linalg.norm(self.measured - self.measured.mean()))
         return {"rms": float(np.sqrt(np.mean(error**2))), "mean_abs": float(np.mean(np.abs(error))),
                 "largest": float(np.abs(error).max()),
-                "fit_percent": 100.0 * (1.0 - float(np.linalg.norm(error)) / spread) if spread else -inf}
+                "fit_percent": 100.0 * (1.0 - float(np.linalg.norm(error)) / spread) if not self.constant else None}
+
+    @property
+    def fit(self) -> str:
+        """The fit in words."""
+        return "constant" if self.constant else f"{self.figures['fit_percent']:.1f}"
 
 
 def read(paths: Sequence[Path], base: ParameterSet,
