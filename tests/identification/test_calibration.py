@@ -18,7 +18,8 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.units import display
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.identification import calibration, estimation
+from emcas_fmu.studies.identification import calibration, estimation, replay
+from emcas_fmu.studies.identification.unknowns import free_parameters
 from emcas_fmu.units import factor
 
 from ..docs.recipes import run_block
@@ -257,6 +258,35 @@ def test_constant_outputs_are_called_that(recorded: tuple[ParameterSet, list[Pat
     text = figures.read_text()
     assert "Infinity" not in text
     assert json.loads(text)["comparisons"][1]["fit_percent"] is None
+
+
+def test_records_that_begin_in_motion_or_elsewhere(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+    base = load_parameters(model="second-order")
+    head, *rows = recorded[1][0].read_text().splitlines()
+    cut = tmp_path / "cut.csv"
+    cut.write_text("\n".join([head, *rows[130:]]), "utf-8")  # 5 ms after a step
+    measured = np.loadtxt(recorded[1][0], delimiter=",", skiprows=1)[130:, head.split(",").index("fin_angle [deg]")]
+    (line,) = (each for each in calibration.calibrate([cut], base, FREE.split(",")).problems if "at rest" in each)
+    rate = float(line.partition("moves at ")[2].split()[0])
+    assert rate == pytest.approx((measured[9] - measured[0]) / (9 * STEP), rel=0.05)  # noise: 0.01 deg of 2
+    # A fin angle that is not compared is still where the fin was at the start.
+    truth = recorded[0].with_values({"fin.start_angle": radians(3.0)})
+    elsewhere = records(truth, ("fin_angle", "fin_rate"), tmp_path, np.random.default_rng(6), 1)
+    result = calibration.calibrate(elsewhere, base, FREE.split(","), compare=["fin_rate"])
+    assert result.problems == []
+    for e in result.estimates:
+        assert abs(e.value - float(truth.values[e.name])) < 4.0 * e.sigma
+
+
+def test_the_number_of_runs_at_once_changes_no_bit(recorded: tuple[ParameterSet, list[Path]],
+                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    base = load_parameters()
+    loaded, outputs = replay.read(recorded[1][:1], base, ["fin_angle"])
+    runs = replay.Replay(base, free_parameters(base, ["inertia.motor"]), loaded, outputs, False)
+    points = np.array([[3e-4, 0.0], [3.2e-4, 0.0], [3.4e-4, 0.01]])
+    before = runs.residuals(points)
+    monkeypatch.setattr(replay, "_MOST", 1)
+    np.testing.assert_array_equal(runs.residuals(points), before)
 
 
 def test_delays_of_channels_are_found(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:

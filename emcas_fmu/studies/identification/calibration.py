@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import inf, sqrt
+from math import degrees, inf, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -133,14 +133,14 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     units = {v.name: v.unit for v in base.actuator.parameters}
     estimates += [replace(e, name=u.follower, unit=units[u.follower]) for u, e in zip(unknown, estimates) if u.follower]
     calibrated = base.with_values({e.name: e.value for e in estimates if e.parameter})
-    comparisons = list(replay.comparisons(calibrated, fit.values, others))
+    comparisons = list(replay.comparisons(fit.values, others))
     at_bound = [u.name for u, x in zip(unknown, fit.values)
                 if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
     return Calibration(
         Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
         _notes(fit, comparisons), lambda: pictures.comparisons(comparisons, fit), calibrated, comparisons,
         _undetermined(fit, unknown), at_bound, search.stopped,
-        [*search.unsettled(), *_poor(comparisons), *_faults(replay, fit)])
+        [*search.unsettled(), *_moving(replay, fit, others), *_poor(comparisons), *_faults(replay, fit)])
 
 
 def _undetermined(fit: Fit, free: Sequence[Unknown]) -> list[tuple[str, ...]]:
@@ -177,8 +177,8 @@ class _Search:
         candidates[1:, :replay.free] = [[u.between(share) for u, share in zip(unknowns, row)] for row in draws]
         try:
             progress("trying starting points", 0, _TRIED + 1)
-            order = np.argsort(np.linalg.norm(self._relative(candidates / self._size), axis=1)).tolist()
-            for k, index in enumerate([0, *(i for i in order if i)][:_TRIED]):
+            costs = [np.linalg.norm(self._relative(each[None])) for each in candidates / self._size]
+            for k, index in enumerate([0, *(i for i in np.argsort(costs).tolist() if i)][:_TRIED]):
                 progress("fitting from starting points", k + 1, _TRIED + 1)
                 point = candidates[index] / self._size
                 for samples in (_MEAN, 1):
@@ -263,6 +263,13 @@ def _require_plausible(replay: Replay, residuals: Stretches, largest: float) -> 
         record.require(1.0 / largest < size / expected < largest, f"{v.name} varies by {size:.3g} {v.unit or '1'} (1 "
                        f"sigma), the simulated one by {expected:.3g}: it was read as {record.units[v.name]}; put the "
                        f"unit that it has into the header, as in {v.name} [{v.unit}]; otherwise give wider bounds")
+
+
+def _moving(replay: Replay, fit: Fit, others: Sequence[Record]) -> Iterator[str]:
+    """Yield records that do not begin at rest."""
+    for record, rate in replay.moving(fit.values, others):
+        yield (f"{record.name}: does not begin at rest, as the simulation does: the fin moves at {degrees(rate):.3g} "
+               "deg/s; cut the file so that it begins at rest")
 
 
 def _poor(comparisons: Sequence[Comparison]) -> Iterator[str]:

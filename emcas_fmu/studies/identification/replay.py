@@ -26,6 +26,9 @@ _ANGLE, _START = "fin_angle", "fin.start_angle"
 _LATEST = 0.02  # [s] largest delay of a measured output
 _FAILED = 1e3  # error of a simulation that fails, in standard deviations of the measurement
 _SMOOTH: Mapping[str, Any] = {"encoder.enabled": False, "transducer.resolution": 0.0}  # without quantisation
+_MOST = 20_000_000  # numbers that are simulated at once: 160 MB
+_FIRST = 10  # rows, from which the rate at the start is estimated
+_CERTAIN, _MOVING = 6.0, 0.1  # sigmas, and share of the fastest rate, of a rate at the start that is reported
 _COPIES, _SPREAD = 8, 1e-4  # starts of which the mean response is compared, and their spread [share of command.limit]
 
 
@@ -106,9 +109,10 @@ def read(paths: Sequence[Path], base: ParameterSet,
 class Replay:
     """Simulates records for many values of the `unknowns` side by side [SI].
 
-    The unknowns are the free parameters, the fin angle at the start of each record if it is measured, and the delay of
-    each output if there are `delays`. `owners` are the indices of record and output of each array of residuals. They
-    are `rough` functions of the parameters if measured angles are quantised.
+    The unknowns are the free parameters, the fin angle at the start of each record if it is compared, and the delay of
+    each output if there are `delays`. A fin angle that is measured and not compared is the start as it is. `owners` are
+    the indices of record and output of each array of residuals. They are `rough` functions of the parameters if
+    measured angles are quantised.
     """
 
     def __init__(self, base: ParameterSet, free: Sequence[Unknown], records: Sequence[Record],
@@ -120,7 +124,7 @@ class Replay:
                                  for r in starts),
                          *(nuisance(f"delay of {v.name}", "s", 0.0, 1e-3, _LATEST) for v in outputs if delays)]
         self.owners = list(product(range(len(records)), range(len(outputs))))
-        self._starts = bool(starts)
+        self._free_start = {r.sha256: self.free + i for i, r in enumerate(starts)}
         index = {v.name: i for i, v in enumerate(base.actuator.parameters)}
         self._columns = [(k, index[name]) for k, f in enumerate(free) for name in (f.name, f.follower)
                          if name in index]
@@ -140,55 +144,72 @@ class Replay:
         are means of responses from several starts close together, or, if `smooth`, responses without quantisation.
         """
         row, offsets = (self._smooth, np.zeros(1)) if smooth else (self._row, self._offsets)
-        parts = [self._of_record(i, points, row, offsets) for i in range(len(self.records))]
+        names = [v.name for v in self.outputs]
+        parts = []
+        for record in self.records:
+            parts.append([simulated - record[name] for name, simulated in zip(
+                names, self._simulated(record, points, names, row, offsets), strict=True)])
+            for name, errors in zip(names, parts[-1], strict=True):
+                errors[~np.isfinite(errors)] = _FAILED * (np.std(record[name]) or 1.0)
         return [[parts[i][j][k] for i, j in self.owners] for k in range(len(points))]
 
-    def _of_record(self, i: int, points: Array, row: Array, offsets: Array) -> list[Array]:
-        """Return the residuals of the outputs of a record, arrays [points, rows]."""
-        record, copies = self.records[i], len(offsets)
-        of_record = [*range(self.free), *([self.free + i] if self._starts else [])]
+    def _simulated(self, record: Record, points: Array, names: Sequence[str], row: Array,
+                   offsets: Array) -> list[Array]:
+        """Return outputs of a record at points, arrays [points, rows], from the parameters of `row`."""
+        start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns else row[self._start])
+        if record.sha256 in self._free_start:
+            start = points[:, self._free_start[record.sha256]]
         # A point that differs in another record's start needs no run of this one.
-        different, run_of = np.unique(points[:, of_record], axis=0, return_inverse=True)
-        different = np.repeat(different, copies, axis=0)
+        different, run_of = np.unique(np.column_stack([points[:, :self.free], start]), axis=0, return_inverse=True)
+        most = max(_MOST // (len(offsets) * len(record) * len(names)), 1)  # at once
+        parts = [self._means(record, part, names, row, offsets)
+                 for part in np.split(different, range(most, len(different), most))]
+        simulated = [np.concatenate(of_name)[run_of.ravel()] for of_name in zip(*parts, strict=True)]
+        if self._delays:
+            delays = dict(zip((v.name for v in self.outputs), points[:, -len(self.outputs):].T, strict=True))
+            simulated = [np.array([_delayed(y, delay, record) for y, delay in zip(of_name, delays[name], strict=True)])
+                         if name in delays else of_name for name, of_name in zip(names, simulated, strict=True)]
+        return simulated
+
+    def _means(self, record: Record, points: Array, names: Sequence[str], row: Array, offsets: Array) -> list[Array]:
+        """Return means of outputs over `offsets` of the start; points are free parameters and the start."""
+        different, copies = np.repeat(points, len(offsets), axis=0), len(offsets)
         sets = np.repeat(row[None], len(different), axis=0)
         for k, column in self._columns:
             sets[:, column] = different[:, k]
-        if self._starts:
-            sets[:, self._start] = different[:, -1]
-        sets[:, self._start] += np.tile(offsets, len(different) // copies)
+        sets[:, self._start] = different[:, -1] + np.tile(offsets, len(points))
         inputs = [record.columns.get(name, np.array(start)) if key is None else different[:, [key]]
                   for name, start, key in self._inputs]
-        names = [v.name for v in self.outputs]
         columns = respond_all(sets, inputs, record.step, names, model=self.base.model).columns
-        residuals = []
-        for j, name in enumerate(names):
-            simulated = columns[name].reshape(-1, copies, len(record)).mean(axis=1)[run_of.ravel()]
-            if self._delays:
-                simulated = np.array([_delayed(y, point[j - len(names)], record) for y, point in zip(
-                    simulated, points, strict=True)])
-            error = simulated - record[name]
-            residuals.append(np.where(np.isfinite(error), error, _FAILED * (np.std(record[name]) or 1.0)))
-        return residuals
+        return [columns[name].reshape(-1, copies, len(record)).mean(axis=1) for name in names]
 
-    def comparisons(self, calibrated: ParameterSet, values: Array, others: Sequence[Record]) -> Iterator[Comparison]:
+    def comparisons(self, values: Array, others: Sequence[Record]) -> Iterator[Comparison]:
         """Yield the outputs of all records and of `others`, held out, which start at the first measured angle.
 
-        They are simulated with the `calibrated` parameters, quantisation included, and the `values` of the unknowns.
+        They are simulated with the `values` of the unknowns, quantisation included.
         """
-        delays = values[-len(self.outputs):] if self._delays else np.zeros(len(self.outputs))
-        for i, record in enumerate((*self.records, *others)):
-            held_out = i >= len(self.records)
-            if self._starts:
-                start = float(record[_ANGLE][0]) if held_out else float(values[self.free + i])
-                calibrated = calibrated.with_values({_START: start})
-            inputs = [record.columns.get(v.name, np.array(float(v.initial(calibrated.values))))
-                      for v in calibrated.actuator.inputs]
-            columns = respond_all(parameter_row(calibrated.values, calibrated.model)[None], inputs, record.step,
-                                  [v.name for v in self.outputs], model=calibrated.model).finished()
-            for v, delay in zip(self.outputs, delays, strict=True):
+        for record in (*self.records, *others):
+            simulated = self._simulated(record, values[None], [v.name for v in self.outputs], self._row, np.zeros(1))
+            for v, (of_output,) in zip(self.outputs, simulated, strict=True):
+                record.require(np.isfinite(of_output).all(), f"cannot be simulated to its end with the values found: "
+                               f"{v.name} is not finite; give narrower bounds")
                 scale = factor(v.unit, display(v)) if display(v) else 1.0
-                yield Comparison(record, v, held_out, record[v.name] * scale,
-                                 _delayed(columns[v.name][0], delay, record) * scale)
+                yield Comparison(record, v, record in others, record[v.name] * scale, of_output * scale)
+
+    def moving(self, values: Array, others: Sequence[Record]) -> Iterator[tuple[Record, float]]:
+        """Yield records that do not begin at rest, as the simulation does, and their fin rate [rad/s] there.
+
+        It is that over the first rows, where the slope of the error shows that a start at rest does not explain it.
+        """
+        for record in (*self.records, *others):
+            if _ANGLE in record.columns:
+                ((simulated,),) = self._simulated(record, values[None], [_ANGLE], self._row, np.zeros(1))
+                measured, time = record[_ANGLE], record.step * np.arange(_FIRST)
+                rate = float(np.polyfit(time, measured[:_FIRST], 1)[0])
+                (error, _), covariance = np.polyfit(time, (measured - simulated)[:_FIRST], 1, cov=True)
+                fastest = float(np.abs(np.diff(simulated)).max()) / record.step
+                if min(abs(rate), abs(error)) > max(_CERTAIN * sqrt(covariance[0, 0]), _MOVING * fastest):
+                    yield record, rate
 
 
 def _delayed(simulated: Array, delay: float, record: Record) -> Array:
