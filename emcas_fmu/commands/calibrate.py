@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated
 
@@ -46,7 +47,8 @@ def calibrate(
     """Find parameters of an actuator with which its simulation follows measurements, and their uncertainty.
 
     The measured inputs drive the actuator; its outputs are compared with the measured ones. Exit code 1: the records do
-    not determine a parameter, a value is at its bound, or a column is clipped or drifts. Ctrl-C ends the fit; the best
+    not determine a parameter, the fit is poor or has not settled, a value is at its bound or far from its prior, or a
+    record has a fault. Ctrl-C ends the fit; the best
     values are shown and written, and the exit code is 130.
     """
     from ..api import calibrate as run
@@ -58,9 +60,10 @@ def calibrate(
     with common.work("calibrate") as step:
         result = run(files, base, names, held_out, compare or (), prior or (), delays, robust, seed, step)
     identify.write(result, parameters, output, report, as_json)
-    identify.show(result, common.table(["record", "use", "output", ">rms", ">mean", ">largest", "unit", ">fit / %"], (
-        [c.record.name, c.use, c.variable.name, *(f"{c.figures[name]:.3g}" for name in ("rms", "mean_abs", "largest")),
-         c.unit, c.fit] for c in result.comparisons), "Error of the calibrated model"))
+    identify.show(result, *(common.table(["output", ">rms", ">mean", ">largest", "unit", ">fit / %"], (
+        [c.variable.name, *(f"{c.figures[name]:.3g}" for name in ("rms", "mean_abs", "largest")), c.unit, c.fit]
+        for c in group), f"Error of the calibrated model: {name}, {use}", whole=range(6))
+        for (name, use), group in groupby(result.comparisons, lambda c: (c.record.name, c.use))))
     common.warn(result.problems)
     common.print_written(output, report, as_json)
     if result.problems:

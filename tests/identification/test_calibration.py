@@ -146,7 +146,8 @@ def test_the_command_writes_what_the_function_returns(recorded: tuple[ParameterS
     done = emcas("calibrate", *paths[:2], "--model", "second-order", "--free", FREE, "--hold-out", paths[2], "-o", file,
                  "--report", page, "--json", figures)
     assert done.exit_code == 0, done.output
-    assert "held out" in done.output
+    assert all(f"{paths[2].name}, held out" in done.output and f" {name} " in done.output  # of 80 columns, unbroken
+               for name in ("fin_angle", "fin_rate", "second_order.natural_frequency"))
     assert str(file) in done.output
     result = api.calibrate(paths[:2], load_parameters(model="second-order"), FREE.split(","), paths[2:])
     document = json.loads(figures.read_text())
@@ -227,8 +228,10 @@ def test_what_is_asked_wrongly_is_refused_first(recorded: tuple[ParameterSet, li
     ):
         with pytest.raises(EmcasError, match=words):
             api.calibrate([path], base, **arguments)
-    with pytest.raises(EmcasError, match="Boolean"):
-        api.calibrate([path], load_parameters(), ["encoder.enabled"])
+    for name, words in (("encoder.enabled", "Boolean"), ("solver.max_tick", "when the model"),
+                        ("controller.sample_time", "when the model"), ("friction.temperature", "give bounds")):
+        with pytest.raises(EmcasError, match=words):
+            api.calibrate([path], load_parameters(), [name])
     with pytest.raises(EmcasError, match="no column of an input"):
         api.calibrate([write(path.parent / "bare.csv", {"time": (np.arange(30.0), "s"), "fin_angle": (np.arange(30.0),
                                                                                                       "deg")})],
@@ -306,6 +309,33 @@ def test_a_prior_counts_as_a_measurement(recorded: tuple[ParameterSet, list[Path
     # Two equally certain values: their mean, with 1/sqrt(2) of the uncertainty, within what linearisation leaves.
     assert told.value == pytest.approx(alone.value + alone.sigma, abs=0.3 * alone.sigma)
     assert told.sigma == pytest.approx(alone.sigma / np.sqrt(2.0), rel=0.1)
+
+
+def test_a_prior_that_records_contradict_is_reported(recorded: tuple[ParameterSet, list[Path]]) -> None:
+    base, path, name = load_parameters(model="second-order"), recorded[1][:1], "second_order.damping"
+    alone = calibration.calibrate(path, base, FREE.split(","))
+    for away, reported in ((1.0, False), (20.0, True)):
+        prior = f"{name}={alone[name].value + away * alone[name].sigma!r}+-{alone[name].sigma!r}"
+        problems = calibration.calibrate(path, base, FREE.split(","), priors=[prior]).problems
+        assert any(name in line and "of its prior" in line for line in problems) == reported
+
+
+def test_temperatures_between_bounds_are_not_ratios() -> None:
+    (unknown,) = free_parameters(load_parameters(), ["friction.temperature=10..50 degC"])
+    assert unknown.between(0.5) == pytest.approx(30.0)
+
+
+def test_columns_are_listed_and_misspelt_ones_named(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(recorded[1][0].read_text().replace("fin_rate", "fin_rates"), "utf-8")
+    base = load_parameters(model="second-order")
+    result = calibration.calibrate([path], base, FREE.split(","))
+    assert "Columns of run.csv: inputs fin_command; compared fin_angle; not used fin_rates." in result.notes
+    (line,) = result.problems
+    assert line.startswith("run.csv: column fin_rates is not used; did you mean fin_rate?")
+    path.write_text(recorded[1][0].read_text().replace("fin_command", "fin_comand"), "utf-8")
+    with pytest.raises(EmcasError, match="did you mean fin_command"):
+        calibration.calibrate([path], base, FREE.split(","))
 
 
 def test_robust_fits_ignore_outliers(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:

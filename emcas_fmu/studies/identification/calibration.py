@@ -25,7 +25,7 @@ from ...support.progress import Progress, silent
 from . import pictures
 from .estimation import SETTLED, Fit, Stretches, descend, solve, weighted_fit
 from .records import Array, Record, require, runs
-from .replay import Comparison, read
+from .replay import Comparison, misspelt, read, use
 from .replay import Replay as Replay
 from .result import Estimate, Experiment, Identification
 from .unknowns import Unknown, free_parameters
@@ -40,9 +40,10 @@ _OPPOSITE = -0.5  # correlation of measured and simulated values that no paramet
 _STILL = 1e-3  # ratio of their deviations, simulated to measured, without an input
 _WIDE, _RATIO = 30.0, 5.0  # the same with a wrong unit, or its inverse, before and after parameters are found
 _FLAT, _BEYOND = 6, 3.0  # equal samples at the extreme, and by how many deviations the simulation exceeds them
-_POOR = 0.1  # share of a measured deviation, without noise, that a good model leaves at most: 1 % of the variance
+_POOR = 0.05  # share of a measured deviation, without noise, that a good model leaves at most; fits of 95 % and more
 _DRIFT, _CERTAIN = 5e-4, 6.0  # smallest relative drift of a clock that is reported; in sigmas
 _OPEN, _PART = 0.5, 0.3  # share of a prior's variance that is left; of the largest effect, of a parameter that is named
+_CONTRADICTED = 4.0  # sigmas: of 10,000 priors one is
 _AT_BOUND = 1e-3  # of the interval between the bounds
 
 
@@ -136,11 +137,13 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     comparisons = list(replay.comparisons(fit.values, others))
     at_bound = [u.name for u, x in zip(unknown, fit.values)
                 if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
+    notes = [*use([*records, *others], base, outputs), *_notes(fit, comparisons)]
+    faults = [*search.unsettled(), *_contradicted(fit, unknown), *_moving(replay, fit, others), *_poor(comparisons),
+              *_faults(replay, fit), *misspelt([*records, *others], base)]
     return Calibration(
         Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
-        _notes(fit, comparisons), lambda: pictures.comparisons(comparisons, fit), calibrated, comparisons,
-        _undetermined(fit, unknown), at_bound, search.stopped,
-        [*search.unsettled(), *_moving(replay, fit, others), *_poor(comparisons), *_faults(replay, fit)])
+        notes, lambda: pictures.comparisons(comparisons, fit), calibrated, comparisons, _undetermined(fit, unknown),
+        at_bound, search.stopped, faults)
 
 
 def _undetermined(fit: Fit, free: Sequence[Unknown]) -> list[tuple[str, ...]]:
@@ -263,6 +266,18 @@ def _require_plausible(replay: Replay, residuals: Stretches, largest: float) -> 
         record.require(1.0 / largest < size / expected < largest, f"{v.name} varies by {size:.3g} {v.unit or '1'} (1 "
                        f"sigma), the simulated one by {expected:.3g}: it was read as {record.units[v.name]}; put the "
                        f"unit that it has into the header, as in {v.name} [{v.unit}]; otherwise give wider bounds")
+
+
+def _contradicted(fit: Fit, free: Sequence[Unknown]) -> Iterator[str]:
+    """Yield parameters of which the records say something else than the prior.
+
+    The estimate is a weighted mean of both, so that its distance from the prior has the variance by which the prior's
+    is above its own.
+    """
+    for u, value, sigma in zip(free, fit.values, fit.sigmas):
+        if u.known and (value - u.mean) ** 2 > _CONTRADICTED**2 * max(u.sigma**2 - sigma**2, 0.01 * u.sigma**2):
+            yield (f"{u.name} = {value:.6g} {u.unit} lies {abs(value - u.mean) / u.sigma:.2g} sigma of its prior from "
+                   f"{u.mean:.6g}, which the records contradict: correct the prior, or look for what the model lacks")
 
 
 def _moving(replay: Replay, fit: Fit, others: Sequence[Record]) -> Iterator[str]:

@@ -59,7 +59,7 @@ def require(condition: object, problem: str) -> None:
 class Record:
     """A file: its `columns` in SI by name, the sample interval `step` [s], and the columns' `units` in the file.
 
-    `quantities` maps the name of a column to its unit in SI and its meaning.
+    `quantities` maps the name of a column to its unit in SI and its meaning; `unused` are other names in the header.
     """
 
     path: Path
@@ -68,6 +68,7 @@ class Record:
     units: Mapping[str, str]
     sha256: str
     quantities: Mapping[str, tuple[str, str]] = field(default_factory=lambda: QUANTITIES)
+    unused: Sequence[str] = ()
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -127,7 +128,7 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str],
         units[name] = unit
     require(len(rows) >= FEWEST_ROWS, f"{path}: has {len(rows)} rows; at least {FEWEST_ROWS} are needed")
     return Record(path, _interval(path, columns["time"]), columns, units, hashlib.sha256(raw).hexdigest(),
-                  quantities)
+                  quantities, [name for cell in header if (name := cell.partition("[")[0].strip()) not in columns])
 
 
 def _located(path: Path, header: Sequence[str], required: Sequence[str], optional: Sequence[str],

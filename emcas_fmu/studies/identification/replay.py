@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from itertools import product
 from math import pi, sqrt
 from pathlib import Path
@@ -26,6 +27,7 @@ _ANGLE, _START = "fin_angle", "fin.start_angle"
 _LATEST = 0.02  # [s] largest delay of a measured output
 _FAILED = 1e3  # error of a simulation that fails, in standard deviations of the measurement
 _SMOOTH: Mapping[str, Any] = {"encoder.enabled": False, "transducer.resolution": 0.0}  # without quantisation
+_ALIKE = 0.8  # of names, above which one is the other misspelt (difflib)
 _MOST = 20_000_000  # numbers that are simulated at once: 160 MB
 _FIRST = 10  # rows, from which the rate at the start is estimated
 _CERTAIN, _MOVING = 6.0, 0.1  # sigmas, and share of the fastest rate, of a rate at the start that is reported
@@ -96,14 +98,37 @@ def read(paths: Sequence[Path], base: ParameterSet,
             raise EmcasError(f"{actuator.name} has no output {name}{hint(name, known)}")
     quantities = {v.name: (v.unit or "1", v.description) for v in (*actuator.inputs, *known.values())}
     records = read_records(paths, compare, list(quantities), {"time": ("s", "time of the sample"), **quantities})
+    hints = "".join(f"; {line}" for line in misspelt(records, base))
     for record in records:
         record.require(any(v.name in record.columns for v in actuator.inputs), "has no column of an input, such as "
-                       f"fin_command [deg]; the inputs are {', '.join(v.name for v in actuator.inputs)}")
+                       f"fin_command [deg]; the inputs are {', '.join(v.name for v in actuator.inputs)}{hints}")
     outputs = [v for v in known.values() if (v.name in compare if compare else
                                              all(v.name in record.columns for record in records))]
     require(outputs, f"{records[0].path}: no output is in every record; the outputs of {actuator.name} are "
-            f"{', '.join(known)}")
+            f"{', '.join(known)}{hints}")
     return records, outputs
+
+
+def misspelt(records: Iterable[Record], base: ParameterSet) -> Iterator[str]:
+    """Yield columns that are not used, whose names are nearly those of inputs or outputs that a record lacks."""
+    for record in records:
+        lacks = [v.name for v in (*base.actuator.inputs, *base.actuator.outputs) if v.name not in record.columns]
+        for name in record.unused:
+            if close := get_close_matches(name, lacks, 1, _ALIKE) if name not in lacks else []:
+                yield f"{record.name}: column {name} is not used; did you mean {close[0]}? Rename it, or leave it out"
+
+
+def use(records: Iterable[Record], base: ParameterSet, outputs: Sequence[Variable]) -> Iterator[str]:
+    """Yield which columns are inputs, which are compared, and which are not used, once for records that are alike."""
+    compared = [v.name for v in outputs]
+    lines: dict[str, list[str]] = {}
+    for record in records:
+        inputs = [v.name for v in base.actuator.inputs if v.name in record.columns]
+        others = [name for name in (*record.columns, *record.unused) if name not in ("time", *inputs, *compared)]
+        lines.setdefault(f"inputs {', '.join(inputs)}; compared {', '.join(compared)}; not used "
+                         f"{', '.join(others) or 'none'}.", []).append(record.name)
+    for line, names in lines.items():
+        yield f"Columns of {', '.join(names)}: {line}"
 
 
 class Replay:

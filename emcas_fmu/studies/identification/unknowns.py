@@ -13,6 +13,8 @@ from ...units import UnitError, quantity
 
 SPREAD = 5.0
 """Ratio of the default bounds of a parameter to its value."""
+# Beginnings of the names of parameters that set at which times samples and ticks are.
+_SCHEDULE = ("solver.", "controller.sample_time", "command.update_time")
 _BOUNDS = re.compile(r"(\S+?)\.\.(\S+)\s*(.*)")
 _PRIOR = re.compile(r"(\S+?)\+-(\S+)\s*(.*)")
 
@@ -23,7 +25,7 @@ class Unknown:
 
     This is a normal distribution of 1 `sigma` about `mean`. Unless a prior says more, that of a parameter is as wide as
     the interval between its bounds: what the records leave open stays near the base set. `follower` is a parameter that
-    is equal to it.
+    is equal to it, `known` says whether a prior is given.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Unknown:
     sigma: float
     size: float
     follower: str = ""
+    known: bool = False
 
     @property
     def start(self) -> float:
@@ -41,8 +44,8 @@ class Unknown:
         return min(max(self.mean, self.lower), self.upper)
 
     def between(self, share: float) -> float:
-        """Return the value at a share of the interval between the bounds; by ratios if both are above 0."""
-        if self.lower > 0.0:
+        """Return the value at a share of the interval between the bounds; by ratios if they are above 0."""
+        if self.lower > 0.0 and self.unit != "degC":  # whose zero is none
             return float(self.lower * (self.upper / self.lower) ** share)
         return self.lower + (self.upper - self.lower) * share
 
@@ -73,7 +76,7 @@ def free_parameters(base: ParameterSet, free: Iterable[str], priors: Iterable[st
             if not found[name].lower <= values[0] <= found[name].upper:
                 raise EmcasError(f"prior {text}: its value is beyond the bounds of {name}, {found[name].lower:.6g} to "
                                  f"{found[name].upper:.6g} {found[name].unit}; correct it, or widen the bounds")
-            found[name] = replace(found[name], mean=values[0], sigma=values[1])
+            found[name] = replace(found[name], mean=values[0], sigma=values[1], known=True)
     for name, other in (pair for names in base.actuator.equal_parameters for pair in (names, names[::-1])):
         if name in found and other not in found and base.values[other] == base.values[name]:
             found[name] = replace(found[name], follower=other)
@@ -87,6 +90,12 @@ def _free(base: ParameterSet, text: str) -> Iterator[Unknown]:
         v, value = entries[name].variable, float(entries[name].value)
         if v.kind != "Real":
             raise EmcasError(f"{name} is of kind {v.kind}; only real numbers can be free")
+        if name.startswith(_SCHEDULE):
+            raise EmcasError(f"{name} sets when the model is computed, and simulations jump with it; set it in a "
+                             "parameter file, and free others")
+        if v.unit == "degC" and not bounds:
+            raise EmcasError(f"{name} is in degC, whose zero says nothing of its size; give bounds, as in "
+                             f"{name}=-40..70 degC")
         lower, upper = bounds or sorted((value / SPREAD, value * SPREAD))
         if len(names) > 1 and not bounds:  # a coefficient may be 0, and change its sign
             upper = SPREAD * max(abs(float(entries[each].value)) for each in names)
