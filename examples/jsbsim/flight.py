@@ -53,6 +53,14 @@ class Manoeuvre:
     turns: tuple[Turn, ...]
     gusts: tuple[Gust, ...] = ()
     gains: Gains = Gains()  # noqa: RUF009 - frozen
+    launch: Launch = Launch()  # noqa: RUF009 - frozen
+
+    def hinged(self, hinge: float) -> Manoeuvre:
+        """Return the manoeuvre with the fins' hinges at a share of the chord."""
+        if hinge == self.launch.hinge:
+            return self
+        return replace(self, title=f"{self.title}; hinges at {100.0 * hinge:g} % of the chord",
+                       launch=replace(self.launch, hinge=hinge))
 
     def wanted(self, time: float, begin: Array) -> Array:
         """Roll, pitch, yaw [rad] wanted at a time [s], shape (3,)."""
@@ -94,7 +102,7 @@ NAMES = (*(f"{n}_rad" for n in ("roll", "pitch", "yaw")), *(f"wanted_{n}_rad" fo
          "line_pressure_pa", "line_flow_m3_s")
 
 
-def fly(actuators: Actuators, manoeuvre: Manoeuvre, step: float, launch: Launch | None = None,
+def fly(actuators: Actuators, manoeuvre: Manoeuvre, step: float,
         progress: Progress | None = None) -> Mapping[str, Array]:
     """Columns `time` [s] and NAMES, one row for each communication point after the first; shape (duration / step,).
 
@@ -106,7 +114,7 @@ def fly(actuators: Actuators, manoeuvre: Manoeuvre, step: float, launch: Launch 
     if every < 1 or abs(ratio - every) > 1e-9 * every:
         raise EmcasError(f"a communication step of {step * 1e3:g} ms does not divide the autopilot's "
                          f"{PERIOD * 1e3:g} ms; take 4, 2, 1, 0.5 ms ...")
-    rocket, autopilot = Rocket(step, launch), Autopilot(manoeuvre.gains)
+    rocket, autopilot = Rocket(step, manoeuvre.launch), Autopilot(manoeuvre.gains)
     state = rocket.state()
     begin = state.attitude
     rows = round(manoeuvre.duration / step)

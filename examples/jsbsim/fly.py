@@ -16,6 +16,7 @@ EPILOG = ("Examples:\n\n  python examples/jsbsim/fly.py --output flight"
           "\n\n  python examples/jsbsim/fly.py --host all --manoeuvre aggressive --actuator stiff --no-convergence"
           "\n\n  python examples/jsbsim/fly.py --fmu My4.fmu --bus-resistance 0.05 --actuator fmu"
           "\n\n  python examples/jsbsim/fly.py --model all --manoeuvre aggressive --no-convergence"
+          "\n\n  python examples/jsbsim/fly.py --model servo --hinge 46 --no-convergence"
           "\n\n  python examples/jsbsim/fly.py --actuator ideal --step 4 --output coarse --format npz")
 
 
@@ -87,6 +88,9 @@ def fly(
     guid: Annotated[str | None, typer.Option(help="Refuse an FMU of another GUID.", metavar="GUID")] = None,
     convergence: Annotated[bool, typer.Option(help="Measure convergence with the communication step (half a "
                                                    "minute).")] = True,
+    hinge: Annotated[float, typer.Option(help="Place of the fins' hinges in % of the chord. The centre of pressure is "
+                                         "at 47 to 49 %: the nearer, the smaller the hinge moments.", min=25.0,
+                                         max=47.0, metavar="PERCENT")] = 41.0,
 ) -> None:
     """Fly a finned rocket in JSBSim with its fins moved by actuators of any model, an ideal or a second-order one.
 
@@ -106,7 +110,7 @@ def fly(
     models = [each for name in model or () for each in (every_model() if name == "all" else (name,))]
     options = Options(chosen(Flown, manoeuvre), chosen(Actuator, actuator), step * 1e-3, fmu,
                       tuple(dict.fromkeys(models)), guid, bus_resistance, bus_voltage, mixing, chosen(Host, host), ssp,
-                      variant, convergence)
+                      variant, convergence, hinge / 100.0)
     with failures():
         if output.exists() and not output.is_dir():
             raise EmcasError(f"{output}: is a file; --output names a folder")

@@ -110,6 +110,7 @@ def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[s
     """
     power = flight["power_w"]
     missed = turn_between(angles(flight), angles(flight, "wanted_"))
+    behind = np.degrees(fins(flight, "command{}_rad") - fins(flight, "fin{}_rad"))
     found = {
         "attitude_error_rms_deg": float(np.sqrt(np.mean(missed**2))),
         "attitude_error_end_deg": float(missed[-1]),
@@ -118,6 +119,8 @@ def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[s
         "lateral_acceleration_largest_m_s2": float(np.hypot(flight["acceleration_y_m_s2"],
                                                             flight["acceleration_z_m_s2"]).max()),
         "fin_angle_largest_deg": float(np.degrees(np.abs(fins(flight, "fin{}_rad")).max())),
+        "fin_error_rms_deg": float(np.sqrt(np.mean(behind**2))),
+        "fin_error_largest_deg": float(np.abs(behind).max()),
         "fin_rate_largest_deg_s": float(np.degrees(np.abs(fins(flight, "fin_rate{}_rad_s")).max())),
         "hinge_moment_largest_n_m": float(np.abs(fins(flight, "hinge{}_n_m")).max()),
         "saturated_percent": float(100.0 * fins(flight, "saturated{}").mean()),

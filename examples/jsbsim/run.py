@@ -20,6 +20,7 @@ from .fmu import BUS_RESISTANCE, VOLTAGE, WIRED, Fmu
 from .masters import VARIANT, InMaster, write_archive
 from .results import FMU, IDEAL, SECOND_ORDER, STIFF, UNDELAYED, WITHOUT_ENCODER, WITHOUT_SSP, Flight, Results, Unit
 from .second_order import SecondOrder, fit, undelayed
+from .vehicle import Launch
 
 Progress = Callable[[str, float], None]
 """Called with what is done now, and its share from 0 to 1."""
@@ -51,6 +52,8 @@ class Options:
     variant: str = NOMINAL
     """Of `ssp`."""
     convergence: bool = True
+    hinge: float = Launch.hinge
+    """Place of the fins' hinges, share of the chord."""
 
 
 def every_model() -> tuple[str, ...]:
@@ -65,12 +68,13 @@ def run(options: Options, folder: Path, progress: Progress) -> Results:
     if options.variant != NOMINAL and options.ssp is None:
         raise EmcasError(f"--variant {options.variant}: is a variant of an archive: give --ssp, too")
     flier = _Flier(options, folder, progress)
-    flights = {name: {each: flier.fly(MANOEUVRES[name], each, flier.makers[each]) for each in flier.actuators}
+    manoeuvres = {name: each.hinged(options.hinge) for name, each in MANOEUVRES.items()}
+    flights = {name: {each: flier.fly(manoeuvres[name], each, flier.makers[each]) for each in flier.actuators}
                for name in options.manoeuvres}
-    masters = {name: flier.in_masters(MANOEUVRES[name], flights[name]) for name in options.manoeuvres
+    masters = {name: flier.in_masters(manoeuvres[name], flights[name]) for name in options.manoeuvres
                if options.masters}
     converged = flier.converge() if options.convergence else {}
-    return Results(options.step, flights, MANOEUVRES, flier.second_order, converged, flier.units, masters)
+    return Results(options.step, flights, manoeuvres, flier.second_order, converged, flier.units, masters)
 
 
 class _Flier:
@@ -187,7 +191,7 @@ class _Flier:
         """Of every actuator but variants, the stiff bus and the model without delay, and of FMUs with exact sensors."""
         names = [a for a in self.actuators if a not in (STIFF, UNDELAYED)]
         names += [each for a in names if (each := WITHOUT_ENCODER.format(a)) in self.makers]
-        manoeuvre = replace(AGGRESSIVE, duration=3.0)
+        manoeuvre = replace(AGGRESSIVE.hinged(self._options.hinge), duration=3.0)
         return {name: measure(self.makers[name], manoeuvre,
                               progress=lambda share, n=name: self._progress(f"convergence {n}", share))  # type: ignore[misc]
                 for name in names}

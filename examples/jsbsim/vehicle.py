@@ -44,6 +44,8 @@ class Launch:
     """Roll, pitch and yaw (true heading) [rad]."""
     body_rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """[rad/s]."""
+    hinge: float = 0.41
+    """Of the fins behind their leading edge, share of the mean chord. The centre of pressure is at 0.477 (Mach 2)."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class Rocket:
         roll, pitch, yaw = map(degrees, chosen.attitude)
         for name, value in {"ic/lat-geod-deg": 40.0, "ic/h-sl-ft": chosen.altitude / FOOT,
                             "ic/u-fps": chosen.speed / FOOT, "ic/phi-deg": roll, "ic/theta-deg": pitch,
-                            "ic/psi-true-deg": yaw}.items():
+                            "ic/psi-true-deg": yaw, "fins/hinge-chord": chosen.hinge}.items():
             fdm[name] = value
         for name, rate in zip("pqr", chosen.body_rates, strict=True):
             fdm[f"ic/{name}-rad_sec"] = rate

@@ -213,3 +213,38 @@ def test_the_page_has_the_figures_of_the_shipped_set(tmp_path: Path) -> None:
     assert found["saturated_percent"] == pytest.approx(printed[3], abs=0.5 + 0.1)
     assert 1e-3 * found["energy_drawn_j"] == pytest.approx(printed[4], abs=0.05)
     assert 1e-3 * found["power_largest_w"] == pytest.approx(printed[5], abs=0.05)
+
+
+@pytest.mark.slow
+def test_what_a_servo_flies_is_that_of_the_page(tmp_path: Path) -> None:
+    """By the page's digits; where the gear sticks and what the backlash lets is a matter of chance, of a tenth at most.
+
+    The gentle manoeuvre with the hinges of the others, the aggressive one with hinges near the centre of pressure.
+    """
+    page = (ROOT / "examples/jsbsim/README.md").read_text(encoding="utf-8")
+    for manoeuvre, hinge in (("gentle", 0.41), ("aggressive", 0.46)):
+        results = run(Options((manoeuvre,), (IDEAL, FMU), models=("servo",), convergence=False, hinge=hinge),
+                      tmp_path, lambda *_: None)
+        ideal, servo = (all_figures(results)[manoeuvre][name] for name in (IDEAL, "servo"))
+        row = re.search(rf"\| {manoeuvre} \| {100.0 * hinge:g} % \| (\d+) N·m \| ([\d.]+)°, ([\d.]+)° \| (\d+)°/s \| "
+                        r"([\d.]+)° \| kept, to ([\d.]+)° \|", page)
+        assert row
+        moment, rms, largest, rate, apart, end = (float(text) for text in row.groups())
+        assert kept(servo)
+        assert ideal["hinge_moment_largest_n_m"] == pytest.approx(moment, abs=0.5)
+        assert servo["fin_error_rms_deg"] == pytest.approx(rms, abs=0.05 + 0.1 * rms)
+        assert servo["fin_error_largest_deg"] == pytest.approx(largest, abs=0.05 + 0.1 * largest)
+        assert servo["fin_rate_largest_deg_s"] == pytest.approx(rate, abs=0.5 + 0.1 * rate)
+        assert servo["attitude_difference_to_ideal_deg"] == pytest.approx(apart, abs=0.05 + 0.1 * apart)
+        assert servo["attitude_error_last_half_second_deg"] == pytest.approx(end, abs=0.05 + 0.1 * end)
+
+
+def test_hinge_moments_are_in_proportion_to_the_distance_to_the_centre_of_pressure() -> None:
+    """By the aircraft's table; the flight of ideal fins is the same, since they do not feel it."""
+    first, second = (flown(Ideal(), SHORT.hinged(hinge)) for hinge in (0.41, 0.46))
+    assert apart(first, second) == 0.0
+    assert 1.75 < first["mach"].min() < first["mach"].max() < 2.0
+    centre = 0.472 + (first["mach"] - 1.75) / 0.25 * 0.005
+    expected = fins(first, "hinge{}_n_m") * (centre - 0.46) / (centre - 0.41)
+    np.testing.assert_allclose(fins(second, "hinge{}_n_m"), expected, rtol=1e-9)  # rounding, a hundredfold by the difference
+    assert SHORT.hinged(SHORT.launch.hinge) is SHORT
