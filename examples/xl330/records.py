@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, pi
 from pathlib import Path
@@ -13,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emcas_fmu.api import EmcasError, ParameterSet, load_parameters, simulate
+from emcas_fmu.api import EmcasError, ParameterSet, load_parameters
+from emcas_fmu.runtime.compiled import parameter_row
+from emcas_fmu.simulation import respond_all
 
 Array = NDArray[np.float64]
 
@@ -23,8 +26,9 @@ WHERE = ("the records are part of Rhoban/bam, \"Better Actuator Models\" (ICRA 2
          "https://github.com/Rhoban/bam: name their files or folder by --records, or the folder by the environment "
          f"variable {FOLDER}")
 DIVISOR = 256.0  # counts of PWM per count of error are the gain over this, by the PWM that the records have
-TILT = 0.0277  # rad, at which the pendulum hangs below the encoder's zero; identified with the set, +-0.003
+TILT = 0.0253  # rad, at which the pendulum hangs below the encoder's zero; identified with the set, +-0.003
 STEP = 1e-3  # s, of the simulation
+TILT_NAME, LATENCY = "attitude.pitch", "command.latency"  # the tilt is an input of the simulation
 _COLUMNS = ("timestamp", "goal_position", "torque_enable", "position")
 
 
@@ -37,6 +41,7 @@ class Record:
     """One run: gain in the firmware's units, pendulum [kg, m], and by stamp [s] goal, enable and position [rad]."""
 
     path: Path
+    sha256: str
     gain: float
     mass: float
     length: float
@@ -50,7 +55,8 @@ class Record:
 def read(path: Path) -> Record:
     """Return a record. Raises EmcasError with file, entry and remedy."""
     try:
-        contents = json.loads(path.read_text(encoding="utf-8"))
+        content = path.read_bytes()
+        contents = json.loads(content)
     except (OSError, ValueError) as error:
         raise EmcasError(f"{path}: is no record: {error}") from error
     if not isinstance(contents, dict) or not isinstance(contents.get("entries"), list):
@@ -66,8 +72,8 @@ def read(path: Path) -> Record:
     if (back := np.flatnonzero(np.diff(time) <= 0.0)).size:
         raise EmcasError(f"{path}: entry {back[0] + 1}: timestamp {time[back[0] + 1]:.6g} is not after the one before; "
                          "sort the entries, or leave out those that repeat")
-    return Record(path, gain, mass, length, str(contents.get("trajectory", "")), time - time[0], goal, enabled != 0.0,
-                  position)
+    return Record(path, hashlib.sha256(content).hexdigest(), gain, mass, length, str(contents.get("trajectory", "")),
+                  time - time[0], goal, enabled != 0.0, position)
 
 
 def _number(path: Path, where: str, entry: Any, name: str) -> float:
@@ -108,24 +114,43 @@ def of_bench(record: Record, base: ParameterSet) -> ParameterSet:
         "command.limit": pi, "fin.stop_angle": pi, "fin.start_angle": float(record.position[0])})
 
 
-def simulated(record: Record, base: ParameterSet, tilt: float) -> Array:
-    """Return the simulated position [rad] at the stamps of a record.
+def simulated(record: Record, base: ParameterSet, changes: Mapping[str, Array | float]) -> Array:
+    """Return the simulated position [rad] at the stamps of a record, of shape [..., stamps].
 
-    The inputs are goal and enable, held between stamps; the start is the first position, at rest. `tilt` [rad] is the
-    angle at which the pendulum hangs, below the encoder's zero.
+    `changes` are values [SI] of parameters over those of `base`, and the tilt of the bench, numbers or arrays of one
+    shape for as many simulations side by side; those that do not end are not a number.
+    The inputs are goal and enable, held between stamps; the start is the first position, at rest.
     """
+    bench = of_bench(record, base)
+    values = {TILT_NAME: TILT, **changes}
+    shape = np.broadcast_shapes(*(np.shape(each) for each in values.values()))
+    names = [v.name for v in bench.actuator.parameters]
+    sets = np.tile(parameter_row(bench.values, MODEL), (*shape, 1))
+    for name in values.keys() - {TILT_NAME}:
+        sets[..., names.index(name)] = values[name]
+    sets = sets.reshape(-1, len(names))
     count = int(np.ceil(record.time[-1] / STEP)) + 1
     grid = np.arange(count) * STEP
     at = np.searchsorted(record.time, grid + 1e-9, side="right") - 1
-    response = simulate(of_bench(record, base), stop=(count - 1) * STEP, step=STEP, fin_command=record.goal[at],
-                        enable=record.enabled[at], attitude__pitch=np.full(count, tilt))
-    position: Array = np.interp(record.time, grid, response["fin_angle"])
-    return position
+    driven = {"fin_command": record.goal[at], "enable": record.enabled[at].astype(float),
+              TILT_NAME: np.tile(np.ravel(np.broadcast_to(values[TILT_NAME], shape))[:, None], (1, count))}
+    inputs = [driven.get(v.name, np.full(count, float(v.initial(bench.values)))) for v in bench.actuator.inputs]
+    angle = respond_all(sets, inputs, STEP, ("fin_angle",), model=MODEL).columns["fin_angle"]
+    before = np.minimum(np.searchsorted(grid, record.time, side="right") - 1, count - 2)
+    share = record.time / STEP - before
+    position: Array = angle[:, before] * (1.0 - share) + angle[:, before + 1] * share
+    return position.reshape(*shape, -1)
 
 
-def error(record: Record, position: Array) -> float:
-    """Return the mean absolute error of a simulated position [rad], in mrad."""
-    return float(1e3 * np.mean(np.abs(position - record.position)))
+def error(record: Record, position: Array) -> Array:
+    """Return the mean absolute error [mrad] of simulated positions [rad], of shape [..., stamps]."""
+    mean: Array = 1e3 * np.mean(np.abs(position - record.position), axis=-1)
+    return mean
+
+
+def value(base: ParameterSet, name: str) -> float:
+    """Return what `simulated` uses without changes: a parameter [SI], or the tilt."""
+    return TILT if name == TILT_NAME else float(base.values[name])
 
 
 def shipped(further: Sequence[Path] = ()) -> ParameterSet:

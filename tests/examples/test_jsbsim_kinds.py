@@ -246,5 +246,6 @@ def test_hinge_moments_are_in_proportion_to_the_distance_to_the_centre_of_pressu
     assert 1.75 < first["mach"].min() < first["mach"].max() < 2.0
     centre = 0.472 + (first["mach"] - 1.75) / 0.25 * 0.005
     expected = fins(first, "hinge{}_n_m") * (centre - 0.46) / (centre - 0.41)
-    np.testing.assert_allclose(fins(second, "hinge{}_n_m"), expected, rtol=1e-9)  # rounding, a hundredfold by the difference
+    # Rounding, a hundredfold by the difference.
+    np.testing.assert_allclose(fins(second, "hinge{}_n_m"), expected, rtol=1e-9)
     assert SHORT.hinged(SHORT.launch.hinge) is SHORT

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from math import nan
@@ -11,7 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from examples.xl330 import compare, records
+from emcas_fmu.api import load_parameters, simulate
+from emcas_fmu.parameters.measured import measured_records
+from examples.xl330 import calibration, compare, records
+from examples.xl330.evolution import minimised
+from tests.docs.recipes import ROOT
 
 GAIN, MASS, LENGTH = 400, 0.49, 0.1
 
@@ -32,7 +37,7 @@ def written(folder: Path, record: Any) -> Path:
 def test_a_record_made_by_the_model_has_no_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = contents()
     run = records.read(written(tmp_path, made))
-    position = records.simulated(run, records.shipped(), records.TILT)
+    position = records.simulated(run, records.shipped(), {})
     assert 0.2 < position[200] < 0.6  # lifts the pendulum against friction
     assert position[-1] < 0.5 * position[240]  # and lets it fall
     for entry, angle in zip(made["entries"], position):
@@ -42,8 +47,10 @@ def test_a_record_made_by_the_model_has_no_error(tmp_path: Path, capsys: pytest.
     found = json.loads(out.read_text(encoding="utf-8"))
     # The record starts at rest as the simulation does: the digits of JSON.
     assert found["mean_abs_error_mrad"] < 1e-6
-    assert found["records"] == [{"file": "record.json", "kp": GAIN, "trajectory": "step", "mean_abs_error_mrad":
-                                 found["mean_abs_error_mrad"]}]
+    assert found["records"] == [{
+        "file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "kp": GAIN, "trajectory": "step",
+        "mean_abs_error_mrad": found["mean_abs_error_mrad"]}]
+    assert (found["calibrated"], found["unseen"]) == ({}, {})
     assert "mean of 1" in capsys.readouterr().out
 
 
@@ -55,9 +62,85 @@ def test_the_error_is_the_mean_of_absolute_ones(tmp_path: Path) -> None:
 def test_a_heavier_pendulum_is_lifted_less(tmp_path: Path) -> None:
     def lifted(mass: float) -> float:
         run = records.read(written(tmp_path, {**contents(200), "mass": mass}))
-        return float(records.simulated(run, records.shipped(), 0.0)[-1])
+        return float(records.simulated(run, records.shipped(), {records.TILT_NAME: 0.0})[-1])
 
     assert lifted(0.2) > lifted(0.49) > lifted(0.9) > 0.0
+
+
+def test_simulations_side_by_side_are_those_of_each(tmp_path: Path) -> None:
+    """To the bit; and at the stamps that are on the grid they are those of `simulate`."""
+    made = contents()
+    for k, entry in enumerate(made["entries"]):
+        entry["timestamp"] = 0.004 * k + 0.001 * (k % 3)
+    run, base = records.read(written(tmp_path, made)), records.shipped()
+    stall, tilt = np.array([0.7, 0.9, 1.1]), np.array([0.0, 0.02, -0.05])
+    both = records.simulated(run, base, {"motor.stall_torque": stall, records.TILT_NAME: tilt})
+    assert len({tuple(row) for row in both}) == 3
+    for row, torque, angle in zip(both, stall, tilt, strict=True):
+        alone = records.simulated(run, base, {"motor.stall_torque": torque, records.TILT_NAME: angle})
+        assert np.array_equal(row, alone)
+    milliseconds = np.round(1e3 * run.time).astype(int)
+    held = np.searchsorted(milliseconds, np.arange(milliseconds[-1] + 1), side="right") - 1
+    bench = records.of_bench(run, base.with_values({"motor.stall_torque": 0.7}))
+    response = simulate(bench, stop=1e-3 * milliseconds[-1], step=records.STEP, fin_command=run.goal[held],
+                        enable=run.enabled[held])
+    np.testing.assert_allclose(both[0], response["fin_angle"][milliseconds], rtol=0, atol=1e-12)  # stamps are rounded
+
+
+def test_the_search_finds_the_bottom_of_a_rough_valley() -> None:
+    """A narrow, curved valley with steps of 0.01: its lowest step; and the edge of the range, of a slope."""
+    bottom = np.array([0.5, -1.0, 0.3, 0.0])
+
+    def cost(points: Any) -> Any:
+        x = points - bottom[:, None]
+        smooth = 10.0 * (x[1] - x[0]) ** 2 + x[0] ** 2 + 5.0 * x[2] ** 2 + (x[3] - x[2] ** 2) ** 2
+        return np.floor(smooth / 0.01) * 0.01
+
+    reports: list[int] = []
+    found = minimised(cost, np.zeros(4), 0.5, 3.0, 60, 16, 1, lambda generation, _: reports.append(generation))
+    assert reports == list(range(1, 61))
+    assert cost(found[:, None])[0] <= 0.01
+    assert np.array_equal(found, minimised(cost, np.zeros(4), 0.5, 3.0, 60, 16, 1))  # of a seed
+    clipped = minimised(lambda points: -points[0], np.zeros(2), 0.5, 3.0, 40, 8, 1)
+    assert clipped[0] == pytest.approx(3.0)
+
+
+def test_a_group_has_no_gain_or_trajectory_twice() -> None:
+    """Of the sixteen published runs without four, which are a group themselves."""
+    def run(trajectory: str, gain: float) -> records.Record:
+        nothing = np.zeros(0)
+        return records.Record(Path(), "", gain, MASS, LENGTH, trajectory, nothing, nothing, nothing > 0, nothing)
+
+    kept = {("sin_time_square", 100.0), ("up_and_down", 200.0), ("sin_sin", 400.0), ("lift_and_drop", 800.0)}
+    every = [(name, gain) for name, _ in sorted(kept) for gain in (100.0, 200.0, 400.0, 800.0)]
+    found = calibration.groups([run(*each) for each in every if each not in kept])
+    assert [len(group) for group in found] == [4, 4, 4]
+    for group in found:
+        assert len({each.gain for each in group}) == len({each.trajectory for each in group}) == 4
+    assert {(each.trajectory, each.gain) for each in calibration.groups([run(*each) for each in every])[0]} == kept
+
+
+@pytest.mark.slow
+def test_a_calibration_finds_what_made_its_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two made records, that swing and stick: followed from the data sheet, also a third, to a fifth of its error."""
+    true = {"motor.stall_torque": 1.0, "motor.no_load_speed": 19.0, "friction.gear_load_rise": 0.6,
+            records.TILT_NAME: 0.02}
+    paths = []
+    for gain, amplitude in ((200, 0.5), (800, 0.9), (400, 0.7)):
+        record = {**contents(500), "kp": gain}
+        for k, entry in enumerate(record["entries"]):
+            entry |= {"goal_position": amplitude * np.sin(0.02 * k) + 0.4 * (k // 100 % 2), "torque_enable": k < 400}
+        paths.append(tmp_path / f"{gain}.json")
+        paths[-1].write_text(json.dumps(record), encoding="utf-8")
+        for entry, angle in zip(record["entries"], records.simulated(records.read(paths[-1]), records.shipped(), true)):
+            entry["position"] = float(angle)
+        record["entries"] = record["entries"][5:]
+        paths[-1].write_text(json.dumps(record), encoding="utf-8")
+    *fitted, third = map(records.read, paths)
+    base = records.shipped()
+    begin = records.error(third, records.simulated(third, base, calibration.typical()))
+    assert begin > 15.0
+    assert calibration.unseen([*fitted, third], base, [third])["400.json"] < begin / 5.0
 
 
 def _without(record: dict[str, Any], name: str) -> dict[str, Any]:
@@ -116,3 +199,40 @@ def test_the_records(tmp_path: Path) -> None:
     assert len(found["records"]) == len(chosen)
     assert (tmp_path / "plot.png").stat().st_size > 10_000
     assert found["mean_abs_error_mrad"] < 30.0  # the target; sticking at another angle changes it by some mrad
+
+
+def test_the_set_names_its_records() -> None:
+    """By hash, as the credibility card reads it; the files, where they are, have these hashes."""
+    path = ROOT / "models/sets/xl330.toml"
+    named = {each.name: each for each in measured_records(path.name, path.read_bytes())}
+    assert len(named) == 12
+    assert all("fitted; position mean absolute error" in each.use for each in named.values())
+    assert {e.variable.name for e in load_parameters("xl330", model="servo").entries if e.source == "identified"} >= (
+        calibration.FREE.keys() - {records.TILT_NAME})
+    try:
+        runs = [records.read(file) for file in records.files(None)]
+    except records.NoRecordsError as error:
+        pytest.skip(str(error))
+    for run in runs:
+        if run.path.name in named:
+            assert run.sha256 == named[run.path.name].sha256
+            off = records.error(run, records.simulated(run, records.shipped(), {}))
+            assert named[run.path.name].use == f"fitted; position mean absolute error {off:.1f} mrad"
+
+
+@pytest.mark.slow
+def test_the_set_is_what_a_calibration_from_the_data_sheet_gives(tmp_path: Path) -> None:
+    """To 1.5 mrad of the error: another processor's rounding is another search, as another seed is."""
+    try:
+        chosen = records.files(None)
+    except records.NoRecordsError as error:
+        pytest.skip(str(error))
+    out = tmp_path / "fit.json"
+    assert compare.main(["--records", *map(str, chosen), "--fit", "--json", str(out)]) == 0
+    found = json.loads(out.read_text(encoding="utf-8"))
+    base, runs = records.shipped(), [records.read(path) for path in chosen]
+    shipped = np.mean([records.error(run, records.simulated(run, base, {})) for run in runs])
+    assert found["mean_abs_error_mrad"] == pytest.approx(shipped, abs=1.5)
+    for name, prior in calibration.FREE.items():
+        near = prior.at(np.array([-1.0, 1.0])) - prior.typical
+        assert near[0] < found["calibrated"][name] - records.value(base, name) < near[1]
