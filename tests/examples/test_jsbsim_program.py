@@ -92,6 +92,7 @@ def test_program_takes_single_units(native: Path, tmp_path: Path) -> None:
     (["--fmu", "no-such.fmu"], "no-such.fmu: there is no such file; build one"),
     (["--model", "worm-gaer"], "model worm-gaer: there is no actuator 'worm-gaer'"),
     (["--host", "omsimulator"], "'omsimulator' is not one of 'fmpy', 'libcosim', 'ecos', 'all'"),
+    (["--hinge", "60"], "Invalid value for '--hinge'"),
     (["--bus-voltage", "0"], "a bus voltage of 0 V: must be above 0"),
     (["--actuator", "ideal", "--step", "3", "--no-convergence"], "does not divide"),
     (["--actuator", "ideal", "-o", str(Path(__file__))], "is a file; --output names a folder"),
