@@ -45,7 +45,7 @@ from . import capabilities, fin_port, positional, stepped
 from .inputs import PlantInputs as PlantInputs
 from .inputs import SampleInputs as SampleInputs
 from .line import LINES, Line
-from .lists import check_lists
+from .lists import check_functions, check_lists
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
 from .positional import complete
@@ -216,6 +216,7 @@ class Actuator:
 
     def __post_init__(self) -> None:
         check_lists(self)
+        check_functions(self)
         for kind, port in (("outputs", fin_port.OUTPUTS), ("parameters", fin_port.PARAMETERS)):
             listed = getattr(self, kind)
             names = {v.name: v for v in listed}

@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from ..errors import EmcasError, declared_in, location
+from ..support.bounded import Endless, bounded
 from ..support.progress import warn
 from ..units import UnitError, to_base
 from . import EXTENSIONS, NAMES
@@ -25,6 +26,7 @@ from .declaration import Actuator
 GROUP = "emcas.actuators"
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 _TURN = radians(360.1)
+LONGEST = 60.0  # [s] of importing a file, and of calling one of its functions with symbols; a second is long
 # Remedies for what Python and NumPy say of a traced value; a pattern is searched in the message, " | " and the line of
 # the file.
 _REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
@@ -34,6 +36,9 @@ _REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
     (r"^int\(\)", "write ops.floor(x)"),
     (r"^float\(\) [^|]*\| .*(?<!\.)\bfloat\(", "leave float() out"),
     (r"__round__", "write ops.floor(x + 0.5)"),
+    (r"not subscriptable \| .*\b(\w+)\[['\"]([\w.]+)['\"]\]", r"write \1.\2"),
+    (r"not subscriptable", "parameters, states and inputs have names, as in p.motor.resistance and x.fin_angle"),
+    (r"tuple index out of range \| .*\b(p(?:\.\w+)+)\[", r"\1 has fewer values, counted from 0"),
     (r"indices must be|as an integer", "a list or a loop needs a fixed number; choose between values by ops.where"),
     (r"\| .*\b(?:np|numpy|math)\.(sin|cos|tan|atan2?|tanh|exp|log|sqrt|fabs|floor|minimum|maximum|clip|where|interp"
      r"|sign|pow)\(", r"use ops.\1"),
@@ -59,8 +64,9 @@ def load_module(path: Path) -> ModuleType:
     sys.modules[name], before = module, set(sys.modules)
     sys.path.insert(0, str(path.parent))
     try:
-        spec.loader.exec_module(module)
-    except Exception as error:
+        with bounded(LONGEST):
+            spec.loader.exec_module(module)
+    except (Exception, Endless) as error:
         del sys.modules[name]
         raise refusal(error, path) from error
     finally:
@@ -132,14 +138,17 @@ def of_function(actuator: Actuator, name: str) -> str:
     return next((each for each in locations if each.startswith(str(actuator.source))), str(actuator.source))
 
 
-def refusal(error: Exception, path: Path) -> EmcasError:
+def refusal(error: BaseException, path: Path) -> EmcasError:
     """Return an error in a user's file, or a module beside it, as one with file, line and, if known, the remedy."""
     frames = [each for each in traceback.extract_tb(error.__traceback__) if Path(each.filename).parent == path.parent]
     file, number, line = (frames[-1].filename, frames[-1].lineno, frames[-1].line) if frames else (path, None, "")
     if isinstance(error, SyntaxError) and error.filename == str(path):
         number = error.lineno
     what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
-    if isinstance(error, TypeError):
+    if isinstance(error, Endless):
+        what = (f"{frames[-1].name if frames else 'the file'} has not ended in {LONGEST:g} s; a loop needs an end that "
+                "is fixed, as in for i in range(10)")
+    if isinstance(error, (TypeError, IndexError)):
         found = ((match, remedy) for pattern, remedy in _REMEDIES if (match := pattern.search(f"{error} | {line}")))
         what += next((f"; {match.expand(remedy)}" for match, remedy in found), "")
     return EmcasError(f"{file}{f', line {number}' if number else ''}: {what}")

@@ -231,14 +231,16 @@ def _latency(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 RULES = (_travel, _room, _start, _latency)
 
 
-def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
+def schedule_rules(tick: Any, delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
     """Return the rules for sampling, from functions of an actuator's longest tick [s] and delay [s], None without."""
-    @rule(f"drive.transport_delay = %.6g s must be at least 0, and at most {LONGEST_DELAY} times "
+    name = "drive.transport_delay" if delay is transport_delay else "transport_delay(ops, p)"
+
+    @rule(f"{name} = %.6g s must be at least 0, and at most {LONGEST_DELAY} times "
           "controller.sample_time = %.6g s")
     def delayed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        delay, period = transport_delay(ops, p), p.controller.sample_time
-        fits = ops.both(delay >= 0.0, delay <= LONGEST_DELAY * period * (1.0 + SLACK))
-        return when(ops, ops.negate(fits)), delay, period
+        lasts, period = delay(ops, p), p.controller.sample_time
+        fits = ops.both(lasts >= 0.0, lasts <= LONGEST_DELAY * period * (1.0 + SLACK))
+        return when(ops, ops.negate(fits)), lasts, period
 
     @rule(f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or lower "
           "controller.sample_time")
@@ -247,4 +249,4 @@ def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[R
         fits = ops.both(period <= MOST_TICKS * longest, longest <= sys.float_info.max)
         return when(ops, ops.negate(fits)), period, longest  # a NaN does not fit
 
-    return (ticks,) if transport_delay is None else (delayed, ticks)
+    return (ticks,) if delay is None else (delayed, ticks)

@@ -1,11 +1,17 @@
-"""Whether what a declaration lists is a list of things."""
+"""Whether the fields of a declaration are lists of things, and functions of the arguments that they are called with."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
+from inspect import signature, unwrap
 from typing import Any
 
 from ..errors import EmcasError
+
+_ARGUMENTS = {"sample": "ops, p, x, inputs", "derivatives": "ops, p, x, u", "step": "ops, p, x, u, h",
+              "output_values": "ops, p, x, u", "as_built": "ops, p", "longest_tick": "ops, p",
+              "transport_delay": "ops, p"}
 
 
 def check_lists(actuator: Any) -> None:
@@ -21,3 +27,23 @@ def check_lists(actuator: Any) -> None:
         if kind.endswith(", ...]") and "tuple[tuple" not in kind and any(type(each) is tuple for each in listed):
             raise EmcasError(f"actuator {actuator.name}: {field.name} has several things in the place of one; write * "
                              "before them, as in *em.FIN and *em.array(...)")
+
+
+def check_functions(actuator: Any) -> None:
+    """Raise EmcasError for a function of a declaration that has other arguments than it is called with."""
+    for name, arguments in _ARGUMENTS.items():
+        if (function := getattr(actuator, name)) is not None:
+            check_arguments(f"actuator {actuator.name}", function, arguments)
+    if len(signature(actuator.initial).parameters) != 4:
+        check_arguments(f"actuator {actuator.name}", actuator.initial, "ops, p, start")
+
+
+def check_arguments(owner: str, function: Callable[..., Any], arguments: str) -> None:
+    """Raise EmcasError for a function that cannot be called with `arguments`, names that are separated by commas."""
+    try:
+        signature(function).bind(*arguments.split(", "))
+    except TypeError:
+        code = getattr(unwrap(function), "__code__", None)
+        place = f"{code.co_name}() in line {code.co_firstlineno}" if code else repr(function)
+        raise EmcasError(f"{owner}: {place} has the arguments {signature(function)}; it is called with ({arguments})"
+                         ) from None

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import wraps
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from ..errors import EmcasError
+from ..errors import EmcasError, hint
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics.loads import LOADS
-from ..steppers.discontinuities import Stop, System
+from ..steppers.discontinuities import Discontinuity, Stop, System
 from . import fin_port
 from .inputs import PlantInputs
+from .lists import check_arguments
 from .positional import complete, identifiers
 from .state import State
 
@@ -40,6 +41,8 @@ def fields(actuator: Actuator) -> dict[str, Any]:
     stops = [] if {_FIN.angle, _FIN.rate} - set(names) or any(
         isinstance(each, Stop) and each.angle == _FIN.angle for each in actuator.discontinuities) else [_FIN]
     try:
+        for each in actuator.discontinuities:
+            _check_values(each, {v.name for v in actuator.parameters})
         system = System(lambda ops, p, x, u: complete(derivatives, derivatives(ops, p, x, u), names),
                         (*actuator.discontinuities, *stops), names)
     except EmcasError as error:
@@ -63,6 +66,16 @@ def fields(actuator: Actuator) -> dict[str, Any]:
 
     found = {"step": system.step, "derivatives": smooth, "output_values": outputs, "discontinuities": ()}
     return found | (_begun(actuator, found) if len(signature(actuator.initial).parameters) == 4 else {})
+
+
+def _check_values(each: Discontinuity, parameters: Collection[str]) -> None:
+    """Raise EmcasError for a torque, gap, value or limit that names no parameter, or has other arguments."""
+    words = f"{type(each).__name__} {each.angle if isinstance(each, Stop) else each.name}"
+    for name, value in vars(each).items():
+        if callable(value):
+            check_arguments(f"{words}, {name}", value, "ops, p, x, u")
+        elif isinstance(value, str) and name not in ("name", "rate", "angle") and value not in parameters:
+            raise EmcasError(f"{words}: {name} {value!r} is no parameter{hint(value, parameters)}")
 
 
 def _begun(actuator: Actuator, found: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,14 @@ _SMALL, _TANH = 0.1, (1.0, -1.0 / 3.0, 2.0 / 15.0, -17.0 / 315.0, 62.0 / 2835.0,
 _MOST = 64  # largest whole exponent that is multiplied out
 
 
+class TableError(ValueError):
+    """The `points` of a table do not rise."""
+
+    def __init__(self, points: Sequence[Value]) -> None:
+        self.points = points
+        super().__init__(f"the points of a table must rise; they are {', '.join(f'{point:g}' for point in points)}")
+
+
 class Derived:
     """See :class:`emcas_fmu.ops.base.Ops`."""
 
@@ -50,7 +58,7 @@ class Derived:
                              "or more")
         numbers = [point for point in points if isinstance(point, (int, float))]
         if len(numbers) == len(points) and any(high <= low for low, high in pairwise(numbers)):
-            raise ValueError(f"the points of a table must increase; they are {', '.join(map(str, points))}")
+            raise TableError(points)
         result = values[0]
         for (low, high), (begin, end) in zip(pairwise(points), pairwise(values)):
             result = self.where(x > low, begin + (x - low) * ((end - begin) / (high - low)), result)

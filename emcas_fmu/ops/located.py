@@ -40,6 +40,7 @@ class LocatedFloats(FloatOps):
     def __init__(self, path: Path) -> None:
         for name in _FUNCTIONS:
             setattr(self, name, partial(_result, path, f"{name}({{:g}})", getattr(FLOATS, name)))
+        setattr(self, "pow", partial(_result, path, "pow({:g}, {:g})", FLOATS.pow))  # noqa: B010 - as those above
 
 
 def _result(path: Path, spelt: str, function: Callable[..., float], *operands: Value) -> LocatedFloat:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import cache, lru_cache, partial
 from typing import Any, TypeVar
 
-from ..actuators import NONLINEAR, fin_port, get, positional
+from ..actuators import NONLINEAR, external, fin_port, get, positional
 from ..actuators.declaration import Actuator, PlantFault, Supply
-from ..actuators.external import of_function, refusal
 from ..actuators.line import drawn
 from ..errors import EmcasError
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..physics.loads import LOADS, MotionLoads
+from ..support.bounded import Endless, bounded
 from ..trace.dependencies import ZERO, Known, dependencies
 from ..trace.python_source import python_source
 from ..trace.repeated import LocatedTracer, require_same
@@ -76,7 +77,7 @@ def _trace(model: str, functions: Collection[Traced]) -> Tracer:
     if actuator.source is None:
         return _filled(Tracer(), actuator, functions)
     tracer, again = (_filled(LocatedTracer(actuator.source), actuator, functions) for _ in range(2))
-    require_same(tracer, again, partial(of_function, actuator))
+    require_same(tracer, again, partial(external.of_function, actuator))
     return tracer
 
 
@@ -85,11 +86,12 @@ def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[Traced]) -> _
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
     for name, arguments, function in functions:
         try:
-            tracer.function(name, arguments, partial(function, tracer, p))
-        except Exception as error:
+            with nullcontext() if actuator.source is None else bounded(external.LONGEST):
+                tracer.function(name, arguments, partial(function, tracer, p))
+        except (Exception, Endless) as error:
             if actuator.source is None or isinstance(error, EmcasError):
                 raise
-            raise refusal(error, actuator.source) from error
+            raise external.refusal(error, actuator.source) from error
     return tracer
 
 

@@ -21,6 +21,7 @@ _REMEDIES = {
     " / 0 =": _NEVER_0,
     " / -0 =": _NEVER_0,
     "sqrt(-": "use ops.sqrt(ops.maximum(x, 0.0))",
+    "pow(-": "use ops.pow(ops.maximum(x, 0.0), y)",
     "log(": "use ops.log(ops.maximum(x, 1e-9))",
     "": "the values have grown without bound: check the signs of the equations, or lower solver.max_tick",
 }

@@ -14,20 +14,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..actuators import capabilities, fin_port, get, parts
-from ..actuators.declaration import Actuator, PlantInputs, SampleInputs
-from ..actuators.external import of_function
+from ..actuators.declaration import Actuator, PlantInputs
+from ..actuators.external import of_function, refusal
 from ..actuators.positional import identifier
-from ..control import command as bus
 from ..errors import EmcasError, declared_in, location
-from ..namespace import Record
+from ..namespace import Record, value_of
 from ..ops.base import Ops, Value
-from ..ops.floats import FLOATS
+from ..ops.derived import TableError
 from ..ops.located import LocatedFloats, located
 from ..parameters import check_parameters
 from ..physics.loads import LOADS
 from ..steppers.events import SwitchedStep
 from ..support.progress import warn
-from . import codegen, diagnosis
+from . import codegen, contradictions, diagnosis
 from .compiled import Array, Tables
 
 _INTERVAL = 1e-3  # of points of time [s]
@@ -68,30 +67,37 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
         return
     at_rest = {v.name: float(np.asarray(x).flat[0]) for v, x in zip(actuator.inputs, inputs, strict=True)}
     at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.MOTION)), 0.0)
-    _require_all_set(get(parts(model)[0]), values, at_rest)  # extensions return all states
-    if isinstance(actuator.step, SwitchedStep):
+    base, extensions = parts(model)
+    try:
+        sampled = contradictions.Sampled(get(base), values, at_rest, _supply(actuator, at_rest))  # extensions set all
+        sampled.require_all_set()
+        if "homing" in extensions:
+            sampled.require_offset()
+        x, rates, shown = _at_rest(actuator, values, at_rest)
+        _require_of_port(actuator, x, shown)
+        names = [s.name for s in actuator.states]
+        seen = _unstable(names, x, rates) if actuator.derivatives is not None else ""
+    except TableError as error:
+        raise _of_table(actuator, values, error) from error
+    if isinstance(actuator.step, SwitchedStep) and not seen:  # values that have grown are rounded
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
         bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step))
         _run(by_floats, model, [values], stepping, _STEP, bind)
     in_time = partial(_run, run, model)
-    x, rates, shown = _at_rest(actuator, values, at_rest)
-    _require_of_port(actuator, x, shown)
-    for vain in [*_in_vain(model)]:
-        warn(vain)
+    for wrong in (*_in_vain(model), *sampled.unsaid(), *contradictions.at_rest(actuator, shown(x))):
+        warn(wrong)
     _tried.add(model)
-    seen = ""
-    if actuator.derivatives is not None:
-        names = [s.name for s in actuator.states]
-        if ignored := _unloaded(names, x, rates):
-            warn(f"{actuator.source}: {ignored}")
-        seen = _unstable(names, x, rates)
+    if actuator.derivatives is not None and (ignored := _unloaded(names, x, rates)):
+        warn(f"{actuator.source}: {ignored}")
     limit = values["command.limit"]
     near = {**values, "fin.start_angle": _NEAR * limit}  # where no drive is at its limit
-    if not check_parameters(near, model) and _differs(near, {**at_rest, fin_port.ENABLE.name: 1.0}, in_time, limit,
-                                                      _BEYOND * limit):
-        warn(f"{actuator.source}: fin_angle follows fin_command beyond command.limit; clip the command, by "
-             "em.fin_port.clipped_command(ops, p, inputs.command)")
-    if _differs(values, {**at_rest, fin_port.ENABLE.name: 0.0}, in_time, 0.0, 0.5 * limit):
+    sound = not check_parameters(near, model)
+    if sound:
+        moved = _moved(near, {**at_rest, fin_port.ENABLE.name: 1.0}, in_time, limit, _BEYOND * limit)
+        if _differ(moved):
+            warn(f"{actuator.source}: fin_angle follows fin_command beyond command.limit; clip the command, by "
+                 "em.fin_port.clipped_command(ops, p, inputs.command)")
+    if _differ(_moved(values, {**at_rest, fin_port.ENABLE.name: 0.0}, in_time, 0.0, 0.5 * limit)):
         warn(f"{actuator.source}: fin_angle follows fin_command while disabled; use inputs.enable in sample(), or "
              "u.enabled in the plant")
     if seen := seen or _moves_away(values, at_rest, points, in_time):
@@ -99,13 +105,16 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
              "motor torque and control")
     elif seen := _starts_elsewhere(actuator, values, at_rest, in_time):
         warn(f"{actuator.source}: {seen}")
+    elif sound:
+        for wrong in contradictions.moving(actuator, near, moved, _INTERVAL, not extensions):
+            warn(wrong)
 
 
 def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mapping[str, float], points: int,
          *bind: Callable[..., Any]) -> Tables:
     rows = np.array([list(values.values()) for values in sets])
     columns = [np.broadcast_to(x, (*np.shape(x)[:-1], points)) for x in inputs.values()]
-    return run(rows, columns, _INTERVAL, ("fin_angle",), model, 1, (), 0.0, *bind)
+    return run(rows, columns, _INTERVAL, contradictions.outputs(get(model)), model, 1, (), 0.0, *bind)
 
 
 def _off(values: Mapping[str, Any]) -> float:
@@ -114,17 +123,18 @@ def _off(values: Mapping[str, Any]) -> float:
 
 
 def _released(values: Mapping[str, Any], inputs: Mapping[str, Any], points: int, run: Callable[..., Tables],
-              command: float = 0.0, enable: float = 1.0) -> Array:
-    """Return the angles [rad] of two fins, released to either side of the centre; `command` is a share of these."""
+              command: float = 0.0, enable: float = 1.0) -> Mapping[str, Array]:
+    """Return outputs of two fins, released to either side of the centre; `command` is a share of their angles."""
     sides = _off(values) * np.array([[1.0], [-1.0]])
     sets = [{**values, "fin.start_angle": angle, "command.resolution": 0.0} for angle in sides.flat]
     acting = {**inputs, fin_port.COMMAND.name: command * sides, fin_port.ENABLE.name: enable}
-    return run(sets, acting, points).columns["fin_angle"]
+    return run(sets, acting, points).columns
 
 
-def _apart(released: Array) -> Array:
+def _apart(released: Mapping[str, Array]) -> Array:
     """Return half the distance [rad] of two fins, where it is finite: that both go to one side is a preload."""
-    one, other = released[:, np.isfinite(released).all(axis=0)]
+    angles = released["fin_angle"]
+    one, other = angles[:, np.isfinite(angles).all(axis=0)]
     apart: Array = np.abs(one - other) / 2.0
     return apart
 
@@ -161,9 +171,11 @@ def _require_of_port(actuator: Actuator, x: Array, shown: Callable[[Array], Mapp
 
 
 def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], run: Run) -> str:
-    """Return in words that a fin does not start at its angle, or leaves it when commanded to stay; "" otherwise."""
+    """Return in words that a fin does not start at its angle, or leaves it or is at a limit when commanded to stay;
+    "" otherwise.
+    """
     held = _released(values, inputs, _STEP, run, command=1.0)
-    off, begun, apart = _off(values), held[0, 0], _apart(held)
+    off, begun, apart = _off(values), held["fin_angle"][0, 0], _apart(held)
     if abs(begun - off) > _ELSEWHERE * off:
         return (f"fin_angle starts at {degrees(begun):.3g} deg for fin.start_angle = {degrees(off):.3g} deg; let "
                 "initial() set the states from start.fin_angle")
@@ -172,6 +184,9 @@ def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Map
     if driven and farthest > _LEAVES * off:
         return (f"fin_angle leaves fin.start_angle = {degrees(off):.3g} deg by {degrees(farthest):.3g} deg, though "
                 "commanded to stay; let initial() set every angle, such as the motor's, from start.fin_angle")
+    if driven and held["saturated"][:, 1:].all():  # no sample has acted at the first point
+        return ("saturated is true all the time, though fin_angle is commanded to stay; `limited` of sample() is above "
+                "0 at a limit, otherwise 0")
     return ""
 
 
@@ -179,18 +194,14 @@ def _supply(actuator: Actuator, inputs: Mapping[str, float]) -> float:
     return inputs[actuator.supply.input.name] if actuator.supply else 0.0
 
 
-def _require_all_set(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]) -> None:
-    """Raise EmcasError for a state of the controllers that no sample sets."""
-    p = actuator.namespace(values)
-    x = Record(**actuator.start(FLOATS, p))
-    at = SampleInputs(command=0.0, enable=True, supply=_supply(actuator, inputs),
-                      position=actuator.position(FLOATS, p, x), encoder_offset=None, ahead=None,
-                      **{identifier(v.name): inputs[v.name] for v in actuator.further_inputs})
-    returned = {*actuator.sample(FLOATS, p, x, at), *bus.STATES}
-    for state in (*actuator.controller_states, *actuator.sampled_states):
-        if state.name not in returned:
-            raise EmcasError(f"{location(actuator.sample)} returns no {state.name}, which nothing else changes: return "
-                             "it, or leave it out of the states")
+def _of_table(actuator: Actuator, values: Mapping[str, Any], error: TableError) -> EmcasError:
+    """Return an error of a table whose points do not rise, with its line and, if its points are parameters, its name.
+    """
+    assert actuator.source is not None
+    p, arrays = actuator.namespace(values), (v.name[:-3] for v in actuator.parameters if v.name.endswith("[0]"))
+    name = next((name for name in arrays if value_of(p, name) == tuple(error.points)), None)
+    remedy = f"; {name}: refuse such values by rules=(em.rising({name!r}, {len(error.points)}),)" if name else ""
+    return EmcasError(f"{refusal(error, actuator.source)}{remedy}")
 
 
 def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
@@ -307,10 +318,16 @@ def _grows(names: Sequence[str], jacobian: Array) -> str:
     return f"the states grow without bound while disabled, e-fold in {1.0 / growth[fastest].real:.3g} s, most {most}"
 
 
-def _differs(values: Mapping[str, Any], inputs: Mapping[str, float], run: Run, *commands: float) -> bool:
-    """Return whether the fin moves in two ways under two commands [rad], from rest and without load."""
+def _moved(values: Mapping[str, Any], inputs: Mapping[str, float], run: Callable[..., Tables], *commands: float
+           ) -> Mapping[str, Array]:
+    """Return how the fin moves under each of two commands [rad], from rest and without load."""
     under = {**inputs, fin_port.COMMAND.name: np.array([commands]).T}
-    one, other = run([values, values], under, _STEP).columns["fin_angle"]
+    return run([values, values], under, _STEP).columns
+
+
+def _differ(moved: Mapping[str, Array]) -> bool:
+    """Return whether the fin moves in two ways."""
+    one, other = moved["fin_angle"]
     return not np.array_equal(one, other, equal_nan=True)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from emcas_fmu.actuators import get
+from emcas_fmu.actuators import external, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference import files
@@ -75,6 +75,19 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
      "ACTUATOR = em.Actuator(", "mass.fin of the fin port is Real [kg], not Real [g]"),
     (("controller_states=(em.State(\"integral\", \"V\"),)", 'controller_states=(em.State("integral", "V"))'),
      "ACTUATOR = em.Actuator(", "controller_states lists things; write a comma behind a single one"),
+    (("def derivatives(ops, p, x, u)", "def derivatives(ops, p, x)"), "ACTUATOR = em.Actuator(",
+     "derivatives() in line 62 has the arguments (ops, p, x); it is called with (ops, p, x, u)"),
+    (("def sample(ops, p, x, inputs)", "def sample(ops, p, x)"), "ACTUATOR = em.Actuator(",
+     "sample() in line 44 has the arguments (ops, p, x); it is called with (ops, p, x, inputs)"),
+    (("def output_values(ops, p, x, u)", "def output_values(ops, p, x, u, y)"), "ACTUATOR = em.Actuator(",
+     "output_values() in line 72 has the arguments (ops, p, x, u, y); it is called with (ops, p, x, u)"),
+    (("    sample=sample,", "    initial=lambda ops, p: {}, sample=sample,"), "ACTUATOR = em.Actuator(",
+     "<lambda>() in line 88 has the arguments (ops, p); it is called with (ops, p, start)"),
+    (("    sample=sample,", '    discontinuities=(em.Coulomb("rub", "fin_rate", "hinge.damp"),), sample=sample,'),
+     "ACTUATOR = em.Actuator(", "Coulomb rub: torque 'hinge.damp' is no parameter; did you mean hinge.damping?"),
+    (("    sample=sample,", '    discontinuities=(em.Limit("v", 1.0, lambda ops, p: 2.0),), sample=sample,'),
+     "ACTUATOR = em.Actuator(", "Limit v, high: <lambda>() in line 88 has the arguments (ops, p); it is called with "
+     "(ops, p, x, u)"),
     (("    sample=sample,", '    rules=em.rising("x", 2), sample=sample,'), "ACTUATOR = em.Actuator(",
      "rules lists things; write a comma"),
     (("parameters=PARAMETERS", 'parameters=(*PARAMETERS, em.array("x", 2, "m", 0.0, 1.0, ""))'),
@@ -96,7 +109,15 @@ def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place:
         assert int(named[1]) == expected
 
 
+_ARRAY = (("PARAMETERS = (", 'PARAMETERS = (*em.array("spring.torque", 3, "N.m", 0.0, 1.0, "torque"),'),
+          ("ESTIMATES = {", 'ESTIMATES = {**{f"spring.torque[{i}]": 0.0 for i in range(3)}, '))
+
+
 @pytest.mark.parametrize(("expression", "remedy"), [
+    ("p.spring.torque[7]", "p.spring.torque has fewer values, counted from 0"),
+    ("x[0]", "parameters, states and inputs have names, as in p.motor.resistance and x.fin_angle"),
+    ("x['fin_angle']", "write x.fin_angle"),
+    ("p['spring.stiffness']", "write p.spring.stiffness"),
     ("demand % 2.0", "write x - y * ops.floor(x / y)"),
     ("demand // 2.0", "write ops.floor(x / y)"),
     ("2.0 ** demand", "write ops.pow(x, y)"),
@@ -115,14 +136,31 @@ def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place:
 ])
 def test_the_remedy_fits(tmp_path: Path, expression: str, remedy: str) -> None:
     path = changed(tmp_path, ("    clipped = ops", f"    {expression}\n    clipped = ops"),
-                   ("from pathlib", "import math\n\nimport numpy as np\nfrom pathlib"))
-    with pytest.raises(EmcasError, match=r"line \d+: TypeError: .*" + re.escape(remedy)):
+                   ("from pathlib", "import math\n\nimport numpy as np\nfrom pathlib"), *_ARRAY)
+    with pytest.raises(EmcasError, match=r"line \d+: (Type|Index)Error: .*" + re.escape(remedy)):
         codegen.traced(model=str(path))
+
+
+@pytest.mark.parametrize(("before", "after", "name"), [
+    ("    clipped = ops", "    while True: pass\n    clipped = ops", "sample"),
+    ("    clipped = ops", "    while True:\n        try: x.integral\n        except Exception: pass\n    clipped = ops",
+     "sample"),
+    ("ESTIMATES = {", "while True: pass\nESTIMATES = {", "<module>"),
+])
+def test_a_loop_that_does_not_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, after: str, name: str
+                                  ) -> None:
+    monkeypatch.setattr(external, "LONGEST", 0.5)
+    path = changed(tmp_path, (before, after))
+    lines = path.read_text(encoding="utf-8").splitlines()
+    loop = next(i for i, line in enumerate(lines, 1) if "while True" in line)
+    with pytest.raises(EmcasError, match=rf"mine\.py, line \d+: {name} has not ended in 0\.5 s; a loop needs") as ended:
+        codegen.traced(model=str(path))
+    assert 0 <= int(re.findall(r", line (\d+)", str(ended.value))[0]) - loop <= 2
 
 
 def test_a_negative_delay(tmp_path: Path) -> None:
     path = changed(tmp_path, ("    sample=sample,", "    transport_delay=lambda ops, p: -0.001,\n    sample=sample,"))
-    with pytest.raises(ParameterError, match=r"drive\.transport_delay = -0\.001 s must be at least 0"):
+    with pytest.raises(ParameterError, match=r"py: transport_delay\(ops, p\) = -0\.001 s must be at least 0"):
         load_parameters(model=str(path))
 
 

@@ -109,6 +109,8 @@ def test_the_guid_follows_the_equations(tmp_path: Path) -> None:
     ("python", '"motor_current": x.current', '"motor_current": ops.sqrt(-0.04 - x.current)',
      "output_values(): sqrt(-0.04) = nan; use ops.sqrt(ops.maximum(x, 0.0))"),
     ("python", "c.kd * x.fin_rate", "ops.log(x.fin_rate)", "sample(): log("),
+    ("python", '"motor_current": x.current', '"motor_current": ops.pow(-1.0 - x.current, 1.5)',
+     "output_values(): pow(-1, 1.5) = nan; use ops.pow(ops.maximum(x, 0.0), y)"),
     ("python", '"motor_current": x.current', '"motor_current": 1e308 * (1e308 * x.current)',
      "= inf; the values have grown without bound"),
 ])
@@ -172,6 +174,32 @@ def test_signs(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, af
     if says:
         assert f"{path}: from rest, without command and load, {says}" in warnings[0]
         assert warnings[0].endswith("; check the signs of stiffness, damping, motor torque and control")
+
+
+def test_a_sign_is_named_before_what_follows_from_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The current grows by itself, until rounding hides how friction acts."""
+    path = changed(tmp_path, ("- p.motor.resistance * x.current", "+ p.motor.resistance * x.current"),
+                   (_DAMPING, "- u.rub"), ("    sample=s", '    discontinuities=(em.Coulomb("rub", "fin_rate", '
+                                           '"hinge.damping"),), sample=s'))
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    (message,) = caplog.messages
+    assert "d(current)/dt rises with current" in message
+
+
+def test_a_table_that_does_not_rise(tmp_path: Path) -> None:
+    """Its line and its name, without a rule."""
+    path = changed(tmp_path, (_SPRING, "- ops.interp(x.fin_angle, p.spring.angle, p.spring.torque)"),
+                   ("PARAMETERS = (", """PARAMETERS = (
+                    *em.array("spring.angle", 3, "rad", -1.0, 1.0, ""),
+                    *em.array("spring.torque", 3, "N.m", 0.0, 1.0, ""),
+                    """), ("ESTIMATES = {", """ESTIMATES = {
+                    **{f"spring.angle[{i}]": (0.0, 0.2, 0.1)[i] for i in range(3)},
+                    **{f"spring.torque[{i}]": 0.0 for i in range(3)},"""))
+    line = path.read_text(encoding="utf-8")[:path.read_text(encoding="utf-8").index("- ops.interp")].count("\n") + 1
+    with pytest.raises(EmcasError, match=re.escape(
+            f"{path}, line {line}: TableError: the points of a table must rise; they are 0, 0.2, 0.1; spring.angle: "
+            "refuse such values by rules=(em.rising('spring.angle', 3),)")):
+        simulate(load_parameters(model=str(path)).values, 0.002, model=str(path))
 
 
 @pytest.mark.parametrize(("after", "says"), [

@@ -1,0 +1,36 @@
+"""A bound of the time of code that may not end by itself."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class Endless(BaseException):
+    """The time is over; no `except Exception` of the code keeps it from ending."""
+
+
+@contextmanager
+def bounded(seconds: float) -> Iterator[None]:
+    """Raise Endless in the block, where it is then, if it lasts longer than this time [s].
+
+    Another thread waits for that, so that the code is not slower. A call of C code, such as time.sleep, ends first.
+    """
+    thread, lock, running = threading.get_ident(), threading.Lock(), [True]
+
+    def end() -> None:
+        with lock:
+            if running:
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(Endless))
+
+    timer = threading.Timer(seconds, end)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        with lock:
+            running.clear()
+        timer.cancel()

@@ -1,0 +1,81 @@
+"""What a sample and the outputs return for the port: a wrong angle, limit or power is seen at the first simulation."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from shutil import copy
+
+import pytest
+
+from emcas_fmu.actuators import EXTENSIONS, NAMES, get
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+from tests.marks import others_slow
+
+from .example import FOLDER, changed
+
+_LIMITED = "ops.where(ops.both(inputs.enable, limited), 1.0, 0.0)"
+_POWER = '"supply_power": voltage(ops, u) * x.current'
+_MEASURED = '"measured_fin_angle": {}, "motor_current": x'
+
+
+@pytest.mark.parametrize(("before", "after", "says"), [
+    (_LIMITED, "1.0", "saturated is true all the time, though fin_angle is commanded to stay"),
+    (_LIMITED, "0.0", "returns limited = 0 where the reference 39 follows the command no further"),
+    (_LIMITED, "demand", "returns limited = -251.551 where the reference -39 follows"),
+    ('"motor_current": x', _MEASURED.format("-u.measured_fin_angle"), "measured_fin_angle is -19.13 deg where fin_an"),
+    ('"motor_current": x', _MEASURED.format("57.3 * u.measured_fin_angle"), "measured_fin_angle is 1096 deg where f"),
+    (_POWER, _POWER.replace("voltage", "-voltage"), "returns a supply_power that adds up to -0.218 J in 0.049 s, in "),
+    (_POWER, _POWER.replace("voltage", "0.5 * voltage"), "adds up to 0.109 J in 0.049 s, in which the motor gets 0.21"),
+    (_POWER, '"supply_power": 0.0 * x.current', "adds up to 0 J in 0.007 s, in which the fin moves with 0.0102 J"),
+    (_POWER, f"{_POWER} - 1e-9", "returns supply_power = -1e-09 W at rest while disabled"),
+    (_POWER, f"{_POWER} + 3.0", ""),
+])
+def test_what_is_seen(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, after: str, says: str) -> None:
+    path = changed(tmp_path, (before, after))
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    assert [says in message and message.startswith(str(path)) for message in caplog.messages] == [True] * bool(says)
+
+
+def test_an_encoder_on_the_motor(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The angle that it reads is not the fin's."""
+    path, text = tmp_path / "mine.py", (FOLDER / "strain_wave.py").read_text(encoding="utf-8")
+    path.write_text(text.replace('_angle": angle', '_angle": x.motor_angle'), encoding="utf-8")
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    (message,) = caplog.messages
+    assert re.search("measured_fin_angle is 199[78] deg where fin_angle is 19.97 deg", message)
+
+
+@pytest.mark.parametrize(("before", "after", "name"), [
+    ("now + start.encoder_offset", "now", "initial"),
+    ("now + inputs.encoder_offset", "now - inputs.encoder_offset", "sample"),
+])
+def test_an_encoder_without_offset(tmp_path: Path, before: str, after: str, name: str) -> None:
+    """It is refused where homing shifts it; without homing nothing depends on it."""
+    geared = Path(__file__).with_name("geared.py")
+    path, text = tmp_path / "mine.py", geared.read_text(encoding="utf-8")
+    assert before in text
+    path.write_text(text.replace(before, after), encoding="utf-8")
+    copy(geared.with_suffix(".toml"), path.with_suffix(".toml"))
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    with pytest.raises(EmcasError, match=rf"mine\.py, line \d+: {name}\(\) returns counts that an encoder_offset of 1"):
+        simulate(load_parameters(model=f"{path}+homing").values, 0.002, kernel="python", model=f"{path}+homing")
+
+
+@pytest.mark.parametrize("name", others_slow(NAMES, lambda name: name == "nonlinear"))
+def test_a_sound_actuator_says_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str) -> None:
+    """The shipped ones, as if they were a user's, with each extension; their other warnings are true."""
+    path = tmp_path / "mine.py"
+    path.write_text("from dataclasses import replace\n\nfrom emcas_fmu.actuators import get\n\n"
+                    f'ACTUATOR = replace(get("{name}"), name="mine")\n', encoding="utf-8")
+    for extension in ("", *(f"+{each}" for each in EXTENSIONS)):
+        try:
+            get(f"{name}{extension}")
+        except EmcasError:
+            continue
+        model = f"{path}{extension}"
+        simulate(load_parameters(model=f"{name}{extension}").values, 0.002, kernel="python", model=model)
+    assert [message for message in caplog.messages
+            if re.search("limited|measured_fin_angle|supply_power|saturated", message)] == []
