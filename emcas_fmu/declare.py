@@ -2,8 +2,10 @@
 
 from .actuators import capabilities, fin_port
 from .actuators.declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply
+from .namespace import Record
 from .rules import rising, rule, when
 from .steppers.discontinuities import Backlash, Coulomb, Limit, Stop
+from .steppers.events import Switched
 from .variables import (
     Terminal,
     array,
@@ -25,10 +27,12 @@ __all__ = [
     "Limit",
     "PlantFault",
     "PlantInputs",
+    "Record",
     "SampleInputs",
     "State",
     "Stop",
     "Supply",
+    "Switched",
     "Terminal",
     "array",
     "boolean_input",

@@ -19,6 +19,8 @@ from ..support.arguments import checked
 from ..support.files import models_directory
 
 if TYPE_CHECKING:  # the help of every command lists the names of models without loading any
+    from collections.abc import Sequence
+
     from ..extensions.declaration import Extension
     from ..variables import Variable
     from .declaration import Actuator
@@ -140,21 +142,27 @@ def _extended(actuator: Actuator, extension: Extension, name: str, extensions: t
 def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = None) -> None:
     """Raise EmcasError, with the actuators that qualify, if one lacks a capability that a purpose needs."""
     chosen = get(name) if actuator is None else actuator
-    for need in needs:
-        if need not in chosen.provides:
-            having = [each for each in NAMES if get(each).provides.issuperset(needs)]
-            raise EmcasError(f"model {name}: {purpose} needs {need}; {chosen.name} "
-                             f"{'has none,' if is_shipped(name) else _not_provided(need)} {', '.join(having)} "
-                             f"{'has' if len(having) == 1 else 'have'}")
+    if missing := [need for need in needs if need not in chosen.provides]:
+        having = [each for each in NAMES if get(each).provides.issuperset(needs)]
+        shown, remedy = missing[:1], f"{chosen.name} has none,"
+        if not is_shipped(name):  # the user may add all of them
+            shown, remedy = missing, f"let {chosen.name} provide {_to_declare(chosen, missing)}"
+        raise EmcasError(f"model {name}: {purpose} needs {', '.join(shown)}; {remedy} {', '.join(having)} "
+                         f"{'has' if len(having) == 1 else 'have'}")
 
 
-def _not_provided(need: str) -> str:
-    """Return the words for a capability that a user's actuator does not provide, with what it requires there."""
+def _to_declare(actuator: Actuator, needs: Sequence[str]) -> str:
+    """Return the names of capabilities, and of variables and states with them that an actuator has not declared."""
     from . import capabilities
 
-    constant = next(key for key, words in vars(capabilities).items() if words == need)
-    declared = (*capabilities.NEEDED_VARIABLES[need], *(f"state {each}" for each in capabilities.NEEDED_STATES[need]))
-    return f"does not provide it (em.capabilities.{constant}{', of ' if declared else ''}{', '.join(declared)});"
+    constants = {words: key for key, words in vars(capabilities).items() if isinstance(words, str)}
+    has = {v.name for v in (*actuator.inputs, *actuator.outputs, *actuator.file_entries)}
+    has |= {f"state {s.name}" for s in (*actuator.states, *actuator.controller_states, *actuator.sampled_states)}
+    of_needs = (name for need in needs for name in (
+        *capabilities.NEEDED_VARIABLES[need], *(f"state {each}" for each in capabilities.NEEDED_STATES[need])))
+    declared = [name for name in dict.fromkeys(of_needs) if name not in has]
+    return (", ".join(f"em.capabilities.{constants[need]}" for need in needs)
+            + (f" and declare {', '.join(declared)}" if declared else "") + ";")
 
 
 def extension_outputs(name: str) -> tuple[Variable, ...]:

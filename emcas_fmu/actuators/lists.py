@@ -34,6 +34,8 @@ def check_functions(actuator: Any) -> None:
     for name, arguments in _ARGUMENTS.items():
         if (function := getattr(actuator, name)) is not None:
             check_arguments(f"actuator {actuator.name}", function, arguments)
+    for rule in (*actuator.rules, *actuator.supply_rules):
+        check_arguments(f"actuator {actuator.name}, rule {rule.message!r}", rule.check, "ops, p, share")
     if len(signature(actuator.initial).parameters) != 4:
         check_arguments(f"actuator {actuator.name}", actuator.initial, "ops, p, start")
 

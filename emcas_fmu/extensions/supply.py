@@ -2,8 +2,9 @@
 
 The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the link's voltage, during a
 step that of mid-step, predicted from the power at the start. The link then supplies the mean power of the step, from
-voltage and current that follow the same exponential. This has second order in the tick; the trip acts at the end of a
-tick. While it is tripped the bridge is open and the controllers are reset, as if enable were false.
+voltage and current that follow the same exponential; if the motor is not stepped by the package's equations, a line.
+This has second order in the tick; the trip acts at the end of a tick. While it is tripped the bridge is open and the
+controllers are reset, as if enable were false.
 
 The link starts at the source's voltage.
 """
@@ -73,6 +74,8 @@ def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
 
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with this supply."""
+    stepped = capabilities.DRIVE_STEP in actuator.provides
+
     def electrical(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Value, Value]:
         """Return motor voltage [V] and current [A]."""
         shown = actuator.plant_outputs(ops, p, x, u)
@@ -86,8 +89,12 @@ def extend(actuator: Actuator) -> Actuator:
         return actuator.sample(ops, p, x, inputs.replace(supply=link, enable=enabled))
 
     def ahead(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Value:
-        """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral."""
+        """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral;
+        without equations of the drive, that of now.
+        """
         voltage, current = electrical(ops, p, x, u)
+        if not stepped:
+            return _mean_power(ops, p, (voltage, current), (voltage, current), 0.0)
         built, mode = mode_of(ops, p, x, u, h)
         final = (mode.source - drive.back_emf(built, x.motor_speed)) / mode.loop
         reached = final + (current - final) * ops.exp(-h / mode.tau)
@@ -109,8 +116,8 @@ def extend(actuator: Actuator) -> Actuator:
         moved, used = actuator.step(ops, p, x, acting, h)
 
         start, end = electrical(ops, p, x, acting), electrical(ops, p, x.replace(**moved), acting)
-        _, mode = mode_of(ops, p, x, acting, h)
-        power = _mean_power(ops, p, start, end, used / mode.tau)
+        ratio = used / mode_of(ops, p, x, acting, h)[1].tau if stepped else 0.0
+        power = _mean_power(ops, p, start, end, ratio)
         link = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
         tripped = supply.tripped(ops, p, link, x.supply_tripped)
         return {**moved, "link_voltage": link, "supply_tripped": ops.where(tripped, 1.0, 0.0)}, used
@@ -142,7 +149,7 @@ def extend(actuator: Actuator) -> Actuator:
 def _mean_power(ops: Ops, p: Any, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
     """Return the mean power [W] of motor and inverter over a step, from motor voltage [V] and current [A] at its ends.
 
-    Both follow an exponential; `ratio` is the step over its time constant.
+    Both follow an exponential; `ratio` is the step over its time constant, 0 for a line.
     """
     (_, first), (_, last) = start, end
     magnitude, _ = course.shares(ops, ratio)
@@ -159,6 +166,5 @@ def _hysteresis(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 EXTENSION = Extension(
     "supply", "source, DC link and brake chopper, inverter losses and under-voltage trip", extend,
-    needs=(capabilities.MOTOR_CURRENT, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
-           capabilities.SCREW_DRIVE, capabilities.DRIVE_STEP),
+    needs=(capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER),
     parameters=lambda actuator: PARAMETERS, outputs=(STATUS, *OUTPUTS), rules=lambda actuator: (_hysteresis,))

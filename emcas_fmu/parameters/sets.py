@@ -18,6 +18,7 @@ import numpy as np
 
 from ..actuators import NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, is_shipped, parts
 from ..actuators.declaration import Actuator
+from ..actuators.external import refusal
 from ..errors import EmcasError, declared_in, hint
 from ..ops.arrays import ARRAYS
 from ..ops.floats import FLOATS
@@ -288,7 +289,12 @@ def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: 
 
 def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> dict[Rule, str]:
     """Return the broken rules with their messages; see `check_combinations`."""
-    return _messages(actuator.all_rules, actuator.namespace(values), warnings)
+    try:
+        return _messages(actuator.all_rules, actuator.namespace(values), warnings)
+    except Exception as error:
+        if actuator.source is None:
+            raise
+        raise refusal(error, actuator.source) from error
 
 
 def _messages(rules: Iterable[Rule], p: Any, warnings: bool) -> dict[Rule, str]:

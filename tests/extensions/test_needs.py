@@ -24,8 +24,10 @@ ACTUATOR = replace(get({base!r}), name="least", provides=frozenset({needs}))
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
 def test_an_extension_asks_for_all_it_uses(extension: str, tmp_path: Path) -> None:
-    # Heat adds an ambient temperature where the actuator has none; this one has, and says so.
-    needs = (*get_extension(extension).needs, *((capabilities.AMBIENT_TEMPERATURE,) if extension == "heat" else ()))
+    # Heat adds an ambient temperature where the actuator has none; this one has, and says so. Without the drive's
+    # equations supply takes voltage and current as lines (tests/own_actuator/test_supply.py).
+    further = {"heat": (capabilities.AMBIENT_TEMPERATURE,), "supply": (capabilities.DRIVE_STEP,)}
+    needs = (*get_extension(extension).needs, *further.get(extension, ()))
     base = STRAIN_WAVE if get(STRAIN_WAVE).provides.issuperset(needs) else "nonlinear"
     path = tmp_path / "least.py"
     path.write_text(LEAST.format(base=base, needs=needs))

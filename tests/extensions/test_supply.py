@@ -305,7 +305,7 @@ def test_kernels_agree(model: str) -> None:
 
 @pytest.mark.parametrize(("model", "missing"), [
     ("linear", "a supply that limits the motor voltage"), ("ozkan", "a supply that limits the motor voltage"),
-    ("second-order", "a motor current")])
+    ("second-order", "a supply that limits the motor voltage")])
 def test_who_cannot_have_it(model: str, missing: str) -> None:
     with pytest.raises(EmcasError, match=f"supply needs {missing}"):
         get(f"{model}+supply")

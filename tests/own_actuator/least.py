@@ -61,13 +61,21 @@ def least(*provided: str) -> Actuator:
     power = real_output("supply_power", "W", "power", 100.0)
     supply = Supply(variables["inputs"][0], power) if variables["inputs"] else None
 
+    def counted(angle: Any, offset: Any) -> Any:
+        """Return the encoder's counts, if there is one."""
+        return {"counts": 1e3 * angle + (0.0 if offset is None else offset)} if capabilities.ENCODER in provided else {}
+
+    def initial(ops: Any, p: Any, start: Any) -> Any:
+        return counted(start.fin_angle, start.encoder_offset)
+
     looped = capabilities.POSITION_LOOP in provided
 
     def sample(ops: Any, p: Any, x: Any, inputs: Any) -> Any:
         command = fin_port.clipped_command(ops, p, inputs.command)
         gain = p.controller.kp if looped else 1.0
         return {"reference": ops.where(inputs.enable, x.fin_angle + gain * (command - x.fin_angle), 0.0),
-                **{state.name: getattr(x, state.name) for state in kept}}
+                **{state.name: getattr(x, state.name) for state in kept},
+                **counted(x.fin_angle, inputs.encoder_offset)}
 
     def derivatives(ops: Any, p: Any, x: Any, u: Any) -> Any:
         torque = fin_port.hinge_torque(ops, p, x.fin_angle, u)
@@ -88,7 +96,7 @@ def least(*provided: str) -> Actuator:
         name="least", title="a lag", states=(*map(State, PORT), *further), controller_states=kept,
         parameters=(*fin_port.PARAMETERS, *variables["parameters"], *((GAIN,) if looped else ())),
         outputs=(*fin_port.OUTPUTS, *variables["outputs"], *((power,) if supply else ())), supply=supply,
-        encoder=encoder, sample=sample, derivatives=derivatives, output_values=output_values,
+        encoder=encoder, initial=initial, sample=sample, derivatives=derivatives, output_values=output_values,
         provides=frozenset(provided))
 
 

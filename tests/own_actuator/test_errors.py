@@ -190,6 +190,17 @@ ACTUATOR = em.Actuator(
         codegen.traced_rules(sound.model)
 
 
+@pytest.mark.parametrize(("check", "says"), [
+    ("lambda ops, p, _: (p.spring.stifness, 1.0)", ", line 88: AttributeError: there is no stifness; did you mean"),
+    ("lambda p: (1.0, 1.0)", ", line 77: actuator direct-drive, rule 'at %g': <lambda>() in line 88 has the arguments "
+     "(p); it is called with (ops, p, share)"),
+])
+def test_a_rule_is_named(tmp_path: Path, check: str, says: str) -> None:
+    path = changed(tmp_path, ("    sample=sample,", f'    rules=(em.rule("at %g")({check}),),\n    sample=sample,'))
+    with pytest.raises(EmcasError, match=re.escape(f"{path}{says}")):
+        load_parameters(model=str(path))
+
+
 @pytest.mark.parametrize(("change", "says"), [
     (("ACTUATOR = ", "MINE = "), ": defines no ACTUATOR"),
     (('"N.m/rad", 0.0', '"N.m/rod", 0.0'), "spring.stiffness: unknown unit 'N.m/rod'; did you mean rad?"),
@@ -248,8 +259,10 @@ def test_a_reference_that_is_missing(tmp_path: Path) -> None:
 
 def test_an_extension_says_what_is_missing() -> None:
     with pytest.raises(EmcasError, match=re.escape(
-            "homing needs a drive whose reference has a limit; direct-drive does not provide it "
-            "(em.capabilities.REFERENCE_LIMIT, of drive.reference_limit); nonlinear, ristanovic")):
+            "homing needs a drive whose reference has a limit, an encoder on motor or fin, a motor current; let "
+            "direct-drive provide em.capabilities.REFERENCE_LIMIT, em.capabilities.ENCODER, em.capabilities."
+            "MOTOR_CURRENT and declare drive.reference_limit, encoder.pulses, encoder.multiplier, encoder.enabled, "
+            "state counts; nonlinear, ristanovic")):
         get(f"{FILE}+homing")
 
 

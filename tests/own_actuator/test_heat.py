@@ -97,7 +97,7 @@ def test_with_faults_over_it(model: str) -> None:
 
 
 def test_what_it_needs(tmp_path: Path) -> None:
-    with pytest.raises(EmcasError, match="heat needs a motor current; direct-drive does not provide it"):
+    with pytest.raises(EmcasError, match=r"heat needs a motor current; let direct-drive provide em\.cap"):
         get(f"{MODEL}+heat")
     path = changed(tmp_path, (PROVIDES, "provides=frozenset({em.capabilities.MOTOR_CURRENT})"))
     assert load_parameters(model=f"{path}+heat").values["friction.temperature"] == 24.0

@@ -66,6 +66,9 @@ _MESSAGES: tuple[tuple[tuple[tuple[str, str], ...], str | None], ...] = (
     ((("    sample=sample,", '    initial=lambda ops, p, start: {"fin_angle": 0.1}, sample=sample,'),), None),
     (((_DAMPING, ""),), None),
     ((('"motor_current": x', '"fin_angle": 57.3 * x.fin_angle, "motor_current": x'),), None),
+    ((('"motor_current": x', '"measured_fin_angle": -u.measured_fin_angle, "motor_current": x'),), None),
+    ((("ops.where(ops.both(inputs.enable, limited), 1.0, 0.0)", "0.0"),), None),
+    ((('"supply_power": voltage', '"supply_power": -voltage'),), None),
     (inverted("ops.fabs(x.fin_angle) - p.fin.stop_angle"), None),
     (((_DAMPING, "- 1e-3 / x.fin_rate"),), None),
     (stepped_by(f"{STATES}, 0.0 * h"), None),
@@ -131,8 +134,7 @@ def test_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One after the other; 1 is a verdict: the shipped requirements are not those of this actuator."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_campaign.toml").write_text(studies.campaign("controller.kp"), encoding="utf-8")
-    (tmp_path / "my_requirements.toml").write_text(
-        studies.tuning("controller.kp", "390 V/rad", "410 V/rad"), encoding="utf-8")
+    (tmp_path / "my_requirements.toml").write_text(block("requirements"), encoding="utf-8")
     for line in commands():
         done = run(line)
         judged = (0, 1) if line.split()[1] in ("validate", "report", "tune") else (0,)

@@ -313,7 +313,7 @@ def test_no_shipped_example_warns(tmp_path: Path, caplog: pytest.LogCaptureFixtu
 
 _SWITCHED = """
 def mode(ops, p, x, u, h):
-    return Record(held=ops.both(ops.fabs(x.fin_angle) >= em.fin_port.stop_edge(p), x.fin_angle * x.fin_rate >= 0.0))
+    return em.Record(held=ops.both(ops.fabs(x.fin_angle) >= em.fin_port.stop_edge(p), x.fin_angle * x.fin_rate >= 0.0))
 
 
 def rates(ops, p, x, u, m):
@@ -335,9 +335,8 @@ def inverted(margin: str) -> tuple[tuple[str, str], ...]:
     """Changes of the example to one that is stepped from event to event, with a `margin` of the stop."""
     return (("\ndef output_values", _SWITCHED.replace("MARGIN", margin)),
             ("    derivatives=derivatives,", "    step=SYSTEM.step(lambda ops, p: p),"),
-            ("ACTUATOR = em.Actuator(", "SYSTEM = Switched(mode, rates, margins, landed)\nACTUATOR = em.Actuator("),
-            ("import emcas_fmu.declare", "from emcas_fmu.namespace import Record\n"
-             "from emcas_fmu.steppers.events import Switched\nimport emcas_fmu.declare"))
+            ("ACTUATOR = em.Actuator(", "SYSTEM = em.Switched(mode, rates, margins, landed)\nACTUATOR = em.Actuator("),
+)
 
 
 @pytest.mark.parametrize(("margin", "sound"), [("p.fin.stop_angle - ops.fabs(x.fin_angle)", True),
