@@ -1,8 +1,9 @@
 /* Steps that end at events: a discrete output changes, or a fin sticks or breaks away. A part of fmi3.c.
  *
- * An event is detected at the end of a tick and then located within it by bisection, with steps from copies of the
- * state, to within the tolerance of communication points. The trajectory is that of one long step, since it does not
- * depend on communication points. An event that begins and ends within one tick is not detected.
+ * An event is detected just after the beginning of a tick, where a sample or a reference acts, or at its end, and then
+ * located by bisection, with steps from copies of the state, to within the tolerance of communication points. The
+ * trajectory is that of one long step, since it does not depend on communication points. A change that begins and ends
+ * between these instants is detected only if a step ends within it.
  */
 #ifndef EMCAS_EVENTS_H
 #define EMCAS_EVENTS_H
@@ -21,19 +22,21 @@ static bool same_situation(const double *a, const double *b)
     return true;
 }
 
-/* Return the time [s from the start] at which to look for an event next, the first of: the end of a fin's tick, about
- * the end of the following one if the current time is that end, the next instant of the fins' line. Sets the shortest
- * tick [s]. */
-static double next_tick(const instance *m, double *shortest)
+/* Return the time [s from the start] at which to look for an event next, the first of: just after the beginning of a
+ * fin's tick, its end, the next instant of the fins' line. Sets the shortest tick [s]. */
+static double next_look(const instance *m, double *shortest)
 {
+    const double slack = m->fins.slack, just_after = 1.5 * slack; /* within the slack, the tick has not begun */
     double next = HUGE_VAL;
     *shortest = HUGE_VAL;
     for (size_t fin = 0; fin < FINS; ++fin) {
         const core_state *core = &m->s.fins.core[fin];
         const core_schedule plan = core_scheduled(m->fins.p[fin], m->fins.c[fin]);
         const double h = core->time.position < (int32_t)plan.before ? plan.h_before : plan.h_after;
-        const double end = core_begun(core, &plan) + h;
-        next = fmin(next, end > m->s.now + m->fins.slack ? end : end + h);
+        const double begin = core_begun(core, &plan), end = begin + h;
+        next = fmin(next, m->s.now <= begin + slack ? begin + just_after
+                          : m->s.now < end - slack  ? end
+                                                    : end + just_after);
         *shortest = fmin(*shortest, fmin(plan.h_before, plan.h_after));
     }
 #if MULTI_FIN_LINE
@@ -57,10 +60,10 @@ static core_result step_to_event(instance *m, double *end, bool *event)
     double before[FMU_OUTPUTS], shortest;
     core_result result = CORE_DONE;
     memcpy(before, m->s.values + OUTPUT_BEGIN, sizeof before);
-    next_tick(m, &shortest);
+    next_look(m, &shortest);
     if (!((*end - m->s.now) / shortest <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
     do { /* once at least, for the outputs' sake */
-        const double next = next_tick(m, &shortest);
+        const double next = next_look(m, &shortest);
         const double from = m->s.now, until = next < *end - m->fins.slack ? next : *end;
         const multi_fin_state kept = m->s.fins;
         result = held_step(m, until);
