@@ -209,7 +209,7 @@ def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Seque
                 if k:
                     now = core.run(k * step, acting)
                 if k % held == 0:
-                    acting = codegen.core_inputs(core, table[k // held].tolist(), model)
+                    acting = codegen.core_inputs(core, table[k // held].tolist(), actuator)
                 if k == 0:
                     now = core.outputs(acting)
                 if springs[run] and k % held == 0:

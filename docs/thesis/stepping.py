@@ -21,13 +21,13 @@ class SteppedUnit:
 
     def __init__(self, values: Mapping[str, Any], step: float, model: str = NONLINEAR,
                  inputs: Mapping[str, float] | None = None) -> None:
-        actuator = get(model)
+        self._actuator = actuator = get(model)
         self._core: Any
         if library.available(model):
             self._core = compiled.CompiledCore(values, model)  # which checks the parameters itself
         else:
             self._core = codegen.core(values, model)
-        self._model, self._step = model, step
+        self._step = step
         self._row = [v.initial(values) for v in actuator.inputs]
         self._inputs = {v.name: i for i, v in enumerate(actuator.inputs)}
         self._names = tuple(v.name for v in actuator.outputs)
@@ -37,7 +37,7 @@ class SteppedUnit:
     def _set(self, inputs: Mapping[str, float]) -> None:
         for name, value in inputs.items():
             self._row[self._inputs[name]] = value
-        self._acting = codegen.core_inputs(self._core, self._row, self._model)
+        self._acting = codegen.core_inputs(self._core, self._row, self._actuator)
 
     def index(self, output: str) -> int:
         """Return the index of an output in `now` and in the result of `run`."""

@@ -17,7 +17,7 @@ from ..physics.loads import LOADS, MotionLoads
 from ..support.bounded import Endless, bounded
 from ..trace.dependencies import ZERO, Known, dependencies
 from ..trace.python_source import python_source
-from ..trace.repeated import LocatedTracer, require_same
+from ..trace.repeated import LocatedTracer, changed, same
 from ..trace.tracer import Tracer
 from ..variables import Variable
 from . import schedule
@@ -74,11 +74,11 @@ def _trace(model: str, functions: Collection[Traced]) -> Tracer:
     results differ.
     """
     actuator = get(model)
-    if actuator.source is None:
-        return _filled(Tracer(), actuator, functions)
-    tracer, again = (_filled(LocatedTracer(actuator.source), actuator, functions) for _ in range(2))
-    require_same(tracer, again, partial(external.of_function, actuator))
-    return tracer
+    tracer = _filled(Tracer(), actuator, functions)
+    if actuator.source is None or same(tracer, again := _filled(Tracer(), actuator, functions)):
+        return tracer
+    located = _filled(LocatedTracer(actuator.source), actuator, functions)  # slower, for the message only
+    raise changed(again if same(tracer, located) else tracer, located, partial(external.of_function, actuator))
 
 
 def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[Traced]) -> _Kind:
@@ -207,9 +207,9 @@ def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: s
     return MultiFin(each, line, line_start(actuator), power_place(actuator), sizes(actuator))
 
 
-def core_inputs(core: Any, row: Sequence[Any], model: str = NONLINEAR) -> Inputs:
+def core_inputs(core: Any, row: Sequence[Any], actuator: Actuator) -> Inputs:
     """Return the inputs of a core, in Python or compiled, from a row of its actuator's inputs."""
-    return inputs_of(row, core.motion_loads(*row[MOTION]), len(fin_port.MOTION), get(model).supply is not None)
+    return inputs_of(row, core.motion_loads(*row[MOTION]), len(fin_port.MOTION), actuator.supply is not None)
 
 
 def inputs_at_rest(command: float, aero_torque: float, supply: float, enable: bool = True, *further: float) -> Inputs:

@@ -11,6 +11,7 @@ from ..actuators import get
 from ..actuators.declaration import Actuator
 from ..actuators.external import of_function
 from ..ops.base import Value
+from ..ops.floats import FLOATS, FloatOps
 from ..ops.located import LocatedFloats, located
 from . import codegen
 from .core import ROUNDED, Functions
@@ -27,16 +28,18 @@ _REMEDIES = {
 }
 
 
-def functions(values: Mapping[str, Any], model: str, several: bool = False, actuator: Actuator | None = None
-              ) -> Functions:
+def functions(values: Mapping[str, Any], model: str, several: bool = False, actuator: Actuator | None = None,
+              follow: bool = True) -> Functions:
     """Return the functions of a user's actuator, or of a changed copy, with these parameters.
 
-    They raise ArithmeticError with file, line and remedy where a value is not finite, or a step takes no time.
+    They raise ArithmeticError with file, line and remedy where a value is not finite, or a step takes no time. Unless
+    they `follow` numbers they are faster, and raise ArithmeticError or ValueError also at an unused quotient by 0.
     """
     actuator = actuator or get(model)
     assert actuator.source is not None
-    ops, of_file = LocatedFloats(actuator.source), partial(located, path=actuator.source)
-    p = actuator.namespace({name: of_file(value) for name, value in values.items()})
+    ops: FloatOps = LocatedFloats(actuator.source) if follow else FLOATS
+    number = partial(located, path=actuator.source) if follow else float
+    p = actuator.namespace({name: number(value) for name, value in values.items()})
     states, controllers, sampled = ([s.name for s in each] for each in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
     names = {"initial": [*states, *controllers, "measured_fin_angle", *sampled],
@@ -44,7 +47,7 @@ def functions(values: Mapping[str, Any], model: str, several: bool = False, actu
              "step": states, "outputs": [v.name for v in actuator.outputs]}
 
     def checked(name: str, function: Callable[..., tuple[Value, ...]], *arguments: float) -> tuple[Value, ...]:
-        results = function(ops, p, *map(of_file, arguments))
+        results = function(ops, p, *map(number, arguments))
         for of_result, value in zip(names.get(name, ()), results, strict=False):
             if not isfinite(value):
                 origin = getattr(value, "origin", "") or of_function(actuator, name)

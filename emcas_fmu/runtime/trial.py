@@ -81,8 +81,10 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
         raise _of_table(actuator, values, error) from error
     if isinstance(actuator.step, SwitchedStep) and not seen:  # values that have grown are rounded
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
-        bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step))
-        _run(by_floats, model, [values], stepping, _STEP, bind)
+        for follow in (False, True):  # followed numbers need four times as long, but may be infinite where unused
+            bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step), follow=follow)
+            if not _run(by_floats, model, [values], stepping, _STEP, bind).failures:
+                break
     in_time = partial(_run, run, model)
     for wrong in (*_in_vain(model), *sampled.unsaid(), *contradictions.at_rest(actuator, shown(x))):
         warn(wrong)

@@ -22,20 +22,24 @@ class LocatedTracer(Tracer):
         return super()._new(fixed)
 
 
-def require_same(tracer: LocatedTracer, again: LocatedTracer, of_function: Callable[[str], str]) -> None:
-    """Raise EmcasError, with file, line and function, if two traces of the same functions are not the same program.
+def same(tracer: Tracer, again: Tracer) -> bool:
+    """Return whether two traces of the same functions are the same program."""
+    one, other = (repr((each.prologue, [(f.block, f.results) for f in each.functions])) for each in (tracer, again))
+    return one == other
+
+
+def changed(tracer: Tracer, located: LocatedTracer, of_function: Callable[[str], str]) -> EmcasError:
+    """Return the error, with file, line and function, for two traces of the same functions that are not the same.
 
     `of_function` returns the location of a function of the program, for values that are not computed in the file.
     """
-    before, after = _operations(tracer), _operations(again)
-    changed = min((i for i in {*before, *after} if before.get(i) != after.get(i)), default=None)
-    place = "" if changed is None else (again if changed in after else tracer).places[changed]
-    function = next((one.name for one, other in zip(tracer.functions, again.functions, strict=True)
+    before, after = _operations(tracer), _operations(located)
+    index = min((i for i in {*before, *after} if before.get(i) != after.get(i)), default=None)
+    place = located.places[index] if index in after else ""
+    function = next((one.name for one, other in zip(tracer.functions, located.functions, strict=True)
                      if repr((one.block, one.results)) != repr((other.block, other.results))), "")
-    if changed is not None or function:
-        raise EmcasError(f"{place or of_function(function)} is not the same when it is called again: random numbers, "
-                         "clocks and variables that change would be constants of the FMU; use states, parameters and "
-                         "inputs")
+    return EmcasError(f"{place or of_function(function)} is not the same when it is called again: random numbers, "
+                      "clocks and variables that change would be constants of the FMU; use states, parameters and inputs")
 
 
 def _operations(tracer: Tracer) -> dict[int, str]:

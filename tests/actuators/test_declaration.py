@@ -378,12 +378,12 @@ def test_direct_inputs_are_those_that_change_an_output_at_once(model: str) -> No
     said = codegen.direct_inputs(model)
     for k in range(1, 30):
         row[names.index("fin_command")] = 0.2 * sin(0.5 * k)
-        core.run(2e-3 * k, codegen.core_inputs(core, row, model))
-        base = core.outputs(codegen.core_inputs(core, row, model))
+        core.run(2e-3 * k, codegen.core_inputs(core, row, actuator))
+        base = core.outputs(codegen.core_inputs(core, row, actuator))
         for i, v in enumerate(actuator.inputs):
             changed = list(row)
             changed[i] = not row[i] if v.kind == "Boolean" else row[i] + rng.normal() * (20.0 if row[i] else 1.0)
-            now = core.outputs(codegen.core_inputs(core, changed, model))
+            now = core.outputs(codegen.core_inputs(core, changed, actuator))
             moved = {o.name for o, a, b in zip(actuator.outputs, base, now, strict=True) if a != b}
             assert all(v.name in said.get(name, ()) for name in moved), (v.name, moved)
 

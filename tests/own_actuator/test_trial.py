@@ -78,6 +78,7 @@ _IMPURE = "import random\nfrom itertools import count\nfrom pathlib"
 @pytest.mark.parametrize(("before", "after", "name"), [
     ("- p.hinge.damping * x.fin_rate", "- random.random() * x.fin_rate", "derivatives"),
     ("- p.hinge.damping * x.fin_rate", "- next(COUNTER) * x.fin_rate", "derivatives"),
+    ("- p.hinge.damping * x.fin_rate", "- (2.0 if next(COUNTER) else 1.0) * x.fin_rate", "derivatives"),  # once only
     ("c.kd * x.fin_rate", "c.kd * (next(COUNTER) + p.hinge.damping)", "sample"),
     ('"motor_current": x.current', '"motor_current": random.random() + 0.0 * x.current', "output_values"),
     ('"motor_current": x.current', '"motor_current": random.random()', "output_values"),

@@ -80,7 +80,7 @@ def _arguments(actuator: Actuator, values: Mapping[str, Any], draw: random.Rando
     period, _, _, _, *ticks = core.schedule[:6]
     for count in range(PERIODS):
         row = [_input(v, values, draw) for v in actuator.inputs]
-        acting = codegen.core_inputs(core, row, actuator.name)
+        acting = codegen.core_inputs(core, row, actuator)
         try:
             core.run((count + 1) * period, acting)
         except (ArithmeticError, ValueError):

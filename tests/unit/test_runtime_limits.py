@@ -23,7 +23,7 @@ def at_rest(model: str, **changes: Any) -> tuple[Any, tuple[Any, ...], Mapping[s
     p = load_parameters(model=model).with_values(changes)
     core = codegen.core(p.values, model)
     row = [v.initial(p.values) for v in p.actuator.inputs]
-    return core, codegen.core_inputs(core, row, model), p.values
+    return core, codegen.core_inputs(core, row, p.actuator), p.values
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -86,7 +86,7 @@ def test_a_state_of_several_fins(model: str) -> None:
     line = () if supply is None else (0.02, 1e-3)
     fins = codegen.multi_fin([values] * 2, line, model)
     row = [v.initial(values) for v in get(model).inputs]
-    inputs = [codegen.core_inputs(core, row, model) for core in fins.cores]
+    inputs = [codegen.core_inputs(core, row, get(model)) for core in fins.cores]
     of_line, instant, states = fins.state
     assert fins.unsound(fins.state, 0.0, inputs[0]) == ""
     for made, said in (((of_line, instant), "number of values"), ([of_line, instant, states], "number of values"),
