@@ -15,7 +15,7 @@ from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..physics.loads import LOADS, MotionLoads
 from ..support.bounded import Endless, bounded
-from ..trace.dependencies import ZERO, Known, dependencies
+from ..trace.dependencies import ZERO, Known, dependencies, of_parameters
 from ..trace.python_source import python_source
 from ..trace.repeated import LocatedTracer, changed, same
 from ..trace.tracer import Tracer
@@ -126,11 +126,11 @@ def used(model: str) -> dict[str, frozenset[str]]:
     further = (*(_of_line(actuator.supply)[-1:] if actuator.supply else ()), *map(of_fault, actuator.faults))
     result: dict[str, frozenset[str]] = {}
     for tracer in (traced(False, model), traced_rules(model), _trace(model, further)):
-        parameters = {key: Known(names=frozenset({key})) for _, key in tracer.parameters}
+        fixed = of_parameters(tracer, {key: Known(names=frozenset({key})) for _, key in tracer.parameters})
         for function in tracer.functions:
             arguments = [Known(names=frozenset({name})) for name in function.arguments]
             result[function.name] = frozenset().union(*(
-                known.names for known in dependencies(tracer, function.name, arguments, parameters)))
+                known.names for known in dependencies(tracer, function.name, arguments, fixed)))
     return result
 
 
@@ -148,7 +148,8 @@ def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
 def initial_values(model: str) -> Mapping[str, Known]:
     """Return the bounds and dependencies of each output's initial value, by name."""
     actuator = get(model)
-    initial = dependencies(traced(False, model), "initial", (), _known(actuator.parameters))
+    tracer = traced(False, model)
+    initial = dependencies(tracer, "initial", (), of_parameters(tracer, _known(actuator.parameters)))
     plant, kept = len(actuator.states), len(actuator.controller_states)
     # A core (core.py) starts without a reference on its way and without an active limit.
     measured, *held = initial[plant + kept:]
@@ -158,12 +159,12 @@ def initial_values(model: str) -> Mapping[str, Known]:
 def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
     """Return the bounds and dependencies of each output from those of the states."""
     actuator, tracer = get(model), traced(False, model)
-    inputs, parameters = _known(actuator.inputs), _known(actuator.parameters)
-    motion_loads = dependencies(tracer, "motion_loads", [inputs[v.name] for v in fin_port.MOTION], parameters)
+    inputs, fixed = _known(actuator.inputs), of_parameters(tracer, _known(actuator.parameters))
+    motion_loads = dependencies(tracer, "motion_loads", [inputs[v.name] for v in fin_port.MOTION], fixed)
     outputs = dependencies(tracer, "outputs", (
         *states, inputs["fin_command"], inputs["aero_torque"], *motion_loads,
         ZERO if actuator.supply is None else inputs[actuator.supply.input.name], inputs["enable"],
-        *(inputs[v.name] for v in actuator.acting_inputs)), parameters)
+        *(inputs[v.name] for v in actuator.acting_inputs)), fixed)
     return {v.name: known for v, known in zip(actuator.outputs, outputs, strict=True)}
 
 

@@ -28,13 +28,20 @@ ZERO = Known(0.0, 0.0)
 _Bounds = tuple[float, float]
 
 
-def dependencies(tracer: Tracer, name: str, arguments: Sequence[Known], parameters: Mapping[str, Known]
-                 ) -> list[Known]:
-    """Return the bounds and dependencies of the results of a function; all its values are assumed to be finite."""
-    (function,) = (f for f in tracer.functions if f.name == name)
+def of_parameters(tracer: Tracer, parameters: Mapping[str, Known]) -> Mapping[str, Known]:
+    """Return the bounds and dependencies of all values that depend on parameters alone, by their traced names."""
     known = {short: parameters[key] for short, key in tracer.parameters}
-    known |= zip(function.printed, arguments, strict=True)
     _follow(tracer.prologue, known)
+    return known
+
+
+def dependencies(tracer: Tracer, name: str, arguments: Sequence[Known], fixed: Mapping[str, Known]) -> list[Known]:
+    """Return the bounds and dependencies of the results of a function; all its values are assumed to be finite.
+
+    `fixed` are those of :func:`of_parameters`.
+    """
+    (function,) = (f for f in tracer.functions if f.name == name)
+    known = {**fixed, **dict(zip(function.printed, arguments, strict=True))}
     _follow(function.block, known)
     return [_of(known, value) for value in function.results]
 

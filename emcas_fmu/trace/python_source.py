@@ -77,12 +77,12 @@ def _registers(lines: Sequence[str]) -> list[str]:
     stack chunk, which would then be mapped and unmapped at each call. A life lasts from the first line with the name to
     the last; so it includes the other branch of a condition if both set it.
     """
-    last = {name: number for number, line in enumerate(lines) for name in _TEMPORARY.findall(line)}
+    used = [dict.fromkeys(_TEMPORARY.findall(line)) for line in lines]
+    last = {name: number for number, temporaries in enumerate(used) for name in temporaries}
     names: dict[str, str] = {}
     free: list[str] = []
     result = []
-    for number, line in enumerate(lines):
-        temporaries = dict.fromkeys(_TEMPORARY.findall(line))
+    for number, (line, temporaries) in enumerate(zip(lines, used, strict=True)):
         ending = [name for name in temporaries if last[name] == number]
         starting = [name for name in temporaries if name not in names]
         # A line reads its operands before it sets its results.

@@ -147,8 +147,8 @@ class _Scope:
     def find(self, key: tuple[Any, ...]) -> Expr | None:
         scope: _Scope | None = self
         while scope is not None:
-            if key in scope.computed:
-                return scope.computed[key]
+            if (found := scope.computed.get(key)) is not None:
+                return found
             scope = scope.outer
         return None
 
@@ -220,19 +220,18 @@ class Tracer(Derived):
 
     def emit(self, operation: str, *operands: Value) -> Expr:
         """Return the value of an operation, which is recorded unless it has been computed before."""
-        fixed, names = True, list[Any]()
+        fixed, key = True, [operation]  # numbers as they are printed: 0.0 and -0.0 are equal, but have other bits
         for operand in operands:
             if isinstance(operand, Expr):
                 fixed = fixed and operand.fixed
-                names.append(operand.name)
+                key.append(operand.name)
             else:
-                names.append((type(operand), repr(operand)))
-        key = (operation, *names)
+                key.append(repr(operand))
         scope = self._first if fixed else self._scope
-        computed = scope.find(key)
+        computed = scope.find(found := tuple(key))
         if computed is not None:
             return computed
-        result = scope.computed[key] = self._new(fixed)
+        result = scope.computed[found] = self._new(fixed)
         scope.block.statements.append(Assign(result.name, operation, operands))
         return result
 
