@@ -39,7 +39,8 @@ def changed(tracer: Tracer, located: LocatedTracer, of_function: Callable[[str],
     function = next((one.name for one, other in zip(tracer.functions, located.functions, strict=True)
                      if repr((one.block, one.results)) != repr((other.block, other.results))), "")
     return EmcasError(f"{place or of_function(function)} is not the same when it is called again: random numbers, "
-                      "clocks and variables that change would be constants of the FMU; use states, parameters and inputs")
+                      "clocks and variables that change would be constants of the FMU; use states, parameters and "
+                      "inputs")
 
 
 def _operations(tracer: Tracer) -> dict[int, str]:
