@@ -262,6 +262,7 @@ def test_other_pythonfmu_units_in_the_same_process(fmu: Path, tmp_path: Path) ->
     assert abs(first - 0.1) < abs(slow_angle - 0.1)
 
 
+@pytest.mark.slow
 def test_docstrings_that_python_leaves_out_are_in_the_unit(tmp_path: Path) -> None:
     """The equations are those of the source, whatever the interpreter keeps of it."""
     code = ("import sys; from types import SimpleNamespace\n"

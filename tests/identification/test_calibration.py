@@ -350,6 +350,7 @@ def test_robust_fits_ignore_outliers(recorded: tuple[ParameterSet, list[Path]], 
     assert robust.sigma < 0.3 * plain.sigma
 
 
+@pytest.mark.slow
 def test_the_example_of_the_page(tmp_path: Path) -> None:
     """docs/tools/calibration.md: the values of the simulated unit are found from noise-free records."""
     run_block("tools/calibration.md", "try", tmp_path)

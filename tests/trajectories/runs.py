@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from math import fsum, radians, sin
 from typing import Any
 
@@ -92,18 +93,21 @@ def _within(time: float, *spans: tuple[float, float, float]) -> float:
     return next((value for begin, end, value in spans if begin <= time < end), 0.0)
 
 
+@cache
 def command(time: float) -> float:
     """Return the command [rad] of the history: steps, a slew beyond the limit and back, small motion about rest."""
     return radians(_within(time, (0.02, 0.1, 3.0), (0.1, 0.16, -2.0), (0.16, 0.27, 24.0), (0.27, 0.45, -19.0),
                            (0.45, 1.0, 0.3 * sin(120.0 * time))))
 
 
+@cache
 def load(time: float) -> float:
     """Return the hinge moment [N.m]: both ways, and enough to drive the fin to its stop while the drive is off."""
     return _within(time, (0.05, 0.09, 60.0), (0.11, 0.15, -45.0), (0.19, 0.21, -90.0), (0.32, 0.37, -900.0),
                    (0.37, 0.4, 500.0), (0.48, 0.5, 20.0))
 
 
+@cache
 def supply(time: float) -> float:
     """Return the supply, as a share of its start: it dips, rises and fails for a while."""
     return 1.0 + _within(time, (0.18, 0.21, -0.45), (0.21, 0.24, 0.25), (0.41, 0.425, -0.8), (0.425, 0.43, -1.0))

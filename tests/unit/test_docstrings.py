@@ -5,21 +5,38 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from itertools import chain
 from pathlib import Path
 
 import emcas_fmu
 
-FOLDER = Path(emcas_fmu.__file__).parent
-TREES = {file.relative_to(FOLDER).as_posix(): ast.parse(file.read_text(encoding="utf-8"))
-         for file in FOLDER.rglob("*.py")}
-CLASSES: dict[str, list[ast.ClassDef]] = defaultdict(list)  # by name; some classes have the same
-for node in chain.from_iterable(map(ast.walk, TREES.values())):
-    if isinstance(node, ast.ClassDef):
-        CLASSES[node.name].append(node)
-OPERATIONS = {each.name for owner in (*CLASSES["Ops"], *CLASSES["Bits"]) for each in owner.body
-              if isinstance(each, ast.FunctionDef)}
 Public = ast.FunctionDef | ast.ClassDef
+
+
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Return the files of the package, parsed: not when tests are collected, which every worker does."""
+    folder = Path(emcas_fmu.__file__).parent
+    return {file.relative_to(folder).as_posix(): ast.parse(file.read_text(encoding="utf-8"))
+            for file in folder.rglob("*.py")}
+
+
+@cache
+def classes() -> dict[str, list[ast.ClassDef]]:
+    """Return the package's classes by name; some have the same."""
+    found: dict[str, list[ast.ClassDef]] = defaultdict(list)
+    for node in chain.from_iterable(map(ast.walk, trees().values())):
+        if isinstance(node, ast.ClassDef):
+            found[node.name].append(node)
+    return dict(found)
+
+
+@cache
+def operations() -> set[str]:
+    """Return the names of the operations of equations."""
+    return {each.name for owner in (*classes()["Ops"], *classes()["Bits"]) for each in owner.body
+            if isinstance(each, ast.FunctionDef)}
 
 
 def public(body: list[ast.stmt]) -> Iterator[Public]:
@@ -29,10 +46,10 @@ def public(body: list[ast.stmt]) -> Iterator[Public]:
 def overrides(method: Public, owner: ast.ClassDef) -> bool:
     """Whether a base class has the method; one from another library does."""
     for base in (ast.unparse(base).partition("[")[0].rpartition(".")[2] for base in owner.bases):
-        if base not in CLASSES and base not in ("ABC", "NamedTuple", "Protocol"):
+        if base not in classes() and base not in ("ABC", "NamedTuple", "Protocol"):
             return True
         if any(method.name in {each.name for each in public(known.body)} or overrides(method, known)
-               for known in CLASSES.get(base, ())):
+               for known in classes().get(base, ())):
             return True
     return False
 
@@ -42,7 +59,7 @@ def bare(body: list[ast.stmt], owner: ast.ClassDef | None = None) -> Iterator[st
     for node in public(body):
         decorators = [ast.unparse(each) for each in node.decorator_list]
         rules = any(each.startswith("rule(") or each.endswith(".setter") for each in decorators)
-        if not (rules or ast.get_docstring(node) or (owner and (node.name in OPERATIONS or overrides(node, owner)))):
+        if not (rules or ast.get_docstring(node) or (owner and (node.name in operations() or overrides(node, owner)))):
             yield node.name
         if isinstance(node, ast.ClassDef):
             yield from (f"{node.name}.{name}" for name in bare(node.body, node))
@@ -50,7 +67,7 @@ def bare(body: list[ast.stmt], owner: ast.ClassDef | None = None) -> Iterator[st
 
 def test_everything_public_has_a_docstring() -> None:
     assert list(chain.from_iterable((f"{file}: {name}" for name in bare(tree.body))
-                                    for file, tree in TREES.items())) == []
+                                    for file, tree in trees().items())) == []
 
 
 def test_a_missing_one_is_found() -> None:
