@@ -49,6 +49,9 @@ VISCOUS = _deviation("friction.viscous", -1.0, 10.0, "viscous friction", "fricti
                      "friction.viscous.negative", *mechanics.HINGE_VISCOUS)
 RATED_FLOW = _deviation("valve.rated_flow", -0.9, 10.0, "rated flow", "valve.rated_flow")
 
+ENCODER, OFFSET, COMPLIANCE, BACKLASH = IMPERFECTIONS = ("encoder", "drive offset", "compliance", "backlash")
+"""What moves the held fin angle of a nominal actuator, too; one without it may be a simpler model."""
+
 
 def plant(*deviations: Deviation) -> Callable[[Ops, Any], Any]:
     """Return the function that returns the plant's parameters, without further deviations, from the nominal ones."""

@@ -31,8 +31,8 @@ class Group:
     """Parameters, rules, outputs and capabilities that an actuator has or lacks together.
 
     An actuator without the group may use the same equations, with values of the group's parameters that are `absent` or
-    in :data:`.shared.WITHOUT_EFFECT`, and `deviations` of 0. `terminal` is the name of the terminal of the outputs;
-    empty: none.
+    in :data:`.shared.WITHOUT_EFFECT`, and `deviations` of 0. `imperfections` are those of :class:`.Actuator`.
+    `terminal` is the name of the terminal of the outputs; empty: none.
     """
 
     parameters: tuple[Variable, ...] = ()
@@ -42,6 +42,7 @@ class Group:
     absent: Mapping[str, Any] = field(default_factory=dict)
     deviations: tuple[as_built.Deviation, ...] = ()
     terminal: str = "motor"
+    imperfections: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def reworded(self, words: Mapping[str, str], sheets: Mapping[str, str] | None = None) -> Group:
         """Return the group with other `words` in the descriptions of its variables, and others in their `sheets`."""
@@ -134,7 +135,11 @@ class Composition:
             there = {out.variable for group in self.groups if group.terminal == terminal for out in group.outputs}
             return tuple(out.variable.name for out in self._outputs if out.variable in there)
 
+        imperfections: dict[str, dict[str, Any]] = {}
+        for name, without in (each for group in self.groups for each in group.imperfections.items()):
+            imperfections.setdefault(name, {}).update(without)
         return {"outputs": tuple(out.variable for out in self._outputs), "parameters": self.parameters,
+                "imperfections": imperfections,
                 "rules": (*(rule for group in self.groups for rule in group.rules), *rules),
                 "provides": frozenset(capability for group in self.groups for capability in group.provides),
                 "terminals": tuple(Terminal(name, description, members(name)) for name, description in (

@@ -45,7 +45,7 @@ from . import capabilities, fin_port, positional, stepped
 from .inputs import PlantInputs as PlantInputs
 from .inputs import SampleInputs as SampleInputs
 from .line import LINES, Line
-from .lists import check_functions, check_lists
+from .lists import check_functions, check_imperfections, check_lists
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
 from .positional import complete
@@ -163,6 +163,7 @@ class Actuator:
       values without effect for those that are not declared (:mod:`emcas_fmu.actuators.shared`)
     - ``as_built``, ``nominal``: the plant's parameters where they differ from those that the controllers know; and the
       values of the deviations without which they do not
+    - ``imperfections``: of the held fin angle, such as "backlash", each with its parameters' values [SI] without it
     - ``longest_tick``, ``tick_remedy``, ``transport_delay``: largest internal tick [s], and how a user makes it longer;
       time [s] from a sample to the drive
     - ``feed_forward(ops, p, motion, memory)``: what causes a motion of the fin (:class:`Motion`, :class:`Ahead` of
@@ -204,6 +205,7 @@ class Actuator:
     equation_parameters: Callable[[Ops, Parameters], Parameters] = field(default_factory=AsDeclared)
     as_built: Callable[[Ops, Parameters], Parameters] = lambda ops, p: p
     nominal: Mapping[str, float] = field(default_factory=dict)
+    imperfections: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     longest_tick: Callable[[Ops, Parameters], Value] = fin_port.max_tick
     tick_remedy: str = "raise solver.max_tick"
     transport_delay: Callable[[Ops, Parameters], Value] | None = None
@@ -246,6 +248,7 @@ class Actuator:
                              f"acts ({', '.join(dict.fromkeys(arguments))}) have different names")
         self._check_interface()
         check_names(self.name, self.faults)
+        check_imperfections(self)
 
     def _check_interface(self) -> None:
         sensed = (*self.encoder, *(self.fin_side or ()))

@@ -1,4 +1,4 @@
-"""Whether the fields of a declaration are lists of things, and functions of the arguments that they are called with."""
+"""Whether what a declaration lists is a list of things, and its own; and functions of the right arguments."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import fields
 from inspect import signature, unwrap
 from typing import Any
 
-from ..errors import EmcasError
+from ..errors import EmcasError, hint
 
 _ARGUMENTS = {"sample": "ops, p, x, inputs", "derivatives": "ops, p, x, u", "step": "ops, p, x, u, h",
               "output_values": "ops, p, x, u", "as_built": "ops, p", "longest_tick": "ops, p",
@@ -49,3 +49,13 @@ def check_arguments(owner: str, function: Callable[..., Any], arguments: str) ->
         place = f"{code.co_name}() in line {code.co_firstlineno}" if code else repr(function)
         raise EmcasError(f"{owner}: {place} has the arguments {signature(function)}; it is called with ({arguments})"
                          ) from None
+
+
+def check_imperfections(actuator: Any) -> None:
+    """Raise EmcasError for an imperfection whose parameter the declaration does not have."""
+    names = {v.name for v in actuator.parameters}
+    for imperfection, without in actuator.imperfections.items():
+        for name in without:
+            if name not in names:
+                raise EmcasError(f"actuator {actuator.name}: imperfections[{imperfection!r}]: there is no parameter "
+                                 f"{name}{hint(name, names)}; declare it, or leave it out")

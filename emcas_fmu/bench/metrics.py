@@ -8,7 +8,7 @@ the units for display. FIGURES lists all figures with their units.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, inf, nan, pi, radians
 from typing import TYPE_CHECKING, Any
@@ -329,6 +329,14 @@ def breakaway(moment: Array, angle: Array) -> float:
     """Return the magnitude of the moment at which the angle first leaves its start value; nan if it never does."""
     moved = np.flatnonzero(np.abs(angle - angle[0]) > CREPT)
     return float(abs(moment[moved[0]])) if len(moved) else nan
+
+
+def combined(terms: Sequence[float]) -> dict[str, float]:
+    """Return the sums of a budget's terms, in their unit: of magnitudes, and the root of that of their squares.
+
+    The first is the worst case; the second is that of terms that are independent (JCGM 100:2008, 5.1.2).
+    """
+    return {"worst_case": float(np.sum(np.abs(terms))), "root_of_squares": float(np.linalg.norm(terms))}
 
 
 def bidirectional(below: Array, above: Array) -> dict[str, Any]:

@@ -18,10 +18,11 @@ from emcas_fmu.bench.verdict import evaluate
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.campaign import sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
+from emcas_fmu.studies.campaign.quantiles import Chance
 from emcas_fmu.studies.campaign.run import by_dask, in_process
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
-from emcas_fmu.studies.campaign.summary import Chance, summarise
+from emcas_fmu.studies.campaign.summary import summarise
 
 from .conftest import A_STEP, Write, assert_same_rows, campaign
 

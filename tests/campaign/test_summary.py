@@ -15,6 +15,7 @@ from scipy import stats
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.writers import write_json
 from emcas_fmu.studies.campaign import sample, summary
+from emcas_fmu.studies.campaign.quantiles import PERCENTILES
 from emcas_fmu.studies.campaign.report import write_report
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import load_study
@@ -45,7 +46,7 @@ def spreads(found: summary.Summary, experiment: str, *names: str) -> list[summar
 
 def test_percentiles_are_samples(summarised: Summarised) -> None:
     spread, rate = spreads(summarised(), "step", "rise_time", "sustained_rate")
-    assert spread.percentiles == {p: float(p) for p in summary.PERCENTILES}
+    assert spread.percentiles == {p: float(p) for p in PERCENTILES}
     assert spread.worst == ((99, 100.0), (98, 99.0), (97, 98.0))
     assert rate.worst == ((0, 1.0), (1, 2.0), (2, 3.0))  # of a rate, the least
     assert spread.mean == 50.5
@@ -61,7 +62,7 @@ def test_what_was_never_reached_is_worst(summarised: Summarised) -> None:
     assert (rate.percentiles[1], rate.percentiles[5]) == (-inf, -inf)
     assert [i for i, _ in spread.worst] == [i for i, _ in rate.worst] == [3, 13, 23]
     assert spread.mean == pytest.approx(np.nanmean(times), rel=1e-14)
-    assert np.isfinite([rate.percentiles[p] for p in summary.PERCENTILES[2:]]).all()
+    assert np.isfinite([rate.percentiles[p] for p in PERCENTILES[2:]]).all()
     assert {summary.text(FIGURES["rise_time"], inf), summary.text(FIGURES["sustained_rate"], -inf)} == {"not reached"}
     assert summary.text(FIGURES["bandwidth_3db"], inf) == "beyond the sweep"
 

@@ -22,6 +22,7 @@ from ...steppers.elastic import Pair
 from ...steppers.electrical import Plant, states
 from ...variables import Variable, in_group, parameter
 from .. import capabilities
+from ..as_built import BACKLASH, COMPLIANCE
 from ..composition import Group
 from ..declaration import PlantInputs, State, Values
 from . import groups, interface, nonlinear, plausibility
@@ -46,19 +47,26 @@ def hinge_yields(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, limp), line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness, compliance
 
 
-def _group(*parameters: Variable, provides: Iterable[str] = (), **absent: float) -> Group:
-    """Return a group of parameters ``drive_line``; those without a value `absent` are 0 in its absence."""
-    return Group(in_group("drive_line", *parameters), provides=tuple(provides),
-                 absent={f"drive_line.{v.name}": absent.get(v.name, 0.0) for v in parameters})
+def _group(imperfection: str, *parameters: Variable, provides: Iterable[str] = (), **absent: float) -> Group:
+    """Return a group of parameters ``drive_line``; those without a value `absent` are 0 in its absence.
+
+    The `imperfection` is in those of 0 but for damping, which has no effect at rest.
+    """
+    values = {f"drive_line.{v.name}": absent.get(v.name, 0.0) for v in parameters}
+    return Group(in_group("drive_line", *parameters), provides=tuple(provides), absent=values, imperfections={
+        imperfection: {name: value for name, value in values.items() if not (value or name.endswith("damping"))}})
 AXIAL = _group(
+    COMPLIANCE,
     parameter("axial_compliance", "m/N", 0.0, 1e-3, "compliance of screw, nut and thrust bearing in tension (0: rigid)",
               sheet="screw: compliance, 1 over the axial rigidity of screw, nut and bearing"),
     parameter("axial_damping", "N.s/m", 0.0, 1e7, "structural damping of screw, nut and thrust bearing"))
 TORSIONAL = _group(
+    COMPLIANCE,
     parameter("torsional_compliance", "rad/(N.m)", 0.0, 1e3, "compliance of motor shaft and screw in torsion (0: "
               "rigid)"),
     parameter("torsional_damping", "N.m.s/rad", 0.0, 10.0, "structural damping of motor shaft and screw in torsion"))
 HINGE = _group(
+    COMPLIANCE,
     parameter("fork_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fork about the hinge (0: rigid)"),
     parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)",
               sheet="drawing: stiffness of the fin's shaft in torsion"),
@@ -67,6 +75,7 @@ HINGE = _group(
     parameter("hinge_damping", "N.m.s/rad", 0.0, 1e6,
               "structural damping of fork, shaft and structure about the hinge"))
 GAP = _group(
+    BACKLASH,
     parameter("backlash", "m", 0.0, 0.01,
               "whole gap between nut and fork along the screw (0: preloaded, no contact)", sheet="screw: axial play"),
     parameter("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),

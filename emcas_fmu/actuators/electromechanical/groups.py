@@ -116,7 +116,7 @@ CURRENT_LIMIT = Group((
     parameter("drive.current_limit", "A", 1e-3, 1e4, "largest current reference",
               sheet="drive: peak current, or that of its load if that is less"),
     parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference")),
-    provides=(capabilities.CURRENT_LIMIT,))
+    provides=(capabilities.CURRENT_LIMIT,), imperfections={as_built.OFFSET: {"drive.current_offset": 0.0}})
 KP = parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",
                sheet="drive: proportional gain of the current loop")
 CURRENT_LOOP = Group((
@@ -172,7 +172,8 @@ ENCODER = Group((
                       sheet="encoder: edges counted of a pulse, 4 in quadrature"),
     switch("encoder.on_fin", "true: the position comes from an encoder on the fin shaft; false: from the motor's, "
            "as the speed always does", sheet="encoder: whether there is one on the fin's shaft")),
-    rules=(rules.encoder_multiplier,), provides=(capabilities.ENCODER,))
+    rules=(rules.encoder_multiplier,), provides=(capabilities.ENCODER,),
+    imperfections={as_built.ENCODER: {"encoder.enabled": False}})
 OPTIONAL = (LEVER, SCREW, COULOMB, HINGE_FRICTION, COMPENSATION, ENCODER, CURRENT_LIMIT, LIMITS, POLE_PAIRS)
 LOOPS = (VELOCITY_LOOP, LIMITS, POSITION_LOOP)
 SERVO = (MOTOR, CURRENT, POWER, VOLTAGE_LIMIT, INDUCTANCE, DELAY, CURRENT_GAIN, CURRENT_LIMIT, CURRENT_LOOP,

@@ -24,7 +24,7 @@ from ...rules import SLACK, rule, when
 from ...steppers import discontinuities
 from ...steppers.discontinuities import Backlash, Coulomb
 from ...variables import integer_parameter, parameter, real_output, switch, tunable
-from .. import capabilities, fin_port
+from .. import as_built, capabilities, fin_port
 from ..composition import Composition, Group, Output, port
 from ..declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import interface
@@ -65,7 +65,8 @@ _FIRMWARE = Group((
     parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from a frame to the PWM", display="ms")),
     (Output(real_output("duty", "1", "duty cycle of the PWM, negative for negative voltage", 1.0, minimum=-1.0,
                         maximum=1.0), lambda ops, p, m: m.u.sampled_reference),),
-    (_within_full,), (capabilities.POSITION_LOOP, capabilities.DUTY_REFERENCE))
+    (_within_full,), (capabilities.POSITION_LOOP, capabilities.DUTY_REFERENCE), imperfections={
+        as_built.ENCODER: {"encoder.enabled": False}, "dead band": {"controller.dead_band": 0.0}})
 _MOTOR = Group((
     parameter("motor.nominal_voltage", "V", 0.1, 1000.0, "voltage of stall torque and no-load speed, V_n",
               sheet="servo: voltage at which torque and speed are rated"),
@@ -98,7 +99,8 @@ _GEAR = Group((
     parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
               sheet="bench: friction torque of the hinge's bearings and seals")), (
     Output(real_output("gear_torque", "N.m", "torque from the gear to the fin", 10.0),
-           lambda ops, p, m: servo.gear_torque(ops, p, m.x, m.u)),))
+           lambda ops, p, m: servo.gear_torque(ops, p, m.x, m.u)),),
+    imperfections={as_built.BACKLASH: {"gear.backlash": 0.0}, as_built.COMPLIANCE: {"gear.stiffness": 1e7}})
 _POWER = Group(outputs=(Output(interface.SUPPLY_POWER, lambda ops, p, m: servo.current(ops, p, m.x, m.u)
                                * servo.voltage(ops, p, m.x, m.u)),), terminal="",
                provides=(capabilities.SUPPLY_VOLTAGE,))

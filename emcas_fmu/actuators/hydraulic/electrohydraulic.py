@@ -60,7 +60,8 @@ _VALVE = Group((
            lambda ops, p, m: m.x.spool_position),
     Output(real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4),
            lambda ops, p, m: m.supply_flow)),
-    deviations=(deviations.RATED_FLOW,), terminal="hydraulics")
+    deviations=(deviations.RATED_FLOW,), terminal="hydraulics",
+    imperfections={"null of the valve": {"valve.null_shift": 0.0}})
 _POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.u.supply * m.supply_flow),), terminal="",
                provides=(capabilities.SUPPLY_PRESSURE,))
 FAULTS = (

@@ -73,7 +73,7 @@ def filled_cylinder(least: float = -inf) -> Group:
                            minimum=least), lambda ops, p, m: m.x.pressure_1),
         Output(real_output("pressure_2", "Pa", "pressure in the chamber that turns the fin to negative angles", 1e7,
                            minimum=least), lambda ops, p, m: m.x.pressure_2)),
-        (_stroke,), terminal="hydraulics")
+        (_stroke,), terminal="hydraulics", imperfections={as_built.ENCODER: {"transducer.resolution": 0.0}})
 
 
 AIR = tunable("share", "1", 1e-3, 1.0, "of the bulk modulus that is left")  # amount of the fault `air`

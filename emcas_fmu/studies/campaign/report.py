@@ -22,8 +22,9 @@ from ...pages.terminal import table
 from ...reference.files import parameters_hash
 from .distributions import Factor
 from .experiments import REQUIREMENT, Experiment, lacking
+from .quantiles import PERCENTILES
 from .sample import history
-from .summary import PERCENTILES, Spread, Summary, text
+from .summary import Spread, Summary, text
 
 _SHOWN = 5, 50, 95  # percentiles on the terminal
 _COLUMNS = 3

@@ -135,7 +135,7 @@ class Study:
         if self.method == "sobol":
             shares = _sobol(len(self.factors), self.seed, indices)
         elif self.method == "latin-hypercube":
-            shares = _hypercube(len(self.factors), self.seed, self.samples)[np.asarray(indices)]
+            shares = hypercube(len(self.factors), self.seed, self.samples)[np.asarray(indices)]
         else:
             shares = np.array([np.random.default_rng([self.seed, i]).random(len(self.factors)) for i in indices])
         return np.column_stack([d.at(shares[:, k]) for k, d in enumerate(distributions)])
@@ -158,7 +158,8 @@ class Study:
 
 
 @lru_cache(maxsize=1)
-def _hypercube(factors: int, seed: int, samples: int) -> Array:
+def hypercube(factors: int, seed: int, samples: int) -> Array:
+    """Return a Latin hypercube [samples, factors] of shares between 0 and 1."""
     cube: Array = qmc.LatinHypercube(factors, rng=np.random.default_rng([seed])).random(samples)
     return cube
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from math import atanh, ceil, floor, inf, isfinite, log10, nan, sqrt, tanh
+from math import atanh, inf, isfinite, nan, sqrt, tanh
 from typing import Any
 
 import numpy as np
@@ -15,17 +15,15 @@ from scipy import stats
 from ... import __version__
 from ...actuators import NONLINEAR
 from ...bench.metrics import Figure, shown
-from ...bench.requirements import Requirement
 from ...pages.numbers import rounded
 from ...simulation import Array
 from .experiments import REQUIREMENT, lacking
 from .extension_outputs import Finding, findings, tallies
+from .quantiles import CONFIDENCE, PERCENTILES, Chance, percentiles
 from .sample import OK, columns
 from .study import Study
 
-PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 WORST = 3  # samples listed for each figure
-_CONFIDENCE = 0.95
 _FEWEST = 10  # least number of samples for sensitivities
 # Differences that are rounding: relative to the largest value, and of a figure in SI, as of an error that has decayed.
 _RELATIVE, _ABSOLUTE = 1e-9, 1e-12
@@ -79,40 +77,6 @@ class Spread:
     def varies(self) -> bool:
         """Whether the figure differs between samples by more than rounding errors."""
         return varies(np.array([self.smallest, self.largest]), _ABSOLUTE)
-
-
-@dataclass(frozen=True)
-class Chance:
-    """The number of `samples` that meet a requirement, or all of them (None); failed samples do not."""
-
-    requirement: Requirement | None
-    met: int
-    samples: int
-
-    @property
-    def share(self) -> float:
-        """Share of the samples that meet it."""
-        return self.met / self.samples
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Two-sided interval of the probability of Clopper and Pearson (1934)."""
-        low, high = stats.binomtest(self.met, self.samples).proportion_ci(_CONFIDENCE, method="exact")
-        return float(low), float(high)
-
-    def __str__(self) -> str:
-        low, high = self.interval
-        if self.met == self.samples:
-            return f"≥ {_percent(low, floor)}"
-        if not self.met:
-            return f"≤ {_percent(high, ceil)}"
-        return f"{_percent(self.share, round)} ({_percent(low, floor)} … {_percent(high, ceil)})"
-
-
-def _percent(share: float, to: Callable[[float], int]) -> str:
-    """Return a share in %, with two digits of its distance to 0 or 100 % and at least one decimal."""
-    digits = max(1, 2 - ceil(log10(100.0 * min(share, 1.0 - share) or 1.0)))
-    return f"{to(share * 100.0 * 10.0**digits) / 10.0**digits:.{digits}f} %"
 
 
 @dataclass(frozen=True)
@@ -180,8 +144,7 @@ def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
 def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
     # A missing figure is worse than any other: a level that is never reached takes longer than all.
     ordered = np.where(np.isnan(values), figure.bad * inf, values)
-    # The sample at the percentile: one cannot interpolate between a number and infinity.
-    percentiles = np.percentile(ordered, PERCENTILES, method="inverted_cdf").tolist()
+    shares = percentiles(ordered, PERCENTILES)
     inside = values[np.isfinite(values)]
     worst = np.lexsort((index, -figure.bad * ordered))[:WORST]
     # Factors of other experiments have no effect in this one, and would seem to now and then by chance.
@@ -190,7 +153,7 @@ def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Map
     explained, effects = sensitivities(ordered, acting)
     mean, sd = (float(inside.mean()), float(inside.std())) if len(inside) else (nan, nan)
     return Spread(
-        name, figure, inside, len(values) - len(inside), mean, sd, dict(zip(PERCENTILES, percentiles, strict=True)),
+        name, figure, inside, len(values) - len(inside), mean, sd, shares,
         float(ordered.min()), float(ordered.max()), explained, effects,
         tuple((int(index[k]), float(ordered[k])) for k in worst))
 
@@ -223,7 +186,7 @@ def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, t
 def _interval(rank: float, n: int) -> tuple[float, float]:
     if abs(rank) >= 1.0:
         return rank, rank
-    half = float(stats.norm.ppf(0.5 + _CONFIDENCE / 2.0)) * sqrt((1.0 + rank**2 / 2.0) / (n - 3))
+    half = float(stats.norm.ppf(0.5 + CONFIDENCE / 2.0)) * sqrt((1.0 + rank**2 / 2.0) / (n - 3))
     return tanh(atanh(rank) - half), tanh(atanh(rank) + half)
 
 
@@ -261,7 +224,7 @@ def _judged(summary: Summary) -> dict[str, Any]:
     specification = summary.study.specification
     names = ("name", "title", "source", "how", "sense", "limit", "unit", "cases")
     return {"requirements": {
-        "file": specification.file, "confidence": _CONFIDENCE, "all": together,
+        "file": specification.file, "confidence": CONFIDENCE, "all": together,
         "each": [{**{name: getattr(r, name) for name in names}, **counts}
                  for r, counts in zip(specification.requirements, each, strict=True)],
         "not_judged": {j.name: j.note for j in summary.study.left_out}}}

@@ -14,7 +14,7 @@ from ...actuators import NONLINEAR
 from ...bench import verdict
 from ...bench.conditions import conditions
 from ...bench.excitation import Excitation
-from ...bench.requirements import Requirement, Specification, load_requirements
+from ...bench.requirements import Requirement, Specification
 from ...bench.runs import StoppedError
 from ...bench.subject import Identification, Subject
 from ...bench.verdict import Judged
@@ -25,7 +25,7 @@ from ...parameters import load_parameters
 from ...parameters.schema import unknown
 from ...support.progress import Progress, silent
 from ...variables import Variable
-from . import accuracy, mission, responses, stiffness
+from . import accuracy, budget, mission, responses, stiffness
 from .outcome import Outcome, Quantity, Rig, Value, bound
 
 TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] = {
@@ -33,6 +33,7 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] 
     "frequency_response": ("Frequency response", responses.frequency, responses.FREQUENCY),
     "slew_rate": ("Slew rate", responses.slews, responses.SLEW),
     "static_accuracy": ("Static accuracy", accuracy.static, accuracy.STATIC),
+    "accuracy_budget": ("Accuracy budget", budget.measure, budget.QUANTITIES),
     "threshold": ("Threshold and resolution", accuracy.threshold, accuracy.THRESHOLD),
     "dynamic_stiffness": ("Dynamic stiffness", stiffness.measure, stiffness.QUANTITIES),
     "mission": ("Mission profile", mission.measure, mission.QUANTITIES),
@@ -100,9 +101,9 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
     `progress` is called with the test's name, the number of tests done and their total. A subject that fails gives a
     result. Raises EmcasError for a requirement on a figure that no test has.
     """
-    rig, outcomes, total = Rig(subject, load, profile), dict[str, Outcome](), len(TESTS) + 1
+    rig, outcomes, total = Rig(subject, load, profile, specification), dict[str, Outcome](), len(TESTS) + 1
     card = subject.card  # before the tests, since that of an FMU may be damaged
-    chosen = specification or load_requirements(None, subject.parameters)
+    chosen = rig.requirements
     of_report = {r.name: r for r in chosen.requirements if r.test is None}
     for r in of_report.values():
         _check_figure(r, chosen.file)

@@ -1,7 +1,7 @@
 """Accuracy: static on a grid of angles, the smallest commands that move the fin, and that of the stepping.
 
 The controllers know the nominal actuator exactly, so that its static errors come from friction and encoder alone; in a
-fleet the actuators as built count. The tolerances are the cases of ``models/tuning.toml`` that change deviations alone.
+fleet the actuators as built count. The tolerances are cases that change deviations alone.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators import NONLINEAR, parts
 from ...bench.excitation import HOLD, of_case, staircase
 from ...bench.metrics import ACCURACY, bidirectional
 from ...bench.requirements import Case
 from ...bench.subject import Subject
 from ...ops.floats import FLOATS
-from ...parameters import load_parameters
+from ...parameters import load_parameters, shipped_file
 from ...reference import files
 from ..tuning.study import shipped_cases
 from .outcome import Array, Group, Outcome, Quantity, Rig
@@ -54,10 +55,18 @@ _TICK = "solver.max_tick"
 STEPPING = (Quantity("fin_angle_deg", "largest difference of the fin angle at any row, every 1 ms", "fin angle"),)
 
 
-def tolerances() -> list[Case]:
-    """Return the cases of the shipped tuning study that change only how the actuator as built deviates."""
-    return [case for case in shipped_cases(load_parameters())
-            if case.values and all(name.startswith("deviation.") for name in case.values)]
+def tolerances(rig: Rig) -> tuple[list[Case], str]:
+    """Return the cases that change only how the actuator as built deviates, and the file that has them.
+
+    They are those of the requirements' file if it has any, otherwise those of the actuator's tuning study.
+    """
+    kind = parts(rig.subject.model)[0]
+    own = shipped_file("tuning", kind).stem == kind
+    files = {rig.requirements.file: rig.requirements.cases, f"models/tuning{f'/{kind}' * own}.toml": shipped_cases(
+        load_parameters(model=kind if own else NONLINEAR))}
+    tolerances = {file: [case for case in cases if case.values and all(
+        name.startswith("deviation.") for name in case.values)] for file, cases in files.items()}
+    return next(((cases, file) for file, cases in tolerances.items() if cases), ([], ""))
 
 
 def _errors(rig: Rig, targets: Array, values: Mapping[str, Any]) -> Array:
@@ -88,12 +97,13 @@ def static(rig: Rig) -> Outcome:
                      {"command_deg": targets, "error_from_below_deg": below, "error_from_above_deg": above,
                       "reversal_deg": measured["reversal"]}, errors)
 
-    deviations = {case.name: case.values for case in tolerances() if case.values.keys() <= rig.subject.values.keys()}
+    cases, file = tolerances(rig)
+    deviations = {case.name: case.values for case in cases if case.values.keys() <= rig.subject.values.keys()}
     return Outcome(
         f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
         f"for {HOLD:g} s; its angle is the mean of the last {LAST:g} s. The ends of the range can be approached "
         "from one side only and are no part of the hysteresis. With tolerances the actuator as built deviates from the "
-        "parameters in its controllers, by the estimates of models/tuning.toml.",
+        f"parameters in its controllers, by the estimates of {file}.",
         {"grid": group(f"{len(targets)} angles", 3, {}),
          **{name: group(f"{name.replace('_', ' ')} (estimates)", 1, values) for name, values in deviations.items()}})
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import degrees
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from ...bench import metrics
 from ...bench.excitation import Excitation
 from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import FIGURES, in_words, result_name, unit_of
+from ...bench.requirements import Specification, load_requirements
 from ...bench.runs import Run
 from ...bench.subject import Subject
 from ...motions import RATED
@@ -25,11 +27,18 @@ RECORDED = ("fin_angle", "fin_rate", "motor_current", "supply_power", "saturated
 
 @dataclass(frozen=True)
 class Rig:
-    """`load` is the rated hinge torque [N.m]; `mission` replaces the synthetic mission profile."""
+    """`load` is the rated hinge torque [N.m]; `mission` replaces the synthetic mission profile, `specification` the
+    shipped requirements."""
 
     subject: Subject
     load: float = RATED
     mission: Excitation | None = None
+    specification: Specification | None = None
+
+    @cached_property
+    def requirements(self) -> Specification:
+        """The requirements by which the subject is judged."""
+        return self.specification or load_requirements(None, self.subject.parameters)
 
     @property
     def limit(self) -> float:
@@ -100,7 +109,8 @@ class Outcome:
     """The groups of figures of a test and how they were measured.
 
     `stopped` is the reason why a test was not finished; it has no groups then. `estimate` is the reason why its figures
-    are an estimate; `not_applicable` has by the name of a figure why the subject does not have it.
+    are an estimate; `not_applicable` has by the name of a figure why the subject does not have it. The groups of a
+    `tall` one are the rows of its table, not the columns.
     """
 
     method: str
@@ -112,6 +122,7 @@ class Outcome:
     title: str = ""
     quantities: tuple[Quantity, ...] = ()
     not_applicable: Mapping[str, str] = field(default_factory=dict)
+    tall: bool = False
 
     @property
     def figures(self) -> dict[str, Mapping[str, Value]]:

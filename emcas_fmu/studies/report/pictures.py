@@ -115,6 +115,20 @@ def _grid(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     return figure, "Every approach (marks) and their means (lines), in thousandths of a degree."
 
 
+def _budget(outcome: Outcome, _: Sequence[float]) -> tuple[Figure, str]:
+    rows = [(name, group) for name, group in outcome.groups.items() if name != "required"][::-1]
+    figure, grid = plots.figure(1, height=0.3 * len(rows) + 0.7, x="error of the fin angle [deg]")
+    axes, at = grid[0][0], np.arange(len(rows))
+    for q, color, shift in zip(outcome.quantities, plots.COLORS, (0.2, -0.2), strict=False):
+        axes.barh(at + shift, [group.figures[q.key] for _, group in rows], 0.38, color=color, label=q.label)
+        plots.limits(axes, outcome.groups["required"].figures[q.key], across=False, **{**REQUIRED, "color": color})
+    axes.set_yticks(at, [group.label for _, group in rows])
+    axes.grid(visible=False, axis="y")
+    axes.margins(y=0.01)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    return figure, "The terms, and below what they add up to; dotted lines are required."
+
+
 def _stiffness(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     figure, (size, phase) = plots.column("|T/θ| [N.m/rad]", "phase [deg]", height=2.2, height_ratios=(1.5, 1.0))
     for color, group in zip(plots.COLORS, (each for each in outcome.groups.values() if each.curve), strict=False):
@@ -151,5 +165,5 @@ def _mission(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
 
 _DRAWINGS: Mapping[str, Callable[[Outcome, Sequence[float]], tuple[Figure, str]]] = {
     "step_response": _steps, "frequency_response": _bode, "slew_rate": _slew, "static_accuracy": _grid,
-    "dynamic_stiffness": _stiffness, "mission": _mission,
+    "accuracy_budget": _budget, "dynamic_stiffness": _stiffness, "mission": _mission,
 }

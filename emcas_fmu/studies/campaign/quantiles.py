@@ -1,0 +1,56 @@
+"""Quantiles of samples, and the chance that a requirement is met, with its confidence interval."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from math import ceil, floor, log10
+
+import numpy as np
+from scipy import stats
+
+from ...bench.requirements import Requirement
+from ...simulation import Array
+
+PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
+CONFIDENCE = 0.95
+
+
+def percentiles(values: Array, shares: Iterable[int]) -> dict[int, float]:
+    """Return the samples at percentages of the sorted values: between a number and infinity nothing is interpolated."""
+    shares = list(shares)
+    return dict(zip(shares, np.percentile(values, shares, method="inverted_cdf").tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Chance:
+    """The number of `samples` that meet a requirement, or all of them (None); failed samples do not."""
+
+    requirement: Requirement | None
+    met: int
+    samples: int
+
+    @property
+    def share(self) -> float:
+        """Share of the samples that meet it."""
+        return self.met / self.samples
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Two-sided interval of the probability of Clopper and Pearson (1934)."""
+        low, high = stats.binomtest(self.met, self.samples).proportion_ci(CONFIDENCE, method="exact")
+        return float(low), float(high)
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        if self.met == self.samples:
+            return f"≥ {_percent(low, floor)}"
+        if not self.met:
+            return f"≤ {_percent(high, ceil)}"
+        return f"{_percent(self.share, round)} ({_percent(low, floor)} … {_percent(high, ceil)})"
+
+
+def _percent(share: float, to: Callable[[float], int]) -> str:
+    """Return a share in %, with two digits of its distance to 0 or 100 % and at least one decimal."""
+    digits = max(1, 2 - ceil(log10(100.0 * min(share, 1.0 - share) or 1.0)))
+    return f"{to(share * 100.0 * 10.0**digits) / 10.0**digits:.{digits}f} %"
