@@ -13,7 +13,7 @@ A margin that is 0 at the start of the step, as that of a body at rest which now
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -42,6 +42,7 @@ class Switched:
     check(ops, p, x, u)                 raises EmcasError for values or equations that do not fit the events; called in
                                         the first simulation of a user's actuator
     begun(ops, p, x, u, h)              states that an input switches as the step begins, and the longest step up to `h`
+    least                               by name of a margin the least share of a step before its event, if not PROGRESS
     """
 
     mode: Callable[[Ops, Any, Record, Any, Value], Record]
@@ -50,6 +51,7 @@ class Switched:
     landed: Callable[[Ops, Any, Record, Record, Any, Record, Values], Values]
     begun: Callable[[Ops, Any, Record, Any, Value], tuple[Record, Value]] = lambda ops, p, x, u, h: (x, h)
     check: Callable[[Ops, Any, Record, Any], None] = lambda ops, p, x, u: None
+    least: Values = field(default_factory=dict)
 
     def step(self, as_built: Callable[[Ops, Any], Any]) -> SwitchedStep:
         """Return the function `step(ops, p, x, u, h)` of an actuator whose plant has the parameters `as_built`."""
@@ -100,7 +102,7 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
     lost = {name: ops.both(after[name] <= 0.0, y > 0.0) for name, y in before.items()}
 
     def to_event() -> tuple[Value, ...]:
-        first = first_event(ops, h, before, after, lost, lambda time: margins(moved(time)))
+        first = first_event(ops, h, before, after, lost, lambda time: margins(moved(time)), system.least)
         # A margin that first grows, or hardly falls, is zero nowhere near: the step looks further, without an event.
         far = first.margin > _FAR * first.begin
         used = ops.where(far, ops.maximum(first.time, _FURTHER * h), first.time)

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.actuators import NONLINEAR, capabilities, get
+from emcas_fmu.actuators.electromechanical import nonlinear, series_clutch
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
@@ -45,6 +46,27 @@ def slew(load: float = 0.0, at: float = 0.45) -> dict[str, Any]:
     """From -20 to 20 deg, with a load on the way."""
     return {"aero_torque": lambda t: load if t > at else 0.0,
             "fin_command": lambda t: radians(20.0 if t > 0.5 else -20.0)}
+
+
+def test_a_load_of_a_rounding_error_is_passed(values: Mapping[str, Any]) -> None:
+    """Without a load rounding says which way it acts: a step to there must not be too short to change the current."""
+    p, u, left = ACTUATOR.namespace({**values, "drive.current_offset": 0.0}), acting(0.2331117138154306), 3.7874607e-8
+    speed = 5.291300777307077e-06
+    state = Record(**{**ACTUATOR.start(FLOATS, p), "screw_angle": -10.994144213826559, "screw_speed": speed,
+                      "motor_speed": speed, "drive_integral": -0.0004683895304379187})
+
+    def felt(current: float) -> float:
+        x = state.replace(motor_current=current)
+        return float(series_clutch.mode(FLOATS, nonlinear.as_built(FLOATS, p), x, u, left).motion.felt)
+
+    low, high = 0.0, 10.0  # below, the load's inertia drives the screw; above, the screw drives it
+    while low < (middle := 0.5 * (low + high)) < high:
+        low, high = (low, middle) if felt(middle) == felt(10.0) else (middle, high)
+    state, calls = state.replace(motor_current=low), 0
+    while left > 0.0 and calls < 50:
+        moved, used = ACTUATOR.step(FLOATS, p, state, u, left)
+        state, left, calls = state.replace(**moved), left - used, calls + 1
+    assert calls < 10
 
 
 # -- closed forms ------------------------------------------------------------------

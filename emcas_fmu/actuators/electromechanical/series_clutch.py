@@ -235,7 +235,8 @@ ACTUATOR = replace(
     initial=initial,
     sample=sample,
     derivatives=derivatives,
-    step=events.Switched(mode, _rates, _margins, _landed, electrical.begun).step(as_built),
+    # Without a load, rounding decides which way it acts: after PROGRESS alone the current would not have changed.
+    step=events.Switched(mode, _rates, _margins, _landed, electrical.begun, least={"load": 1e-3}).step(as_built),
     reference="emcas_fmu.reference.series_clutch",
     modules=(sys.modules[__name__], *MODULES),
 )
