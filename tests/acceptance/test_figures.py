@@ -15,10 +15,10 @@ from emcas_fmu.bench.metrics import unit_of
 from emcas_fmu.bench.runs import StoppedError
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.report import accuracy, mission, responses, stiffness
+from emcas_fmu.studies.report import accuracy, budget, mission, responses, stiffness
 from emcas_fmu.studies.report.outcome import Group, Outcome, Quantity, Rig
 
-from ..bench.subjects import Broken, Play, SecondOrder, count
+from ..bench.subjects import Broken, Known, Play, SecondOrder, count
 
 FRICTIONLESS = {
     **{f"friction.viscous.{side}": 0.0 for side in ("positive", "negative")},
@@ -48,6 +48,35 @@ def test_play_has_the_hysteresis_of_its_width(half: float) -> None:
     assert found["largest_error_deg"] == pytest.approx(half, abs=1e-12)
     assert found["bidirectional_accuracy_deg"] == pytest.approx(2.0 * half, abs=1e-12)
     assert found["repeatability_deg"] == pytest.approx(0.0, abs=1e-12)
+
+
+class Spring(Known):
+    """Yields to a load by 1 deg for 500 N.m, and follows the command exactly."""
+
+    def angle(self, command: Any, moment: Any, step: float) -> Any:
+        """The command of the row before, and the deflection."""
+        return np.append(0.0, command[:-1]) + np.radians(np.asarray(moment) / 500.0)
+
+
+def test_budget_of_play_and_spring_by_hand() -> None:
+    """What does not depend on a parameter has no other term; drawn units are all alike."""
+    play, spring = (budget.measure(Rig(subject)).figures for subject in (Play(half=0.03), Spring()))
+    for figures, loop, friction in ((play, (0.03, 0.03), (0.03, 0.03)), (spring, (0.0, 0.2), (0.0, 0.0))):
+        sums = ("worst_case", "root_of_squares", "monte_carlo_95", "monte_carlo_99", "as_set", "required")
+        assert {name for name in figures if name not in sums} > {"loop", "friction", "encoder", "screw_lead"}
+        for k, load in enumerate(("unloaded_deg", "loaded_deg")):
+            expected = {"loop": loop[k], "friction": friction[k]}
+            for name in figures.keys() - {*sums}:
+                assert figures[name][load] == pytest.approx(expected.get(name, 0.0), abs=1e-12)
+            assert figures["worst_case"][load] == pytest.approx(loop[k] + friction[k], abs=1e-12)
+            for name in ("monte_carlo_95", "monte_carlo_99", "as_set"):
+                assert figures[name][load] == pytest.approx(max(loop[k], friction[k]), abs=1e-12)
+            assert figures["required"][load] == pytest.approx(0.2, abs=1e-12)
+
+
+def test_sums_of_a_budget() -> None:
+    assert metrics.combined([3.0, -4.0]) == {"worst_case": 7.0, "root_of_squares": 5.0}
+    assert metrics.combined([]) == {"worst_case": 0.0, "root_of_squares": 0.0}
 
 
 def test_smallest_encloses_a_known_threshold() -> None:
