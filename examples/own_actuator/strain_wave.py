@@ -85,6 +85,7 @@ ACTUATOR = em.Actuator(
     provides=frozenset({em.capabilities.POSITION_LOOP, em.capabilities.CURRENT_LIMIT}),
     initial=lambda ops, p, start: {"motor_angle": p.gear.ratio * start.fin_angle},
     sample=sample, derivatives=derivatives,
+    imperfections={"compliance": {"gear.stiffness": 1e6, "gear.stiffness_loaded": 1e6}},
     discontinuities=(
         em.Limit("voltage", demand, lambda ops, p, x, u: u.supply),
         em.Limit("soft", windup, "gear.soft_windup", saturates=False),

@@ -36,7 +36,7 @@ SEED = 1
 QUANTILES = (95, 99)  # %
 _TEMPERATURE, _RANGE = "friction.temperature", ("friction.identified_from", "friction.identified_to")
 QUANTITIES = (Quantity("unloaded_deg", "without load", "unloaded"),
-              Quantity("loaded_deg", "with the load in either direction", "loaded"))
+              Quantity("loaded_deg", "in either direction", "loaded"))
 
 
 class Term(NamedTuple):
@@ -191,7 +191,7 @@ def measure(rig: Rig) -> Outcome:
              for q, r, most, errors in zip(QUANTITIES, wanted, limit, drawn, strict=True)]
     return Outcome(
         f"{TARGETS} commands over ±{rig.limit:g} deg are held for {HOLD:g} s, after a motion of {MOVED_TO:g} deg from "
-        f"either side within the range, without load and with {load:g} N.m in either direction. The term of an "
+        f"either side within the range, without load and with {load:g} N.m, in either direction. The term of an "
         "imperfection or a tolerance is the largest distance, over the last third of a hold, from the angle that the "
         "actuator holds without any; those of loop and friction are errors of that angle. The sums are of all terms. "
         "Monte Carlo: of units as set, with tolerances drawn evenly between their limits, each is held at one drawn "
