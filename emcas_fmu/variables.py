@@ -149,6 +149,12 @@ def in_group(group: str, *variables: Variable) -> tuple[Variable, ...]:
     return tuple(replace(v, name=f"{group}.{v.name}") for v in variables)
 
 
+def with_outputs(outputs: tuple[Variable, ...], further: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """Return outputs with further ones appended, each once."""
+    names = {v.name for v in outputs}
+    return (*outputs, *(v for v in further if v.name not in names))
+
+
 def only(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ...]:
     """Return the variables whose names begin with one of the prefixes, in their order.
 

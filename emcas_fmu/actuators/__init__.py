@@ -41,6 +41,8 @@ NAMES = tuple(_MODULES)
 _OVER = {"worm-gear-elastic": "worm-gear"}  # shipped actuators whose parameter file overrides that of another
 # In the order in which they extend an actuator.
 EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "trajectory", "supply", "faults")
+HALVES: tuple[str, ...] = ("controller", "plant")
+"""An actuator's controllers or plant alone (:mod:`emcas_fmu.extensions.halves`), named behind its extensions."""
 _SEPARATOR = "+"
 _NAME = re.compile(r"(.*\.py|[^+]*)((?:\+[^+]*)*)", re.DOTALL)
 
@@ -61,12 +63,12 @@ def parts(name: str) -> tuple[str, tuple[str, ...]]:
         raise EmcasError(f"model {name}: {actuator} is an extension of an actuator: "
                          f"{_SEPARATOR.join((NONLINEAR, name))}")
     for extension in extensions:
-        if extension not in EXTENSIONS:
+        if extension not in (*EXTENSIONS, *HALVES):
             raise EmcasError(f"model {name}: there is no extension {extension!r}{hint(extension, EXTENSIONS)}; "
                              f"there is {', '.join(EXTENSIONS)}")
         if extensions.count(extension) > 1:
             raise EmcasError(f"model {name}: extension {extension!r} appears twice")
-    return _known(actuator, name), tuple(each for each in EXTENSIONS if each in extensions)
+    return _known(actuator, name), tuple(each for each in (*EXTENSIONS, *HALVES) if each in extensions)
 
 
 def _known(actuator: str, name: str) -> str:
@@ -104,6 +106,13 @@ def full_name(name: str) -> str:
     return _SEPARATOR.join((actuator, *extensions))
 
 
+def half(name: str, part: str) -> str:
+    """Return the name of an actuator's `part`, its controllers or its plant alone. Raises EmcasError."""
+    if part not in HALVES:
+        raise EmcasError(f"part {part}: there is {' and '.join(HALVES)}{hint(part, HALVES)}")
+    return full_name(_SEPARATOR.join((name, part)))
+
+
 @checked
 def get(name: str) -> Actuator:
     """Return the actuator of a name, its extensions in any order. Raises EmcasError."""
@@ -112,7 +121,8 @@ def get(name: str) -> Actuator:
 
 def get_extension(name: str) -> Extension:
     """Return the extension of a name."""
-    extension: Extension = import_module(f"..extensions.{name}", __name__).EXTENSION
+    module, attribute = ("halves", name.upper()) if name in HALVES else (name, "EXTENSION")
+    extension: Extension = getattr(import_module(f"..extensions.{module}", __name__), attribute)
     return extension
 
 
@@ -192,4 +202,4 @@ def default_files(name: str) -> tuple[Path, ...]:
     if base in _MODULES and base != NONLINEAR:
         names = (_OVER[base], base) if base in _OVER else (base,)
         files = tuple(folder / "actuators" / f"{each}.toml" for each in names)
-    return (*files, *(folder / "extensions" / f"{each}.toml" for each in extensions))
+    return (*files, *(folder / "extensions" / f"{each}.toml" for each in extensions if each in EXTENSIONS))

@@ -40,7 +40,7 @@ from ..physics.structure import Structure
 from ..rules import SLACK, Rule
 from ..steppers.discontinuities import Discontinuity
 from ..steppers.smooth import Derivatives
-from ..variables import Terminal, Variable, parameter, real_input, real_output
+from ..variables import Terminal, Variable, parameter, real_input, real_output, with_outputs
 from . import capabilities, fin_port, positional, stepped
 from .inputs import PlantInputs as PlantInputs
 from .inputs import SampleInputs as SampleInputs
@@ -147,6 +147,8 @@ class Actuator:
       set by samples and used by everything
     - ``encoder``, ``fin_side``: the states of angle and speed that the sensors read; and those of the fin, referred to
       the motor, behind an elastic drive line: an encoder on the fin (encoder.on_fin) reads that angle
+    - ``controllers_read``: states in addition to the position that samples read, and "supply"; None: every state
+    - ``reference_output``: the output that is the reference of the last sample
     - ``outputs``, ``parameters``: in the order of the interface; those of the port that are not listed come first, the
       supply's power last
     - ``further_inputs``: inputs in addition to the port's: samples use a Boolean, everything uses a Real
@@ -171,6 +173,7 @@ class Actuator:
     - ``faults``: of its kind, which the extension `faults` offers in addition to the general ones
     - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
     - ``reference``: an independent integration: a Python file, or a module's name, with `simulate(parameters, inputs)`
+    - ``hidden``: inputs of the port that an actuator's half lacks, as it lacks outputs of the port
     - ``modules``, ``source``, ``begun``: set where it is loaded: modules whose docstrings are the equations, the user's
       file; states at the start that follow from inputs
     """
@@ -183,6 +186,8 @@ class Actuator:
     sampled_states: tuple[State, ...] = ()
     encoder: tuple[str, str] = ("fin_angle", "fin_rate")
     fin_side: tuple[str, str] | None = None
+    controllers_read: tuple[str, ...] | None = None
+    reference_output: str = "drive_reference"
     outputs: tuple[Variable, ...] = ()
     parameters: tuple[Variable, ...] = ()
     further_inputs: tuple[Variable, ...] = ()
@@ -213,13 +218,15 @@ class Actuator:
     faults: tuple[PlantFault, ...] = ()
     provides: frozenset[str] = frozenset()
     reference: Path | str | None = None
+    hidden: frozenset[str] = frozenset()
     modules: tuple[Any, ...] = ()
     source: Path | None = None
 
     def __post_init__(self) -> None:
         check_lists(self)
         check_functions(self)
-        for kind, port in (("outputs", fin_port.OUTPUTS), ("parameters", fin_port.PARAMETERS)):
+        outputs = () if self.hidden else fin_port.OUTPUTS
+        for kind, port in (("outputs", outputs), ("parameters", fin_port.PARAMETERS)):
             listed = getattr(self, kind)
             names = {v.name: v for v in listed}
             for v in port:
@@ -235,7 +242,7 @@ class Actuator:
         elif self.discontinuities or len(signature(self.initial).parameters) == 4:
             raise EmcasError(f"actuator {self.name}: has a step, beside which discontinuities and inputs in `initial` "
                              "have no effect; leave the step out, or these")
-        elif not hasattr(self.output_values, "__wrapped__"):
+        elif not self.hidden and not hasattr(self.output_values, "__wrapped__"):
             object.__setattr__(self, "output_values", _with_port(self.output_values))
         declared = (s for s in self.controller_states if s not in _BUS)  # a replaced actuator has them already
         object.__setattr__(self, "controller_states", (*declared, *_BUS))
@@ -397,9 +404,3 @@ class Actuator:
         """Return every output in SI, for a command and sample results of 0."""
         unsampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
         return self.output_values(ops, p, x, PlantInputs(**{**vars(u), **unsampled}))
-
-
-def with_outputs(outputs: tuple[Variable, ...], further: tuple[Variable, ...]) -> tuple[Variable, ...]:
-    """Return outputs with further ones appended, each once."""
-    names = {v.name for v in outputs}
-    return (*outputs, *(v for v in further if v.name not in names))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import keyword
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..errors import EmcasError
 from ..namespace import Record
@@ -16,6 +16,7 @@ class State:
     name: str
     unit: str = ""
     description: str = ""
+    start: float = field(default=0.0, repr=False)  # of a sampled state, where the plant alone is fed none
 
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.name.isascii()) or keyword.iskeyword(self.name):

@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from ..actuators import NONLINEAR
+from ..actuators import NONLINEAR, half
 from . import common
 
 EPILOG = common.examples(
     "build", "", "--parameters my_actuator.toml --output MyActuator.fmu", "--backend native",
     "--backend native --platform linux64 --platform win64", "--backend native --cc gcc", "--fmi 3",
-    "--backend native --names flat", "--model second-order",
+    "--backend native --names flat", "--model second-order", "--part controller", "--part plant --backend native",
     "--fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
 
@@ -39,9 +39,12 @@ def build(
     names: Annotated[str, common.value(
         "Names of variables, as fin[2].fin_angle, or flat, as fin2_fin_angle: for tools that refuse dots and brackets, "
         "or make buses of them.", "structured|flat")] = "structured",
+    part: Annotated[str | None, common.value(
+        "Only the controllers (measured angle in, reference out), or only the plant (reference in): hardware replaces "
+        "the other.", "controller|plant")] = None,
     references: Annotated[bool, typer.Option(
         help="Include responses that any host can repeat; for new parameters they need a second or more "
-             "to integrate.")] = True,
+             "to integrate. None of a part.")] = True,
     output: Annotated[Path | None, common.value("FMU to write; default: EMCAS.fmu, or EMCAS4.fmu with --fins 4.",
                                                 "FILE", "--output", "-o")] = None,
 ) -> None:
@@ -51,13 +54,13 @@ def build(
     from ..parameters import load_parameters
     from ..studies.overview import in_words, remaining_estimates
 
-    target = output or Path(f"{FmuInterface(fins, model).model}.fmu")
+    target = output or Path(f"{FmuInterface(fins, half(model, part) if part else model).model}.fmu")
     placement, files = common.placed(fins, layout, fin)
     common.check_outputs(target, inputs=(parameters, files.values()))
     chosen = load_parameters(parameters, model=model)
     with common.work("build") as step:
         built = build_fmu(chosen, target, backend, platform, cc, step, fins, placement, files, fmi, references,
-                          clock, names)
+                          clock, names, part)
     common.warn(built.warnings)
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")

@@ -6,9 +6,14 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from ..actuators.declaration import Actuator, with_outputs
+from ..actuators.declaration import Actuator
 from ..rules import Rule
-from ..variables import Variable
+from ..variables import Variable, with_outputs
+
+
+def also_read(actuator: Actuator, *names: str) -> tuple[str, ...] | None:
+    """Return `controllers_read` of an actuator with further names."""
+    return None if actuator.controllers_read is None else (*actuator.controllers_read, *names)
 
 
 @dataclass(frozen=True)

@@ -20,15 +20,15 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from ..actuators import capabilities, fin_port
-from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values, with_outputs
+from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import free_fin, kinematics, mechanics
 from ..physics.loads import NONE
 from ..rules import SLACK, rule, when
-from ..variables import Variable, integer_output
+from ..variables import Variable, integer_output, with_outputs
 from . import fault_list, monitors
-from .declaration import Extension
+from .declaration import Extension, also_read
 from .fault_list import SOUND, Held, acting, at_line, blocked, faulted, standing
 from .status import DISABLED, OPERATIONAL, STATUS
 
@@ -44,6 +44,7 @@ _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("bro
 # Faults that act on the plant and end with their cause.
 _OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise")
 _HELD = tuple(f"fault_{name}" for name in Held._fields)
+_SOUND = tuple(State(name, start=value) for name, value in zip(_HELD, SOUND, strict=True))
 _WAITING = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAND_DELAY))
 
 
@@ -81,8 +82,9 @@ def extend(actuator: Actuator) -> Actuator:
     sampled = (*_KEPT, *faulty.counters, *faulty.flags, *_WAITING)
     return replace(
         actuator, states=(*actuator.states, *faulty.broken),
+        controllers_read=also_read(actuator, *faulty.read, "supply"),
         controller_states=(*actuator.controller_states, *map(State, sampled)),
-        sampled_states=(*actuator.sampled_states, *map(State, (*_HELD, *faulty.of_kind.values()))),
+        sampled_states=(*actuator.sampled_states, *_SOUND, *map(State, faulty.of_kind.values())),
         outputs=with_outputs(actuator.outputs, (STATUS, word, BUILT_IN_TEST)),
         initial=faulty.initial, sample=faulty.sample, step=faulty.step, output_values=faulty.output_values)
 
@@ -97,6 +99,9 @@ class _Faulty:
         self.broken = _BROKEN if self.geared else ()
         self.faults, self.watched = fault_list.general(actuator), monitors.possible(actuator)
         self.bits = fault_list.bits(actuator)
+        # The monitors know the motor's current.
+        self.read = (actuator.encoder[1], *(s.name for s in (*actuator.states, *self.broken)
+                                            if s in self.broken or s.name == "motor_current"))
         # Names of states: whether a fault of the actuator's kind is active; counter and flag of each monitor.
         self.of_kind = {fault.name: f"plant_fault_{fault.name}" for fault in actuator.faults}
         self.counters, self.flags = (tuple(f"{monitor.name}_{kind}" for monitor in self.watched)

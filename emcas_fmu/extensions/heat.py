@@ -23,7 +23,7 @@ from ..ops.base import Ops, Value
 from ..physics import course, heat
 from ..steppers.electrical import electrical_mode
 from ..variables import in_group, parameter, real_output, tunable
-from .declaration import Extension
+from .declaration import Extension, also_read
 
 STATES = (State("winding_temperature", "degC"), State("case_temperature", "degC"))
 I2T_LOAD = State("i2t_load", "1")
@@ -144,6 +144,7 @@ def extend(actuator: Actuator) -> Actuator:
     return replace(
         actuator, states=(*actuator.states, *STATES, *((I2T_LOAD,) if limits else ())),
         outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS),
+        controllers_read=also_read(actuator, I2T_LOAD.name) if limits else actuator.controllers_read,
         parameters=(*actuator.parameters, *ambient), provides=actuator.provides | {capabilities.AMBIENT_TEMPERATURE},
         initial=initial,
         sample=sample if limits else actuator.sample, derivatives=derivatives if actuator.derivatives else None,

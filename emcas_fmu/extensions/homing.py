@@ -79,7 +79,7 @@ def extend(actuator: Actuator) -> Actuator:
     return replace(
         actuator, initial=initial, sample=sample, step=step, output_values=output_values,
         controller_states=(*actuator.controller_states, State("home_before"), *map(State, run.PROGRESS)),
-        sampled_states=(*actuator.sampled_states, State("homing_phase")),
+        sampled_states=(*actuator.sampled_states, State("homing_phase", start=run.READY)),
         further_inputs=(*actuator.further_inputs, HOME))
 
 

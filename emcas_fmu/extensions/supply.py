@@ -22,7 +22,7 @@ from ..physics import course, drive, supply
 from ..rules import rule, when
 from ..steppers.electrical import electrical_mode
 from ..variables import boolean_output, in_group, parameter, real_output, switch
-from .declaration import Extension
+from .declaration import Extension, also_read
 from .status import DISABLED, OPERATIONAL, STATUS
 
 STATES = (State("link_voltage", "V", "voltage of the DC link; below 0 before it has reached the source's"),
@@ -138,9 +138,10 @@ def extend(actuator: Actuator) -> Actuator:
     line = actuator.supply
     assert line is not None  # VOLTAGE_LIMIT
     return replace(
-        actuator, states=(*actuator.states, *STATES), initial=initial, sample=sample, step=step,
-        output_values=output_values, longest_tick=longest_tick,
-        tick_remedy=f"{actuator.tick_remedy}, or raise supply.capacitance",
+        actuator, states=(*actuator.states, *STATES),
+        controllers_read=also_read(actuator, *(s.name for s in STATES), "supply"), initial=initial,
+        sample=sample, step=step, output_values=output_values,
+        longest_tick=longest_tick, tick_remedy=f"{actuator.tick_remedy}, or raise supply.capacitance",
         supply=replace(line, power=SUPPLY_POWER, inverse_inductance=_inverse_inductance),
         outputs=fin_port.described({SUPPLY_POWER.name: SUPPLY_POWER.description}, actuator.outputs),
         descriptions={**actuator.descriptions, line.input.name: "voltage of the source that feeds the DC link"})

@@ -145,7 +145,11 @@ def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
     actuator, several = interface.actuator, interface.fins > 1
     if several:
         yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)
-    for terminal in (*fin_port.TERMINALS, *actuator.terminals):
+    present = {v.name for v in (*actuator.inputs, *actuator.outputs)} - actuator.hidden
+    for listed in (*fin_port.TERMINALS, *actuator.terminals):
+        terminal = replace(listed, members=tuple(name for name in listed.members if name in present))
+        if not terminal.members:
+            continue
         if not several or terminal.name == "vehicle":
             yield terminal
         elif arrays:

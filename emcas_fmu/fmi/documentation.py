@@ -99,7 +99,7 @@ def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
                 model=interface.model, guid=guid, description=describe(interface), fins=interface.fins,
                 parameters=parameters_in_words(interface, sets), line=interface.line, backend=backend, fmi=fmi,
                 platforms=platforms, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
-                pictures=response_pictures(sets[0]),
+                pictures=() if interface.actuator.hidden else response_pictures(sets[0]),
                 equations=[list(_blocks(text)) for text in filter(None, docstrings)])
     return interface.respelt(text)
 

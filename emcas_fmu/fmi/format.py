@@ -77,8 +77,13 @@ class Format:
         return texts
 
     def variables(self, interface: FmuInterface) -> tuple[Array, ...]:
-        """Return the inputs, outputs and parameters in the order of their value references."""
-        return arrays(interface) if self.arrays else tuple(Array(v, i) for i, v in enumerate(interface.variables))
+        """Return the inputs, outputs and parameters that a host sees, in the order of their value references."""
+        listed = arrays(interface) if self.arrays else tuple(Array(v, i) for i, v in enumerate(interface.variables))
+        return tuple(each for each in listed if each.variable.name not in interface.actuator.hidden)
+
+    def references(self, interface: FmuInterface) -> tuple[tuple[int, Array], ...]:
+        """Return all variables with their value references: of FMI 2.0 indices among the scalars."""
+        return tuple((k if self.arrays else each.first, each) for k, each in enumerate(self.listed(interface)))
 
     def listed(self, interface: FmuInterface) -> tuple[Array, ...]:
         """Return all variables in the order of their value references: in FMI 3.0 also time and the clock."""

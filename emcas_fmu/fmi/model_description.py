@@ -50,7 +50,7 @@ def model_description(fmi: Format, interface: FmuInterface, starts: Sequence[Any
                                           "stepSize": text(STEP_SIZE)}),
             element("ModelVariables", {}, (
                 _variable(fmi, interface, reference, array, starts)
-                for reference, array in enumerate(fmi.listed(interface)))),
+                for reference, array in fmi.references(interface))),
             element("ModelStructure", {}, _structure(fmi, interface))])
 
 

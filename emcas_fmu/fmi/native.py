@@ -70,7 +70,8 @@ def _arrays(interface: FmuInterface, fmi: Format) -> str:
                       f"{v.fins or 1}, {v.stride}}}" for v in listed)
     actuator = interface.actuator
     sample_time = [v.name for v in actuator.parameters].index("controller.sample_time")
-    fin_rate = [v.name for v in actuator.outputs].index("fin_rate")
+    outputs = [v.name for v in actuator.outputs]
+    fin_rate = f"#define OUTPUT_FIN_RATE {outputs.index('fin_rate')}\n" if "fin_rate" in outputs else ""
     names = ", ".join(c_text(_host_type(kind)) for kind in _TYPES)
     return ("\n/* Types of FMI 3.0, and the indices of the elements of a variable: `size` of a fin from `first` on, "
             f"those of the\n * next fin `stride` further. */\nenum {{ {', '.join(_TYPES.values())} }};\n"
@@ -80,8 +81,8 @@ def _arrays(interface: FmuInterface, fmi: Format) -> str:
             f"enum {{ TIME = {len(fmi.variables(interface))}, ARRAYS = {len(listed)} }};\n"
             f"#define CLOCK_NAME {c_text(CLOCK.name)}\n"
             f"static const array ARRAY[ARRAYS] = {{\n{rows}\n}};\n\n"
-            "/* The index of the sample time among a fin's parameters, of the rate among its outputs. */\n"
-            f"enum {{ SAMPLE_TIME = {sample_time}, OUTPUT_FIN_RATE = {fin_rate} }};\n")
+            "/* The index of the sample time among a fin's parameters, of the rate among its outputs, if any. */\n"
+            f"enum {{ SAMPLE_TIME = {sample_time} }};\n{fin_rate}")
 
 
 def _host_type(kind: str) -> str:
@@ -105,7 +106,7 @@ def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
     prefix = enumerator(interface.model)
     lines = [f"#define {prefix}_MODEL {c_text(interface.model)}", f"#define {prefix}_{fmi.token} {c_text(guid)}"]
     used: set[str] = set()
-    for reference, array in enumerate(fmi.listed(interface)):
+    for reference, array in fmi.references(interface):
         spelt, name = interface.spelt(array.variable.name), enumerator(array.variable.name)
         name = f"{name}_{reference}" if name in used else name  # a.b_c and a_b.c are two variables
         used.add(name)

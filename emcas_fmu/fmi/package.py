@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from uuid import UUID
 
 from .. import __version__
+from ..actuators import half
 from ..errors import BuildError
 from ..parameters import ParameterSet
 from ..runtime import codegen
@@ -76,7 +77,7 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
 def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
           fins: int = 1, layout: str = "cross", files: Mapping[int, Path | str] | None = None, fmi: str | int = "2",
-          references: bool = True, clock: bool = False, names: str = SPELLINGS[0]) -> Built:
+          references: bool = True, clock: bool = False, names: str = SPELLINGS[0], part: str | None = None) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python`` (FMI 2.0 only; its default) or ``native``, the default for `fmi` ``3``. The native back end
@@ -84,7 +85,8 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     `clock` an FMU of FMI 3.0 has a clock of the controllers' samples. `names` of variables are ``structured``, or
     ``flat``: without dots and brackets. Several `fins` share a supply and are in the `layout` ``plus`` or ``cross``;
     `files` are parameter files of single fins, by number from 1, that override `parameters`. With `references` the FMU
-    contains responses to compare with (:mod:`.references`). Raises EmcasError for invalid arguments, ParameterError
+    contains responses to compare with (:mod:`.references`). A `part` is the ``controller`` or the ``plant`` alone
+    (:mod:`emcas_fmu.extensions.halves`), without references. Raises EmcasError for invalid arguments, ParameterError
     for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is no compiler.
     """
     fmi = str(fmi)
@@ -97,14 +99,18 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
              "platforms and cc are for backend native: the Python back end compiles nothing"),
             (clock and fmi == "2", "clock is for fmi 3: FMI 2.0 has no clocks"),
             (in_python and fmi != "2", f"fmi {fmi} is for backend native: the Python back end exports FMI 2.0"),
-            (fins == 1 and files, "files of single fins are for an FMU of several: set fins")):
+            (fins == 1 and files, "files of single fins are for an FMU of several: set fins"),
+            (part and fins > 1, f"part {part} is that of one fin: leave fins out, and use an instance for each")):
         if refused:
             raise BuildError(reason)
     output = Path(output)
     check_target(output, ".fmu", BuildError)
+    if part:
+        parameters = replace(parameters, model=half(parameters.model, part))
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
     interface, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else FORMATS[fmi]
-    contents, guid, built_for, doubts = _contents(interface, sets, backend, platforms, cc, progress, chosen, references)
+    contents, guid, built_for, doubts = _contents(interface, sets, backend, platforms, cc, progress, chosen,
+                                                  references and not interface.actuator.hidden)
     # modelDescription.xml first: readers that stream find it at once.
     write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *doubts))

@@ -235,6 +235,7 @@ ACTUATOR = Actuator(
     states=STATES,
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
+    controllers_read=("screw_speed", "coil_current_1", "coil_current_2"),
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER),
     descriptions={**interface.INPUT_DESCRIPTIONS,
                   "enable": "false: both clutches are open, and the motor keeps turning"},

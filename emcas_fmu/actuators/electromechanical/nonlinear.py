@@ -112,6 +112,7 @@ ACTUATOR = Actuator(
     states=interface.MOTION + interface.DRIVE,
     controller_states=interface.CONTROLLER,
     encoder=("motor_angle", "motor_speed"),
+    controllers_read=("motor_speed", "motor_current"),
     supply=interface.SUPPLY,
     descriptions=interface.INPUT_DESCRIPTIONS,
     supply_rules=plausibility.SUPPLY_RULES,

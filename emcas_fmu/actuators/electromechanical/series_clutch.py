@@ -228,6 +228,7 @@ ACTUATOR = replace(
            "engineering estimates, the others are the nonlinear set's.",
     states=STATES,
     encoder=("screw_angle", "screw_speed"),
+    controllers_read=("screw_speed", "motor_current"),
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER, interface.SUPPLY.inverse_inductance),
     descriptions={**interface.INPUT_DESCRIPTIONS,
                   "enable": "false opens drive's bridge and clutch: the no-back holds the fin under any load"},

@@ -164,6 +164,8 @@ ACTUATOR = Actuator(
     name="servo",
     title="digital hobby servo: firmware, PWM, DC motor, gear with load-dependent friction and play",
     origin="The thesis of Yerlikaya (2016) has no servo of this kind.",
+    controllers_read=(),
+    reference_output="duty",
     states=(*FIN, State("motor_angle", "rad"), State("motor_speed", "rad/s")),
     controller_states=(State("integral", "1", "counts of PWM"),
                        State("counts", "1", "of the encoder at the last frame")),

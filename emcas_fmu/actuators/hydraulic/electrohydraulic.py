@@ -183,6 +183,8 @@ ACTUATOR = Actuator(
     title="electrohydraulic actuator: pressure line, servovalve, cylinder, lever and fin",
     origin="The structure is that of section 1.1.3 of the thesis of Yerlikaya (2016), which gives no numbers: every "
            "value is an engineering estimate.",
+    controllers_read=(),
+    reference_output="valve_reference",
     states=(*FIN, *interface.CHAMBERS, *VALVE),
     controller_states=interface.CONTROLLER,
     supply=Supply(SUPPLY_PRESSURE, SUPPLY_POWER),

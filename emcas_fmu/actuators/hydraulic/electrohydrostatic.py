@@ -230,6 +230,7 @@ ACTUATOR = replace(
     states=(*FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
     encoder=("fin_angle", "fin_rate"),
+    controllers_read=("motor_speed",),
     descriptions={"enable": "false opens the drive's bridge: the fin is held by friction and leakage of the pump, "
                             "unless the bypass valve opens"},
     faults=FAULTS,

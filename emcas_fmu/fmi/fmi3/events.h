@@ -15,10 +15,12 @@ static bool same_situation(const double *a, const double *b)
 {
     for (size_t i = 0; i < FMU_OUTPUTS; ++i)
         if (VARIABLE[OUTPUT_BEGIN + i].kind != REAL && a[i] != b[i]) return false;
+#ifdef OUTPUT_FIN_RATE
     for (size_t fin = 0; fin < FINS; ++fin) {
         const size_t rate = LINE_OUTPUTS + fin * MODEL_OUTPUTS + OUTPUT_FIN_RATE;
         if ((a[rate] == 0.0) != (b[rate] == 0.0)) return false;
     }
+#endif
     return true;
 }
 

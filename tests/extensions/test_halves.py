@@ -1,0 +1,148 @@
+"""An actuator's controllers and its plant, each alone: their signals, and coupled the trajectory of the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees, radians
+from typing import Any
+
+import pytest
+
+from emcas_fmu.actuators import EXTENSIONS, HALVES, NAMES, NONLINEAR, capabilities, full_name, get, get_extension, half
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.extensions.halves import measured
+from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.runtime import codegen
+from emcas_fmu.trace.dependencies import Known, dependencies
+from tests.marks import others_slow, slow
+
+STEP = 1e-3
+LOOPED = [name for name in NAMES if capabilities.POSITION_LOOP in get(name).provides]
+EXTENDED = [f"{name}+{extension}" for name in LOOPED for extension in EXTENSIONS
+            if get(name).provides.issuperset(get_extension(extension).needs)]
+TOGETHER = ["nonlinear+heat+supply+faults", "elastic+stribeck+heat+homing+faults", "nonlinear+lugre+efficiency+supply"]
+OWN = [f"examples/own_actuator/{name}.py" for name in ("direct_drive", "strain_wave", "hot_gas")]
+
+
+class Part:
+    """The core of an actuator or of a half of it, with its inputs by name."""
+
+    def __init__(self, parameters: ParameterSet, model: str, changes: Mapping[str, float]) -> None:
+        self.actuator, self._model, values = get(model), model, {**parameters.values, **changes}
+        self.core = codegen.core(values, model)
+        self.inputs = {v.name: float(v.initial(values)) for v in self.actuator.inputs}
+
+    def set(self, signals: Mapping[str, float]) -> None:
+        self.inputs |= {name: value for name, value in signals.items() if name in self.inputs}
+
+    def outputs(self) -> dict[str, float]:
+        values = self.core.outputs(codegen.core_inputs(self.core, list(self.inputs.values()), self._model))
+        return dict(zip((v.name for v in self.actuator.outputs), map(float, values), strict=True))
+
+    def run(self, end: float) -> None:
+        self.core.run(end, codegen.core_inputs(self.core, list(self.inputs.values()), self._model))
+
+
+def excited(time: float) -> dict[str, float]:
+    """Inputs that meet limits, switch the drive off and on, and move the vehicle."""
+    return {"fin_command": radians(10.0) * (time > 0.02), "aero_torque": -20.0 * (time > 0.1), "home": time > 0.01,
+            "acceleration.z": 20.0 * time, "enable": not 0.15 < time < 0.17}
+
+
+def apart(model: str, step: float = STEP, stop: float = 0.25, in_turn: bool = True, earlier: float = 0.0,
+          values: Mapping[str, Any] | None = None) -> float:
+    """Return the largest difference of a coupled plant's fin angle [deg] from that of the whole.
+
+    Not `in_turn`, the plant gets the reference a step later; its transport delay is `earlier` [s] shorter.
+    """
+    parameters = load_parameters(model=model).with_values(values or {})
+    shorter = {"drive.transport_delay": parameters.values["drive.transport_delay"] - earlier} if earlier else {}
+    whole, controllers, plant = (Part(parameters, name, changes) for name, changes in (
+        (full_name(model), {}), (half(model, "controller"), {}), (half(model, "plant"), shorter)))
+    most, moved = 0.0, 0.0
+    for k in range(round(stop / step)):
+        for part in (whole, controllers, plant):
+            part.set(excited(k * step))
+        controllers.set(plant.outputs())
+        before = controllers.outputs()
+        controllers.run((k + 1) * step)
+        plant.set(controllers.outputs() if in_turn else before)
+        for part in (plant, whole):
+            part.run((k + 1) * step)
+        angle = whole.outputs()["fin_angle"]
+        most, moved = max(most, abs(plant.outputs()["fin_angle"] - angle)), max(moved, abs(angle))
+    assert moved > radians(1.0)
+    return degrees(most)
+
+
+@pytest.mark.parametrize("model", [*LOOPED, *slow(*EXTENDED, *TOGETHER)])
+def test_samples_read_the_measured_states_alone(model: str) -> None:
+    """What a sample depends on is what its actuator declares; an extension may declare what some actuators lack."""
+    actuator, tracer = get(model), codegen.traced(False, model)
+    sample = next(function for function in tracer.functions if function.name == "sample")
+    known = dependencies(tracer, "sample", [Known(names=frozenset({name})) for name in sample.arguments],
+                         {key: Known(names=frozenset({key})) for _, key in tracer.parameters})
+    names = frozenset[str]().union(*(each.names for each in known))
+    read = {s.name for s in actuator.states if s.name in names}
+    assert read <= set(measured(actuator))
+    assert model not in NAMES or read == set(measured(actuator))
+    assert actuator.controllers_read is not None
+    assert "supply" not in names or "supply" in actuator.controllers_read
+
+
+@pytest.mark.parametrize("model", others_slow([*LOOPED, *EXTENDED, *TOGETHER, *OWN], lambda model: model in (
+    NONLINEAR, "servo")))
+def test_in_turn_the_trajectory_is_that_of_the_whole(model: str) -> None:
+    """To the bit: the same operations at the same instants."""
+    assert apart(model, values={"homing.required": True} if "homing" in model else None) == 0.0
+
+
+@pytest.mark.parametrize("model", [NONLINEAR, *slow("servo", "electrohydraulic", "worm-gear")])
+def test_at_once_the_drive_may_delay_less(model: str) -> None:
+    """A master that passes signals on between steps delays the reference by one, of which the drive is relieved."""
+    assert 0.02 < apart(model, in_turn=False) < 1.0  # ms of motion at up to 300 deg/s
+    assert apart(model, in_turn=False, earlier=STEP) == 0.0
+
+
+def test_communication_steps() -> None:
+    """Several in a sample time cost nothing; a step over two samples gives the second of them an old measurement."""
+    assert apart(NONLINEAR, step=2.5e-4, stop=0.1) == 0.0
+    assert apart(NONLINEAR, step=2e-3, stop=0.1) > 0.2
+
+
+@pytest.mark.parametrize("model", LOOPED)
+def test_signals_have_the_same_names_and_units(model: str) -> None:
+    parts = {part: get(half(model, part)) for part in HALVES}
+    sides = {part: ({v.name: v for v in each.inputs if v.name not in each.hidden}, {v.name: v for v in each.outputs})
+             for part, each in parts.items()}
+    (into, out), (plant_into, plant_out) = sides["controller"], sides["plant"]
+    signals = {*(into.keys() & plant_out), *(out.keys() & plant_into)}
+    assert signals == set(parts["plant"].terminals[-1].members) == set(parts["controller"].terminals[-1].members)
+    for source, sink in ((plant_out, into), (out, plant_into)):
+        assert all(source[name].unit == sink[name].unit for name in source.keys() & sink)
+    assert into.keys() - signals == {"fin_command", "enable"}
+    assert {"measured_fin_angle", "saturated"} == out.keys() - signals
+    assert "fin_command" not in plant_into
+    assert {"aero_torque", "acceleration.x", "enable"} <= plant_into.keys()
+    whole = {v.name for v in get(model).outputs}
+    assert whole - plant_out.keys() == {"measured_fin_angle", "tracking_error", *(out.keys() & plant_into)}
+
+
+def test_the_plant_depends_on_no_input_through_a_measured_state() -> None:
+    """Otherwise the halves would have an algebraic loop: the reference, and what the controllers read."""
+    for model in LOOPED:
+        direct = codegen.direct_inputs(half(model, "plant"))
+        assert not direct.keys() & set(measured(get(model)))
+        assert codegen.direct_inputs(half(model, "controller")) == {}
+
+
+@pytest.mark.parametrize(("model", "part", "message"), [
+    ("second-order", "plant", "model second-order+plant: plant needs a sampled position loop; second-order has none"),
+    ("nonlinear+plant", "controller", "plant needs a sampled position loop, which controller replaces"),
+    (NONLINEAR, "controllers", "part controllers: there is controller and plant; did you mean controller?"),
+])
+def test_refusals(model: str, part: str, message: str) -> None:
+    with pytest.raises(EmcasError) as caught:
+        get(half(model, part))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
