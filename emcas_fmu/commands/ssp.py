@@ -14,6 +14,7 @@ from . import common
 EPILOG = common.examples(
     "ssp", "--output EMCAS.ssp", "--fmu EMCAS.fmu --layout plus", "--model elastic+faults --variant jammed=jammed.toml",
     "-p my_actuator.toml --fin 2=second.toml --variant hot=hot.toml", "--system-connectors --output wired.ssp",
+    "--halves --fins 1 --output halves.ssp",
     "check EMCAS.ssp", "check vehicle.ssp --fmu EMCAS.fmu --json findings.json")
 
 app = typer.Typer(add_completion=False, rich_markup_mode="rich", invoke_without_command=True, epilog=EPILOG,
@@ -39,6 +40,8 @@ def write(
     border: Annotated[bool, typer.Option("--system-connectors", help="Wire the fins to connectors of the system, such "
                                          "as fin1_fin_command, as fmpy's simulate_ssp needs it; libcosim and Ecos "
                                          "refuse that.")] = False,
+    halves: Annotated[bool, typer.Option("--halves", help="Each fin as two components, controllers and plant, to "
+                                         "replace one by hardware; built, with connectors of the system.")] = False,
 ) -> None:
     """Write an SSP 1.0 archive with variants nominal, cold and degraded.
 
@@ -55,7 +58,7 @@ def write(
     common.check_outputs(output, inputs=(fmu, parameters, of_fins.values(), of_variants.values()))
     with common.work("compile") as step:
         written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=of_fins,
-                            variant_files=of_variants, border=border, model=model, progress=step)
+                            variant_files=of_variants, border=border, model=model, progress=step, halves=halves)
     common.say(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, "
                f"FMU {written.guid}")
     common.warn((*(f"left out: {what}" for what in written.left_out), *written.warnings))

@@ -11,8 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
-from ..actuators import NONLINEAR, full_name, get
+from ..actuators import HALVES, NONLINEAR, full_name, get, half
 from ..actuators.fin_port import ENABLE
 from ..bench.fmu import chosen_model
 from ..fmi.description import describe
@@ -20,7 +21,8 @@ from ..fmi.interface import FmuInterface, fin_sets, flat
 from ..fmi.model_description import STEP_SIZE, STOP_TIME
 from ..fmi.package import build
 from ..fmi.units import Unit, fmi_unit
-from ..parameters import Entry, Value, load_parameters
+from ..parameters import Entry, ParameterSet, Value, load_parameters
+from ..rules import SLACK
 from ..support.progress import Progress
 from ..support.writing import check_target, write
 from ..variables import Variable
@@ -28,6 +30,8 @@ from .archive import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render, write_
 from .check import Report, check
 from .structure import Interface, read_interface
 from .variants import Variant, derived
+
+_DELAY = "drive.transport_delay"
 
 
 @dataclass(frozen=True)
@@ -41,18 +45,36 @@ class Written:
     report: Report
 
 
+class Component(NamedTuple):
+    """A component: its name, that of its fin, its FMU and its connectors by name."""
+
+    name: str
+    fin: str
+    fmu: Interface
+    variables: Mapping[str, Variable]
+
+    def reads(self, name: str) -> bool:
+        """Return whether it has an input of this name."""
+        return name in self.variables and self.variables[name].causality == "input"
+
+
 def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] | None = None, *, fins: int = 4,
               layout: str = "cross", fin_files: Mapping[int, Path] | None = None,
               variant_files: Mapping[str, Path] | None = None, border: bool = False,
-              model: str | None = None, progress: Progress | None = None) -> Written:
+              model: str | None = None, progress: Progress | None = None, halves: bool = False) -> Written:
     """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and check it.
 
     Without an `fmu`, the native FMU of the `model` (:mod:`emcas_fmu.actuators`) and the parameters is built. The fins'
     parameters are those of the files `parameters`, otherwise the FMU's start values. `fin_files` and `variant_files`
     are parameter files by number of the fin and by name of the variant. With a `border` the fins are wired to
-    connectors of the system. Raises EmcasError; SspError if the archive does not pass its own check.
+    connectors of the system. With `halves`, which are built and wired so, each fin is two components, its controllers
+    and its plant, whose drive delays less by the step that a signal between components takes: the trajectory is that
+    of the whole if the drive's delay is not shorter. Raises EmcasError; SspError if the archive does not pass its own
+    check.
     """
     check_target(output, ".ssp", SspError)
+    if fmu is not None and halves:
+        raise SspError(f"{fmu}: halves are two FMUs, which are built: leave the FMU or halves out")
     if fmu is not None:
         interface, content = read_interface(fmu, str(fmu)), fmu.read_bytes()
         model = chosen_model(str(fmu), interface.model, None if model is None else full_name(model), SspError)
@@ -63,36 +85,63 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     built = Variant(NOMINAL, fin_sets(base, fins, layout, fin_files or {}))
     others, left_out = derived(variant_files or {}, built)
     variants = [built, *others]
+    kinds = {part: FmuInterface(1, half(base.model, part)) for part in HALVES} if halves else {
+        "": FmuInterface(1, base.model)}
     if fmu is None:  # Compiling takes longest: all other mistakes are reported before.
         with TemporaryDirectory() as folder:
-            content = build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress).path.read_bytes()
-        interface = read_interface(content, "EMCAS.fmu")
-    contents = {f"resources/{interface.model}.fmu": content}
+            files = {part: build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress, part=part or None
+                                 ).path.read_bytes() for part in kinds}
+        fmus = {part: read_interface(content, "EMCAS.fmu") for part, content in files.items()}
+    else:
+        files, fmus = {"": content}, {"": interface}
+    contents = {f"resources/{fmus[part].model}.fmu": content for part, content in files.items()}
+    components = [
+        Component("_".join(filter(None, (fin, part))), fin, fmus[part],
+                  {v.name: v for v in (*kind.inputs, *kind.outputs) if v.name not in kind.actuator.hidden})
+        for fin in built.names for part, kind in kinds.items()]
+    inner = [(start, end, name) for start in components for end in components if start.fin == end.fin
+             for name, v in start.variables.items() if v.causality == "output" and end.reads(name)]
+    fed = {(end.name, name) for _, end, name in inner}
     single = FmuInterface(1, base.model)
-    variables = {v.name: v for v in single.inputs + single.outputs}
     shared = (*single.shared, ENABLE.name)
     # OMSimulator accepts no dot in a connector of the system; fmpy distinguishes it from others by its path alone.
-    wires = [(flat(name if name in shared else f"{fin}.{name}"), fin, v)
-             for fin in built.names for name, v in variables.items()] if border else []
+    wires = [(flat(name if name in shared else f"{component.name}.{name}"), component, v)
+             for component in components if border or halves
+             for name, v in component.variables.items() if (component.name, name) not in fed]
+    variables = {v.name: v for component in components for v in component.variables.values()}
+    late = [warning for v in variants for fin in v.fins if halves and (warning := _too_late(fin))]
     for variant in variants:
-        for of, entries in _parameter_sets(variant, interface, wires).items():
+        for of, entries in _parameter_sets(variant, components, wires).items():
             contents[f"resources/{variant.name}_{of}.ssv"] = render(
                 "parameters.xml.j2", name=variant.name, entries=entries,
                 units=_units(e.variable for e in entries.values()))
         contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = render(
-            "structure.xml.j2", name=variant.name, description=describe(single), type=FMU, fmu=f"{interface.model}.fmu",
-            guid=interface.guid, annotation=ANNOTATION, fins=variant.names, variables=variables, wires=wires,
+            "structure.xml.j2", name=variant.name, description=describe(single), type=FMU, fmus=fmus.values(),
+            annotation=ANNOTATION, fins=variant.names, components=components, inner=inner, wires=wires,
             outer={connector: v for connector, _, v in wires}, units=_units(variables.values()), stop=STOP_TIME,
             step=STEP_SIZE, enumerations=[v for v in variables.values() if v.items])
     with TemporaryDirectory() as folder:
         checked = Path(folder) / output.name
         write_archive(contents, checked)
-        report = check(checked, interface.guid, model=base.model)
+        report = check(checked, None if halves else fmus[""].guid, model=base.model)
         if report.errors:
             raise SspError("\n".join(["the archive does not pass its check:", *map(str, report.errors)]))
         write(output, checked.read_bytes())
-    warnings = tuple(dict.fromkeys(warning for v in variants for fin in v.fins for warning in fin.warnings))
-    return Written(output, interface.guid, tuple(left_out), warnings, report)
+    warnings = dict.fromkeys((*(warning for v in variants for fin in v.fins for warning in fin.warnings), *late))
+    return Written(output, ", ".join(each.guid for each in fmus.values()), tuple(left_out), tuple(warnings), report)
+
+
+def _too_late(fin: ParameterSet) -> str:
+    """Return a warning where a signal between components takes longer than the drive's delay; otherwise ""."""
+    delay = float(fin.values.get(_DELAY, 0.0))
+    return "" if delay >= STEP_SIZE * (1.0 - SLACK) else (
+        f"{_DELAY} = {delay:g} s is below the step of {STEP_SIZE:g} s that the reference takes between components: the "
+        "halves respond later than the whole; couple them in turn (docs/use/hardware_in_the_loop.md)")
+
+
+def _plant(fin: ParameterSet) -> ParameterSet:
+    """Return the parameters of the plant alone, whose drive delays less by a step, if it can."""
+    return fin if _too_late(fin) else fin.with_values({_DELAY: max(float(fin.values[_DELAY]) - STEP_SIZE, 0.0)})
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
@@ -116,23 +165,27 @@ def _units(variables: Iterable[Variable]) -> dict[str, Unit]:
     return {name: fmi_unit(name) for name in sorted({v.unit for v in variables if v.kind == "Real"})}
 
 
-def _parameter_sets(variant: Variant, fmu: Interface, wires: Sequence[tuple[str, str, Variable]],
-                    ) -> dict[str, dict[str, Entry]]:
-    """Return the parameter sets of a variant: for each fin one with all its parameters and the inputs' start values.
+def _parameter_sets(variant: Variant, components: Sequence[Component],
+                    wires: Sequence[tuple[str, Component, Variable]]) -> dict[str, dict[str, Entry]]:
+    """Return the parameter sets of a variant: for each component one with all parameters and start values of inputs.
 
     None is split: libcosim and Ecos do not combine sets, and OMSimulator ignores prefixes. A Boolean with the FMU's
-    start value is left out, as fmpy reads every Boolean of a set as true. With `wires` (connector of the system, fin
-    and variable) the set ``system`` has the start values of the system's inputs; a host feeds 0 to those without one.
+    start value is left out, as fmpy reads every Boolean of a set as true. With `wires` (connector of the system,
+    component and variable) the set ``system`` has the start values of the system's inputs; a host feeds 0 to those
+    without one.
     """
     inputs = {v.key: v for v in get(variant.fins[0].model).inputs if v.key is not None}
-    fins: dict[str, dict[str, Entry]] = {}
-    for name, fin in zip(variant.names, variant.fins):
-        entries = [replace(e, variable=inputs.get(e.variable.name, e.variable)) for e in fin.entries]
-        fins[name] = {e.variable.name: e for e in entries}
-    sets = {fin: {name: e for name, e in entries.items()
-                  if e.variable.kind != "Boolean" or e.value != fmu.variables[name].value}
-            for fin, entries in fins.items()}
+    fins = dict(zip(variant.names, variant.fins))
+    every: dict[str, dict[str, Entry]] = {}
+    for component in components:
+        fin = fins[component.fin]
+        listed = (_plant(fin) if component.name.endswith("_plant") else fin).entries
+        entries = [replace(e, variable=inputs.get(e.variable.name, e.variable)) for e in listed]
+        every[component.name] = {e.variable.name: e for e in entries if e.variable.name in component.fmu.variables}
+    sets = {component.name: {name: e for name, e in every[component.name].items()
+                             if e.variable.kind != "Boolean" or e.value != component.fmu.variables[name].value}
+            for component in components}
     if wires:
-        sets["system"] = {outer: fins[fin].get(v.name) or Entry(v, v.start or 0, "", "", "", "")
-                          for outer, fin, v in wires if v.key is not None or v.start}
+        sets["system"] = {outer: every[component.name].get(v.name) or Entry(v, v.start or 0, "", "", "", "")
+                          for outer, component, v in wires if v.key is not None or v.start}
     return sets

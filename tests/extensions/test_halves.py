@@ -20,7 +20,8 @@ STEP = 1e-3
 LOOPED = [name for name in NAMES if capabilities.POSITION_LOOP in get(name).provides]
 EXTENDED = [f"{name}+{extension}" for name in LOOPED for extension in EXTENSIONS
             if get(name).provides.issuperset(get_extension(extension).needs)]
-TOGETHER = ["nonlinear+heat+supply+faults", "elastic+stribeck+heat+homing+faults", "nonlinear+lugre+efficiency+supply"]
+TOGETHER = ["nonlinear+heat+supply+faults", "elastic+stribeck+heat+homing+faults",
+            "nonlinear+stribeck+efficiency+supply"]
 OWN = [f"examples/own_actuator/{name}.py" for name in ("direct_drive", "strain_wave", "hot_gas")]
 
 
