@@ -1,4 +1,4 @@
-"""An archive whose fins are two components each: in hosts that pass signals on between steps, the whole's trajectory."""
+"""An archive of controllers and plants: in hosts that pass signals on between steps, the whole's trajectory."""
 
 from __future__ import annotations
 
