@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bars
 from rich.segment import Segment
 
-from ..actuators import EXTENSIONS, NAMES, NONLINEAR
+from ..actuators import EXTENSIONS, HALVES, NAMES, NONLINEAR, split
 from ..errors import EmcasError, EmcasWarning, in_words, writing
 from ..figures import check_ending
 from ..pages.terminal import table as table
@@ -143,10 +143,19 @@ def plot_option(what: str, more: str = "") -> Any:
     return value(f"{what}: .html, .svg, .png or .pdf.{more}", "FILE", "--plot", callback=failures()(check_ending))
 
 
+def _whole(model: str | None) -> str | None:
+    """Return the model of an option. Raises EmcasError for a half of an actuator, of which there are only FMUs."""
+    if halves := [each for each in HALVES if model and each in split(model)[1]]:
+        raise EmcasError(f"--model {model}: leave +{halves[0]} out; an actuator's half is an FMU only: emcas build "
+                         f"--part {halves[0]}")
+    return model
+
+
 def model_option(what: str, more: str = "") -> Any:
     """Return the option --model; `what` begins its help, `more` ends it."""
     return value(f"{what}: {', '.join(NAMES)}, or a Python file that declares one. Behind it extensions, as in "
-                 f"elastic+heat+faults: {', '.join(EXTENSIONS)}.{more}", "NAME|FILE.py[+EXTENSION...]", "--model")
+                 f"elastic+heat+faults: {', '.join(EXTENSIONS)}.{more}", "NAME|FILE.py[+EXTENSION...]", "--model",
+                 callback=failures()(_whole))
 
 
 def examples(command: str, *arguments: str, first: str = "Examples:", last: Sequence[str] = ()) -> str:

@@ -107,6 +107,12 @@ def test_refusals(arguments: list[str], message: str, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_other_commands_are_for_the_whole() -> None:
+    done = CliRunner().invoke(app, ["simulate", "--model", f"{NONLINEAR}+plant", "--step", "10"])
+    assert done.exit_code == 2
+    assert "leave +plant out" in " ".join(done.output.split())
+
+
 def test_parts_have_no_parts(tmp_path: Path) -> None:
     with pytest.raises(EmcasError, match="which controller replaces"):
         build(load_parameters(model=f"{NONLINEAR}+controller"), tmp_path / "x.fmu", part="plant")
