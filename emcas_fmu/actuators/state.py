@@ -11,12 +11,15 @@ from ..namespace import Record
 
 @dataclass(frozen=True)
 class State:
-    """A state by name, a Python identifier, with its unit."""
+    """A state by name, a Python identifier, with its unit.
+
+    A state that samples set has the value `start` in a plant without controllers, until a host sets it.
+    """
 
     name: str
     unit: str = ""
     description: str = ""
-    start: float = field(default=0.0, repr=False)  # of a sampled state, where the plant alone is fed none
+    start: float = field(default=0.0, repr=False)
 
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.name.isascii()) or keyword.iskeyword(self.name):
