@@ -40,11 +40,11 @@ from ..physics.structure import Structure
 from ..rules import SLACK, Rule
 from ..steppers.discontinuities import Discontinuity
 from ..steppers.smooth import Derivatives
-from ..variables import Terminal, Variable, parameter, real_input, real_output, with_outputs
+from ..variables import Terminal, Variable, parameter, with_outputs
 from . import capabilities, fin_port, positional, stepped
 from .inputs import PlantInputs as PlantInputs
 from .inputs import SampleInputs as SampleInputs
-from .line import LINES, Line
+from .line import Supply as Supply
 from .lists import check_functions, check_imperfections, check_lists
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
@@ -56,57 +56,6 @@ from .state import State as State
 Values = Mapping[str, Value]
 Parameters = Any
 """Parameters as attributes by their dotted names, with the actuator's `structure`."""
-
-
-@dataclass(frozen=True)
-class Supply:
-    """What feeds the actuator: its input, and how the actuator loads a line that feeds several fins.
-
-    The input's unit chooses the kind of line (:data:`.line.LINES`). `power` is the output of the power drawn [W]. For a
-    bus, `inverse_inductance(ops, p)` is 1/L [1/H] of the circuit that its voltage drives, 0 if the current follows at
-    once; `inverse_inductance(ops, p, interval)` is its effective value within an interval [s].
-    """
-
-    input: Variable
-    power: Variable
-    inverse_inductance: Callable[..., Value] = lambda ops, p: 0.0
-
-    def __post_init__(self) -> None:
-        if self.input.kind != "Real" or self.input.unit not in LINES:
-            raise EmcasError(f"supply {self.input.name} [{self.input.unit}]: the line that feeds an actuator is one of "
-                             "voltage [V] or of pressure [Pa]; declare another input among further_inputs")
-        if (self.power.name, self.power.unit) != ("supply_power", "W"):
-            raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
-                             "every actuator's is supply_power [W]")
-        if (count := len(signature(self.inverse_inductance).parameters)) not in (2, 3):
-            raise EmcasError(f"supply {self.input.name}: inverse_inductance has {count} argument{'s'[:count != 1]}; "
-                             "give a function of (ops, p) or of (ops, p, interval)")
-
-    @classmethod
-    def voltage(cls, key: str = "drive.supply_voltage", description: str = "supply voltage",
-                inverse_inductance: Callable[..., Value] = lambda ops, p: 0.0) -> Supply:
-        """Return a supply with the input supply_voltage [V], whose start value is the entry `key`."""
-        return cls(real_input("supply_voltage", "V", description, minimum=0.0, maximum=1000.0, nominal=10.0, start=None,
-                              key=key),
-                   real_output("supply_power", "W", "electrical power from the supply; negative while regenerating",
-                               100.0), inverse_inductance)
-
-    @classmethod
-    def pressure(cls, key: str, description: str = "supply pressure") -> Supply:
-        """Return a supply with the input supply_pressure [Pa], whose start value is the entry `key`."""
-        return cls(real_input("supply_pressure", "Pa", description, minimum=0.0, maximum=1e9, nominal=1e7, start=None,
-                              key=key),
-                   real_output("supply_power", "W", "supply pressure times the volume flow from it", 1000.0))
-
-    def within(self, ops: Ops, p: Parameters, interval: Value) -> Value:
-        """Return the effective 1/L [1/H] within an interval [s]."""
-        within = (interval,) if len(signature(self.inverse_inductance).parameters) == 3 else ()
-        return self.inverse_inductance(ops, p, *within)
-
-    @property
-    def line(self) -> Line:
-        """The kind of line."""
-        return LINES[self.input.unit]
 
 
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[\d+\])?", re.ASCII)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..namespace import Record
 
 
@@ -30,3 +32,6 @@ class SampleInputs(Record):
     - ``encoder_offset`` [counts]: error of the encoder's zero, None if that is the fin's
     - ``ahead``: what is fed forward of a motion (:class:`emcas_fmu.control.trajectory.Ahead`), None without one
     """
+
+    def __init__(self, **values: Any) -> None:
+        super().__init__(**{"encoder_offset": None, "ahead": None, **values})

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from inspect import signature
 from types import ModuleType
 from typing import Any
 
+from ..errors import EmcasError
 from ..ops.base import Ops, Value
 from ..physics import bus, pressure_line
-from ..variables import Variable, parameter, real_output
+from ..variables import Variable, parameter, real_input, real_output
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,7 @@ class Line:
 
     `level(ops, source, state)` returns the actuators' voltage [V] or pressure [Pa]; `following(ops, p, source, state,
     drawn, inverse_inductance)` returns the next state, from the line's parameters `p`, the current [A] or flow [m3/s]
-    that all actuators draw, and the sum of their :meth:`.declaration.Supply.within`.
+    that all actuators draw, and the sum of their :meth:`Supply.within`.
     """
 
     name: str  # in messages
@@ -99,3 +101,54 @@ PRESSURE_LINE = Line(
 )
 LINES: Mapping[str, Line] = {"V": BUS, "Pa": PRESSURE_LINE}
 """The kinds of line by the unit of the supply's input."""
+
+
+@dataclass(frozen=True)
+class Supply:
+    """What feeds the actuator: its input, and how the actuator loads a line that feeds several fins.
+
+    The input's unit chooses the kind of line (:data:`LINES`). `power` is the output of the power drawn [W]. For a
+    bus, `inverse_inductance(ops, p)` is 1/L [1/H] of the circuit that its voltage drives, 0 if the current follows at
+    once; `inverse_inductance(ops, p, interval)` is its effective value within an interval [s].
+    """
+
+    input: Variable
+    power: Variable
+    inverse_inductance: Callable[..., Value] = lambda ops, p: 0.0
+
+    def __post_init__(self) -> None:
+        if self.input.kind != "Real" or self.input.unit not in LINES:
+            raise EmcasError(f"supply {self.input.name} [{self.input.unit}]: the line that feeds an actuator is one of "
+                             "voltage [V] or of pressure [Pa]; declare another input among further_inputs")
+        if (self.power.name, self.power.unit) != ("supply_power", "W"):
+            raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
+                             "every actuator's is supply_power [W]")
+        if (count := len(signature(self.inverse_inductance).parameters)) not in (2, 3):
+            raise EmcasError(f"supply {self.input.name}: inverse_inductance has {count} argument{'s'[:count != 1]}; "
+                             "give a function of (ops, p) or of (ops, p, interval)")
+
+    @classmethod
+    def voltage(cls, key: str = "drive.supply_voltage", description: str = "supply voltage",
+                inverse_inductance: Callable[..., Value] = lambda ops, p: 0.0) -> Supply:
+        """Return a supply with the input supply_voltage [V], whose start value is the entry `key`."""
+        return cls(real_input("supply_voltage", "V", description, minimum=0.0, maximum=1000.0, nominal=10.0, start=None,
+                              key=key),
+                   real_output("supply_power", "W", "electrical power from the supply; negative while regenerating",
+                               100.0), inverse_inductance)
+
+    @classmethod
+    def pressure(cls, key: str, description: str = "supply pressure") -> Supply:
+        """Return a supply with the input supply_pressure [Pa], whose start value is the entry `key`."""
+        return cls(real_input("supply_pressure", "Pa", description, minimum=0.0, maximum=1e9, nominal=1e7, start=None,
+                              key=key),
+                   real_output("supply_power", "W", "supply pressure times the volume flow from it", 1000.0))
+
+    def within(self, ops: Ops, p: Any, interval: Value) -> Value:
+        """Return the effective 1/L [1/H] within an interval [s]."""
+        within = (interval,) if len(signature(self.inverse_inductance).parameters) == 3 else ()
+        return self.inverse_inductance(ops, p, *within)
+
+    @property
+    def line(self) -> Line:
+        """The kind of line."""
+        return LINES[self.input.unit]

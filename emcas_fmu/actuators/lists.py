@@ -11,7 +11,7 @@ from ..errors import EmcasError, hint
 
 _ARGUMENTS = {"sample": "ops, p, x, inputs", "derivatives": "ops, p, x, u", "step": "ops, p, x, u, h",
               "output_values": "ops, p, x, u", "as_built": "ops, p", "longest_tick": "ops, p",
-              "transport_delay": "ops, p"}
+              "transport_delay": "ops, p", "feed_forward": "ops, p, motion, memory"}
 
 
 def check_lists(actuator: Any) -> None:

@@ -57,7 +57,7 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         names = (*plant, *controllers, *sampled)
         x = Record(**dict(zip(names, arguments, strict=False)))
         command, supply, enable, *further = arguments[len(names):]
-        inputs = SampleInputs(command=command, supply=supply, enable=enable, encoder_offset=None, ahead=None,
+        inputs = SampleInputs(command=command, supply=supply, enable=enable,
                               position=actuator.position(ops, p, x),
                               **dict(zip(identifiers(actuator.further_inputs), further, strict=True)))
         values = actuator.commanded(ops, p, x, inputs)

@@ -29,7 +29,7 @@ class Part:
     """The core of an actuator or of a half of it, with its inputs by name."""
 
     def __init__(self, parameters: ParameterSet, model: str, changes: Mapping[str, float]) -> None:
-        self.actuator, self._model, values = get(model), model, {**parameters.values, **changes}
+        self.actuator, values = get(model), {**parameters.values, **changes}
         self.core = codegen.core(values, model)
         self.inputs = {v.name: float(v.initial(values)) for v in self.actuator.inputs}
 
@@ -37,11 +37,11 @@ class Part:
         self.inputs |= {name: value for name, value in signals.items() if name in self.inputs}
 
     def outputs(self) -> dict[str, float]:
-        values = self.core.outputs(codegen.core_inputs(self.core, list(self.inputs.values()), self._model))
+        values = self.core.outputs(codegen.core_inputs(self.core, list(self.inputs.values()), self.actuator))
         return dict(zip((v.name for v in self.actuator.outputs), map(float, values), strict=True))
 
     def run(self, end: float) -> None:
-        self.core.run(end, codegen.core_inputs(self.core, list(self.inputs.values()), self._model))
+        self.core.run(end, codegen.core_inputs(self.core, list(self.inputs.values()), self.actuator))
 
 
 def excited(time: float) -> dict[str, float]:

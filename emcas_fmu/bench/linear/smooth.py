@@ -109,7 +109,6 @@ class Equations:
         state = Record(**dict(zip((*self.kept, *self.states), values, strict=True)))
         inputs = SampleInputs(
             command=command, position=self._actuator.position(ops, self._p, state), supply=self._supply, enable=True,
-            encoder_offset=None, ahead=None,
             **{identifier(v.name): self._started(v) for v in self._actuator.further_inputs})
         after = self._actuator.commanded(ops, self._p, state, inputs)
         return [after[name] for name in (*self.kept, "reference", "measured_fin_angle", *self.sampled)]
