@@ -81,13 +81,18 @@ def random_truth(base: ParameterSet, free: Sequence[str], rng: np.random.Generat
 
 
 def errors(kind: str, seed: int, folder: Path, every: bool = False) -> list[float]:
-    """Errors of the estimates of a random actuator, in their stated sigmas, from two outputs or from `every` one."""
+    """Errors of the estimates of a random actuator, in their stated sigmas, from two outputs.
+
+    They are from `every` output if no problem is reported then.
+    """
     free, outputs = KINDS[kind]
     rng, base = np.random.default_rng(seed), load_parameters(model=kind)
     truth = random_truth(base, free, rng)
     if every:
         outputs = tuple(v.name for v in base.actuator.outputs if v.kind == "Real")
     result = calibration.calibrate(records(truth, outputs, folder, rng), base, free)
+    if every and result.problems:  # reported: another minimum, or not settled
+        return []
     return [(e.value - float(truth.values[e.name])) / e.sigma for e in result.estimates if e.parameter]
 
 
@@ -110,6 +115,7 @@ def test_errors_of_forty_actuators_are_as_large_as_stated(tmp_path: Path) -> Non
 def test_every_output_may_be_compared(tmp_path: Path) -> None:
     """What is computed of one quantity repeats its errors, and a controller's chatter has many minima of the delay."""
     z = errors("nonlinear", 2, tmp_path, every=True)
+    assert len(z) == 4
     assert np.abs(z).max() < 4.0  # sigmas, as above
 
 
@@ -118,7 +124,8 @@ def test_errors_are_as_large_as_stated_with_every_output(tmp_path: Path) -> None
     often = {"nonlinear": 4, "linear": 6, "second-order": 6, "nonlinear+stribeck": 3, "worm-gear": 3}
     z = np.concatenate([errors(kind, seed, tmp_path, every=True) for kind, count in often.items()
                         for seed in range(count)])
-    # The rms of 52 standard normal numbers is 1 +- 0.10: 1.5 of these; what counts outputs twice is 2 to 5.
+    assert len(z) >= 46  # of 52: a search may end in another minimum, which is reported as a poor fit
+    # The rms of 50 standard normal numbers is 1 +- 0.10: 1.5 of these. Counting outputs as independent gave 5.
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.15)
 
 
