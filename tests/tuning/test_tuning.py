@@ -41,6 +41,8 @@ from emcas_fmu.support.files import models_directory
 from tests.campaign.conftest import ODD, replaced
 from tests.own_actuator.example import MODEL, changed
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SHIPPED = ParameterSubject(load_parameters())
 SMALL = """
 [tunables]
@@ -382,6 +384,7 @@ def test_the_pair_that_pulls_apart_is_found() -> None:
 # -- the command -------------------------------------------------------------------------
 
 
+@pytest.mark.drawn
 def test_command_writes_parameters_that_load(small: Path, tmp_path: Path) -> None:
     made = tmp_path / "tuned.toml"
     done = emcas(small, "-o", made, "--json", tmp_path / "t.json", "--report", tmp_path / "t.html", "--generations", 3,
