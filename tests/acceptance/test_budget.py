@@ -139,7 +139,10 @@ def test_tolerances_of_the_requirements_come_first(tmp_path: Path) -> None:
 
 
 def test_load_is_that_of_the_requirement() -> None:
-    assert "with 5 N.m, in either direction" in budget.measure(rig("servo")).method
+    outcome = budget.measure(rig("servo"))
+    assert "with 5 N.m, in either direction" in outcome.method
+    assert "No tolerance is known" in text(outcome)
+    assert not outcome.estimate
 
 
 def text(outcome: Outcome) -> str:

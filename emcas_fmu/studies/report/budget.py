@@ -205,6 +205,8 @@ def _limitations(rig: Rig, own: Sequence[Term]) -> Iterator[str]:
     estimates = rig.subject.identification.estimates
     yield from resting_on({term.label: [name for name, value in term.values[0].items()
                                         if name in estimates and not isinstance(value, bool)] for term in own})
+    if not limits(rig):
+        yield "No tolerance is known: the drawn units differ in command, side of approach and sign of the load alone."
     known = dict.fromkeys((*IMPERFECTIONS, *rig.subject.actuator.imperfections))
     if absent := [name for name in known if name not in {term.label for term in own}]:
         yield f"Not in the budget, as this article has none: {', '.join(absent)}."
