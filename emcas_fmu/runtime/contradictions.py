@@ -25,7 +25,7 @@ from .compiled import Array
 _MOTOR = ("motor_voltage", "motor_current")
 # Where the fin is when a command far away is sampled, and two of these, as shares of its limit; of it, errors in which
 # a reference that has no dead band differs.
-_BESIDE, _FAR, _NEAR = -0.9, (0.98, 1.0), (1e-3, 2e-3, 3e-3)
+_BESIDE, _FAR, _NEAR = -0.9, (0.98, 1.0), (1e-5, 2e-5, 3e-5)
 _OFFSET = 100.0  # [counts] of an encoder
 _MEASURED = 0.25  # share of an angle by which its measurement may be off: resolution, delay, a loaded drive line
 _LEAST = 0.9  # share of an energy that the power adds up to at least, and a point's more: points are 1 ms apart
@@ -84,15 +84,29 @@ class Sampled:
                 raise EmcasError(f"{location(function)} returns counts that an encoder_offset of {_OFFSET:g} changes "
                                  f"by {after - before:g}: add encoder_offset, where it is not None, to the counts")
 
+    def follows_beyond(self, share: float) -> bool:
+        """Return whether the reference at command.limit follows the command to a `share` of it beyond."""
+        limit = self._values["command.limit"]
+        p, start = self._started(**{"fin.start_angle": limit})
+        at, beyond = (self._actuator.sampled(self._ops, p, *self._sample(p, start, command=command))["reference"]
+                      for command in (limit, share * limit))
+        return bool(at != beyond)
+
     def unsaid(self) -> Iterator[str]:
-        """Yield in words that a sample clips its reference, which differs near the angle, and is not `limited`."""
+        """Yield in words that a sample ignores its command; or clips its reference, which differs near the angle, and
+        is not `limited`.
+        """
         limit = self._values["command.limit"]
         for side in (1.0, -1.0):
             p, start = self._started(**{"fin.start_angle": side * _BESIDE * limit})
-            errors = (*(_BESIDE + near for near in _NEAR), *_FAR)
-            near, further, furthest, *far = (self._actuator.sampled(self._ops, p, *self._sample(
-                p, start, command=side * share * limit)) for share in errors)
-            references = {each["reference"] for each in (near, further, furthest)}
+            shares = (*(_BESIDE + near for near in _NEAR), *_FAR, -1.0)  # the last is on the other side
+            samples = [self._actuator.sampled(self._ops, p, *self._sample(p, start, command=side * share * limit))
+                       for share in shares]
+            near, far = samples[:len(_NEAR)], samples[len(_NEAR):-1]
+            if all(each == samples[0] for each in samples):
+                yield f"{location(self._actuator.sample)} returns the same for every inputs.command; use it there"
+                return
+            references = {each["reference"] for each in near}
             if len(references) == 3 and far[0]["reference"] == far[1]["reference"] and not far[0]["limited"] > 0.0:
                 yield (f"{location(self._actuator.sample)} returns limited = {far[0]['limited']:g} where the reference "
                        f"{far[0]['reference']:.4g} follows the command no further; return limited = 1 at every limit")
@@ -127,7 +141,9 @@ def moving(actuator: Actuator, values: Mapping[str, Any], moved: Mapping[str, Ar
     power, needs = moved["supply_power"][0], {}
     drawn = added_up(power)
     if actuator.supply.input.unit == "V":  # gas and oil in chambers store energy
-        needs["the fin moves with"] = 0.5 * fin_port.hinge_inertia(actuator.namespace(values)) * moved["fin_rate"][0]**2
+        outwards = moved["fin_angle"][0] >= moved["fin_angle"][0, 0]  # inwards a centring spring may drive it
+        inertia = fin_port.hinge_inertia(actuator.namespace(values))
+        needs["the fin moves with"] = 0.5 * inertia * np.where(outwards, moved["fin_rate"][0], 0.0)**2
         if all(name in moved for name in _MOTOR):
             needs["the motor gets"] = added_up(np.prod([moved[name][0] for name in _MOTOR], axis=0))
     for words, energy in needs.items():

@@ -96,7 +96,7 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
     sound = not check_parameters(near, model)
     if sound:
         moved = _moved(near, {**at_rest, fin_port.ENABLE.name: 1.0}, in_time, limit, _BEYOND * limit)
-        if _differ(moved):
+        if _differ(moved) or sampled.follows_beyond(_BEYOND):  # a slow fin does not get there
             warn(f"{actuator.source}: fin_angle follows fin_command beyond command.limit; clip the command, by "
                  "em.fin_port.clipped_command(ops, p, inputs.command)")
     if _differ(_moved(values, {**at_rest, fin_port.ENABLE.name: 0.0}, in_time, 0.0, 0.5 * limit)):
@@ -155,6 +155,8 @@ def _in_vain(model: str) -> Iterator[str]:
         if not anywhere & {v.name, identifier(v.name)}:
             yield (f"{declared_in(actuator.source, v.name)}: nothing depends on {v.name}; use it in an equation or a "
                    "rule, or leave it out")
+    if not used["step"] & {"active", *(s.name for s in actuator.sampled_states)}:
+        yield f"{actuator.source}: no motion depends on the reference of sample(); use u.reference in the plant"
     if actuator.supply and "supply" not in used["sample"] | used["step"]:
         yield (f"{actuator.source}: no motion depends on {actuator.supply.input.name}; limit the drive by "
                "inputs.supply of sample(), or u.supply of the plant, or leave supply out")

@@ -22,6 +22,7 @@ _MEASURED = '"measured_fin_angle": {}, "motor_current": x'
 
 
 @pytest.mark.parametrize(("before", "after", "says"), [
+    ("ops.clip(u.reference, -u.supply, u.supply)", "0.1 * u.supply", "no motion depends on the reference of sample()"),
     (_LIMITED, "1.0", "saturated is true all the time, though fin_angle is commanded to stay"),
     (_LIMITED, "0.0", "returns limited = 0 where the reference 39 follows the command no further"),
     (_LIMITED, "demand", "returns limited = -251.551 where the reference -39 follows"),
@@ -37,6 +38,21 @@ def test_what_is_seen(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: 
     path = changed(tmp_path, (before, after))
     simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
     assert [says in message and message.startswith(str(path)) for message in caplog.messages] == [True] * bool(says)
+
+
+def test_a_command_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """It is named beside the fin that therefore leaves its angle."""
+    path = changed(tmp_path, ("em.fin_port.clipped_command(ops, p, inputs.command)", "0.0"))
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    assert f"{path}, line 44: sample() returns the same for every inputs.command; use it there" in caplog.messages
+
+
+def test_a_spring_that_drives(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Its energy is not the supply's: a drive of hardly any voltage, on a stiff spring, draws hardly any power."""
+    path = changed(tmp_path, ("ops.clip(u.reference, -u.supply, u.supply)", "ops.clip(1e-9 * u.reference, -u.supply, "
+                              "u.supply)"))
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    assert not [message for message in caplog.messages if "supply_power" in message]
 
 
 def test_an_encoder_on_the_motor(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -226,8 +226,11 @@ def test_enable(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert message.startswith(f"{tmp_path / 'none.py'}: fin_angle follows fin_command while disabled")
 
 
-def test_a_command_that_is_not_clipped(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = changed(tmp_path, ("em.fin_port.clipped_command(ops, p, inputs.command)", "inputs.command"))
+@pytest.mark.parametrize("change", [(), (("ops.clip(u.reference, -u", "ops.clip(1e-9 * u.reference, -u"),)])
+def test_a_command_that_is_not_clipped(tmp_path: Path, caplog: pytest.LogCaptureFixture,
+                                       change: tuple[tuple[str, str], ...]) -> None:
+    """A drive that does not reach the limit in time is seen by its reference."""
+    path = changed(tmp_path, ("em.fin_port.clipped_command(ops, p, inputs.command)", "inputs.command"), *change)
     simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
     (message,) = caplog.messages
     assert message.startswith(f"{path}: fin_angle follows fin_command beyond command.limit; clip the command")
