@@ -138,14 +138,14 @@ def moving(actuator: Actuator, values: Mapping[str, Any], moved: Mapping[str, Ar
         """Return the energy [J] until each point."""
         return np.concatenate(([0.0], np.cumsum(0.5 * interval * (power[1:] + power[:-1]))))
 
-    power, needs = moved["supply_power"][0], {}
+    power, electric = moved["supply_power"][0], actuator.supply.input.unit == "V"
     drawn = added_up(power)
-    if actuator.supply.input.unit == "V":  # gas and oil in chambers store energy
-        outwards = moved["fin_angle"][0] >= moved["fin_angle"][0, 0]  # inwards a centring spring may drive it
-        inertia = fin_port.hinge_inertia(actuator.namespace(values))
-        needs["the fin moves with"] = 0.5 * inertia * np.where(outwards, moved["fin_rate"][0], 0.0)**2
-        if all(name in moved for name in _MOTOR):
-            needs["the motor gets"] = added_up(np.prod([moved[name][0] for name in _MOTOR], axis=0))
+    # Inwards a centring spring may drive the fin, and gas and oil in chambers store energy.
+    own = np.logical_and(electric, moved["fin_angle"][0] >= moved["fin_angle"][0, 0])
+    inertia = fin_port.hinge_inertia(actuator.namespace(values))
+    needs = {"the fin moves with": 0.5 * inertia * np.where(own, moved["fin_rate"][0], 0.0)**2}
+    if electric and all(name in moved for name in _MOTOR):
+        needs["the motor gets"] = added_up(np.prod([moved[name][0] for name in _MOTOR], axis=0))
     for words, energy in needs.items():
         less = _LEAST * energy - drawn - interval * np.max(np.abs(power))
         if less[at := int(np.argmax(less))] > 0.0:

@@ -188,7 +188,7 @@ def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Map
     if driven and farthest > _LEAVES * off:
         return (f"fin_angle leaves fin.start_angle = {degrees(off):.3g} deg by {degrees(farthest):.3g} deg, though "
                 "commanded to stay; let initial() set every angle, such as the motor's, from start.fin_angle")
-    if driven and held["saturated"][:, 1:].all():  # no sample has acted at the first point
+    if driven and (held["saturated"][:, 1:] == 1.0).all():  # no sample has acted at the first point
         return ("saturated is true all the time, though fin_angle is commanded to stay; `limited` of sample() is above "
                 "0 at a limit, otherwise 0")
     return ""

@@ -55,6 +55,14 @@ def test_a_spring_that_drives(tmp_path: Path, caplog: pytest.LogCaptureFixture) 
     assert not [message for message in caplog.messages if "supply_power" in message]
 
 
+def test_a_line_that_is_fed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Chambers store energy, but a fin without load returns none."""
+    path, text = tmp_path / "mine.py", (FOLDER / "hot_gas.py").read_text(encoding="utf-8")
+    path.write_text(text.replace("drawn = p.gas", "drawn = -p.gas"), encoding="utf-8")
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    assert [message for message in caplog.messages if "returns a supply_power that adds up to -" in message]
+
+
 def test_an_encoder_on_the_motor(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The angle that it reads is not the fin's."""
     path, text = tmp_path / "mine.py", (FOLDER / "strain_wave.py").read_text(encoding="utf-8")
