@@ -28,7 +28,8 @@ from .declaration import Extension
 
 PARAMETERS = in_group(
     "trajectory",
-    tunable("natural_frequency", "rad/s", 0.0, 1e4, "natural frequency of the motion to a command (0: none)"),
+    tunable("natural_frequency", "rad/s", 0.0, 1e4, "natural frequency of the motion to a command (0: none)",
+            quantity="AngularFrequency"),
     tunable("damping", "1", 0.1, 10.0, "damping of that motion"),
     tunable("rate_limit", "rad/s", radians(0.1), 1e3, "largest fin rate of that motion", display="deg/s"),
     tunable("acceleration_limit", "rad/s2", 1e-3, 1e6, "largest acceleration of that motion"),

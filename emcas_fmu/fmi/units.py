@@ -20,7 +20,8 @@ _QUANTITIES = {
     "degC": "Temperature", "kg": "Mass", "kg.m2": "MomentOfInertia", "m": "Length", "m/N": "TranslationalCompliance",
     "m/rad": "LengthPerAngle", "m/s": "Velocity", "m/s2": "Acceleration", "m2": "Area", "m3": "Volume",
     "m3/(s.Pa)": "HydraulicConductance", "m3/rad": "VolumePerAngle", "m3/s": "VolumeFlowRate", "rad": "Angle",
-    "rad/(N.m)": "RotationalCompliance", "rad/s": "AngularVelocity", "rad/s2": "AngularAcceleration", "s": "Time"}
+    "rad/(N.m)": "RotationalCompliance", "rad/s": "AngularVelocity", "rad/s2": "AngularAcceleration",
+    "rad/s3": "AngularJerk", "s": "Time"}
 # Display units of quantities, unless a variable has another one.
 _DISPLAYS = {"Angle": "deg", "AngularVelocity": "deg/s", "BulkModulus": "bar", "Length": "mm",
              "LengthPerAngle": "mm/rev", "Pressure": "bar", "Volume": "l", "VolumeFlowRate": "l/min"}

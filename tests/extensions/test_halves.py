@@ -13,7 +13,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.halves import measured
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.runtime import codegen
-from emcas_fmu.trace.dependencies import Known, dependencies
+from emcas_fmu.trace.dependencies import Known, dependencies, of_parameters
 from tests.marks import others_slow, slow
 
 STEP = 1e-3
@@ -82,7 +82,7 @@ def test_samples_read_the_measured_states_alone(model: str) -> None:
     actuator, tracer = get(model), codegen.traced(False, model)
     sample = next(function for function in tracer.functions if function.name == "sample")
     known = dependencies(tracer, "sample", [Known(names=frozenset({name})) for name in sample.arguments],
-                         {key: Known(names=frozenset({key})) for _, key in tracer.parameters})
+                         of_parameters(tracer, {key: Known(names=frozenset({key})) for _, key in tracer.parameters}))
     names = frozenset[str]().union(*(each.names for each in known))
     read = {s.name for s in actuator.states if s.name in names}
     assert read <= set(measured(actuator))
