@@ -228,11 +228,12 @@ def calibrate(records: Sequence[Path | str] | Path | str, parameters: ParameterS
               progress: Progress = silent) -> Calibration:
     """Find parameters with which an actuator follows records of its inputs and outputs, with their uncertainty.
 
-    `records` are CSV files, with columns such as ``time [s]``, ``fin_command [deg]`` and ``fin_angle [deg]``; those in
-    `hold_out` are judged but not fitted. `free` are the parameters to find, as ``"inertia.motor"`` or, with bounds,
-    ``"motor.resistance=0.1..0.4 Ohm"``; `priors` are what is known of them, as ``"motor.resistance=0.25+-0.02 Ohm"``.
-    `compare` names outputs, by default all that the records share. `delays` finds the delay of each measured output,
-    too; `robust` lets large errors count in proportion, not by their square. `seed` is that of the starting points.
+    `records` are CSV files, with columns such as ``time [s]``, ``fin_command [deg]`` and ``fin_angle [deg]``; those
+    in `hold_out` are judged but not fitted, even if they are among the records. `free` are the parameters to find, as
+    ``"inertia.motor"`` or, with bounds, ``"motor.resistance=0.1..0.4 Ohm"``; `priors` are what is known of them, as
+    ``"motor.resistance=0.25+-0.02 Ohm"``. `compare` names outputs, by default all that the records share. `delays`
+    finds the delay of each measured output, too; `robust` lets large errors count in proportion, not by their square.
+    `seed` is that of the starting points.
 
     The result has `calibrated` (the parameter set), `estimates` (each with `value`, `sigma`, `unit`), `comparisons`
     (each with `figures`), `problems` (what is wrong, a line each) and `write_report`. Raises EmcasError.

@@ -156,7 +156,7 @@ def test_the_command_writes_what_the_function_returns(recorded: tuple[ParameterS
                                                       tmp_path: Path) -> None:
     truth, paths = recorded
     file, page, figures = (tmp_path / name for name in ("mine.toml", "fit.html", "fit.json"))
-    done = emcas("calibrate", *paths[:2], "--model", "second-order", "--free", FREE, "--hold-out", paths[2], "-o", file,
+    done = emcas("calibrate", *paths[:3], "--model", "second-order", "--free", FREE, "--hold-out", paths[2], "-o", file,
                  "--report", page, "--json", figures)
     assert done.exit_code == 0, done.output
     assert all(f"{paths[2].name}, held out" in done.output and f" {name} " in done.output  # of 80 columns, unbroken
@@ -236,7 +236,7 @@ def test_what_is_asked_wrongly_is_refused_first(recorded: tuple[ParameterSet, li
         ({"free": [natural], "priors": [f"{natural}=9e9+-1 rad/s"]}, "beyond the bounds"),
         ({"free": [natural], "compare": ["fin_angel"]}, "did you mean fin_angle"),
         ({"free": [natural], "compare": ["hinge_torque"]}, "has no column hinge_torque"),
-        ({"free": [natural], "hold_out": [path]}, "held out must be another"),
+        ({"free": [natural], "hold_out": [path]}, "no other record is left to fit"),
         ({"free": [natural], "seed": -1}, "seed = -1"),
     ):
         with pytest.raises(EmcasError, match=words):

@@ -111,14 +111,18 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
               seed: int = 1, progress: Progress = silent) -> Calibration:
     """Find parameters with which an actuator follows records, and judge them on the records held out.
 
-    A record is a CSV file of ``time`` and columns of the actuator's inputs and outputs with their units; `compare`
-    chooses among its outputs. `free` and `priors` are texts as of :func:`.unknowns.free_parameters`. `delays` frees the
-    delay of each measured output; `robust` counts large errors in proportion (soft L1), as of stick and slip. The fit
-    begins at the base set and at the best of random points between the bounds (`seed`). Ctrl-C ends it at the best
-    point so far. Raises RecordError, EmcasError.
+    One among `paths` that is also in `hold_out` is not fitted. A record is a CSV file of ``time`` and columns of
+    the actuator's inputs and outputs with their units; `compare` chooses among its outputs. `free` and `priors` are
+    texts as of :func:`.unknowns.free_parameters`. `delays` frees the delay of each measured output; `robust` counts
+    large errors in proportion (soft L1), as of stick and slip. The fit begins at the base set and at the best of
+    random points between the bounds (`seed`). Ctrl-C ends it at the best point so far. Raises RecordError,
+    EmcasError.
     """
     unknown = free_parameters(base, free, priors)
-    records, outputs = read(paths, base, compare)
+    apart = {path.resolve() for path in hold_out}
+    fitted = [path for path in paths if path.resolve() not in apart]
+    require(fitted or not paths, f"{paths[0] if paths else ''}: is held out, and no other record is left to fit")
+    records, outputs = read(fitted, base, compare)
     others = read(hold_out, base, [v.name for v in outputs])[0] if hold_out else []
     for record in others:
         require(record.sha256 not in {r.sha256 for r in records}, f"{record.path}: has the contents of a record that "
