@@ -133,6 +133,15 @@ def test_a_motion_that_is_slowed_down_never_turns_around() -> None:
     assert np.max(run["fin_angle"]) < np.max(shipped["fin_angle"])
 
 
+@pytest.mark.parametrize("base", others_slow(FED_FORWARD, lambda name: name in (NONLINEAR, "electrohydraulic")))
+def test_no_feed_forward_is_too_strong(base: str) -> None:
+    """A motion of 16 Hz is slow for every actuator: of a step of 1 deg feedback and friction add 2 % to its 1.5 %."""
+    model = f"{base}+trajectory"
+    values = load_parameters(model=model).with_values({"trajectory.natural_frequency": 100.0}).values
+    run = simulate(values, 0.5, model=model, fin_command=_step(1.0))
+    assert degrees(np.max(run["fin_angle"])) < 1.035
+
+
 @pytest.mark.parametrize("base", others_slow(FED_FORWARD, lambda name: name == NONLINEAR))
 def test_enabling_begins_where_the_fin_is(base: str) -> None:
     """At its command a fin that is enabled does not move, whatever was commanded while it was disabled."""

@@ -97,9 +97,13 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
-    """Return the piston's speed in a motion, no memory, and the drive's delay with the lag of the spool [s]."""
-    return (Ahead(fluid_power.piston_motion(ops, p, motion)[0], 0.0), memory,
-            p.drive.transport_delay + 2.0 * p.valve.damping / p.valve.natural_frequency)
+    """Return the speed reference of a motion, no memory, and the drive's delay with the lag of the spool [s].
+
+    It is that at the valve's rated pressure: without load the drop at an edge is that from the start pressure to tank.
+    """
+    share = ops.sqrt(0.5 * p.valve.rated_pressure / ops.maximum(p.cylinder.start_pressure - p.tank.pressure, 1.0))
+    speed = share * fluid_power.piston_motion(ops, p, motion)[0]
+    return Ahead(speed, 0.0), memory, p.drive.transport_delay + 2.0 * p.valve.damping / p.valve.natural_frequency
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
