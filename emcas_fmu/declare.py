@@ -2,6 +2,7 @@
 
 from .actuators import capabilities, fin_port
 from .actuators.declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply
+from .control.trajectory import Ahead, Motion
 from .namespace import Record
 from .rules import rising, rule, when
 from .steppers.discontinuities import Backlash, Coulomb, Limit, Stop
@@ -22,9 +23,11 @@ from .variables import (
 __all__ = [
     "FIN",
     "Actuator",
+    "Ahead",
     "Backlash",
     "Coulomb",
     "Limit",
+    "Motion",
     "PlantFault",
     "PlantInputs",
     "Record",

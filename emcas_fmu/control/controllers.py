@@ -2,7 +2,7 @@
 
     r      = theta(clip(command))       e = r - theta_measured
     w_raw  = Kp_pos (b r - theta_measured) + I + v_ff (r - s)/T_c             w_ref = clip(w_raw, +-w_max)
-    u_raw  = Kp_vel (w_ref - w_measured) + V + u_fc - T_l/(K_t K_v)           u = clip(u_raw, +-u_max)
+    u_raw  = Kp_vel (w_ref - w_measured) + V + u_fc + u_ff - T_l/(K_t K_v)    u = clip(u_raw, +-u_max)
     u_fc   = g_fc C_m(fin_measured, sgn w_ref)/(K_t K_v) clip(w_ref/w_band, +-1)
     I+     = I + T_s (Ki_pos e + K_aw (clip(w) - w) + K_d (u_drive - u_raw)/Kp_vel)    w = w_raw without v_ff's share
     V+     = V + T_s (Ki_vel (w_ref - w_measured) + min(K_d, Ki_vel/Kp_vel) (u_drive - u_raw))
@@ -22,8 +22,9 @@ T_l is the load at the motor except the friction that is fed forward, by a first
 
     T_l    = L (J w_measured - m)               m+ = m + T_s (K_t i + T_l - K_t K_v u_fc)
 
-It uses the measured current, so that the controllers' reference does not affect T_l as long as the model is right: the
-observer hardly changes the loop's margins.
+u_ff is what feeds a motion forward (:func:`feed_forward`), else 0; u_fc is then that of the motion's speed, with the
+feedback's share of w_raw, instead of w_ref. The observer uses the measured current, so that the controllers' reference
+does not affect T_l as long as the model is right: the observer hardly changes the loop's margins.
 """
 
 from __future__ import annotations

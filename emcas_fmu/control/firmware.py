@@ -1,10 +1,11 @@
 """Firmware of a digital servo: a PID controller on counts of the output's encoder, whose result is a PWM duty cycle.
 
     e = n(clip(command)) - n(angle)        n(x) = floor(x/q + 1/2)        q = 2 pi/counts a turn
-    P = K_p e' + I - K_d dn/dt             e' = 0 for |e| < dead band, else e
+    P = K_p e' + I - K_d dn/dt + P_f       e' = 0 for |e| < dead band, else e
     duty = clip(P, +-P_max)/P_full         I+ = I + T_s K_i e', held while P_max is met and e drives it further
 
-Gains are counts of PWM per count of error; T_s is the frame time. Without `encoder.enabled` the counts are not whole.
+P_f is the PWM that feeds a motion forward, else 0. Gains are counts of PWM per count of error; T_s is the frame time.
+Without `encoder.enabled` the counts are not whole.
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ damping z: s(e) = W e/(2 z). Beyond |e| = a_b (2 z/W)^2 the speed s is that of b
 
     s(e) = sgn(e) sqrt(2 a_b (|e| - a_b (2 z/W)^2/2))
 
+The braking is in time if the acceleration can end soon enough: j_max >= 1.5 a_max W, which a rule asks for.
+
 The feedback follows r as it was the time ago that a reference needs to act. If the fin falls behind that by more than a
 tracking limit, as with too little supply, the motion is slowed down to the fin's, but never turned around.
 """
@@ -74,11 +76,11 @@ def delayed(ops: Ops, samples: Value, angles: tuple[Value, ...]) -> Value:
 def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> tuple[Value, Value]:
     """Return the part of a sample's motion [rad] that is too much for a fin that is a distance [rad] behind.
 
-    The second value is 1 if the fin still moves: nothing is integrated then. Of a fin that is held the error is.
+    The second value is its share of that motion, 1 if the motion stands still.
     """
     limit, way = p.trajectory.tracking_limit, p.controller.sample_time * motion.next_rate
     lost = ops.clip(distance - ops.clip(distance, -limit, limit), ops.minimum(way, 0.0), ops.maximum(way, 0.0))
-    return lost, ops.where(ops.both(ops.fabs(lost) > 0.0, ops.fabs(lost) < ops.fabs(way)), 1.0, 0.0)
+    return lost, lost / ops.where(ops.equal(way, 0.0), 1.0, way)
 
 
 def slowed(p: Any, motion: Motion, excess: Value) -> Value:

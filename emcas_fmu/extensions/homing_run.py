@@ -138,7 +138,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     frame = _whole(ops, p, target)
     cascaded = run_in_cascade(actuator)
     forward = rate * way.motor if cascaded else 0.0
-    inputs = inputs.replace(command=0.0, encoder_offset=g.offset - frame)
+    inputs = inputs.replace(command=0.0, encoder_offset=g.offset - frame, ahead=None)
     # A weight of 1, as the loop must not depend on the moving origin.
     pushing = with_values(p, {"drive.reference_limit": limit, "controller.position.setpoint_weight": 1.0,
                               "controller.position.velocity_feedforward": 0.0})

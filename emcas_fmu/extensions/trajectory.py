@@ -12,6 +12,7 @@ start, whenever the drive is enabled, and after homing.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import radians
 from typing import Any
@@ -21,15 +22,15 @@ from ..actuators.declaration import Actuator, SampleInputs, State, Values
 from ..control import controllers, trajectory
 from ..namespace import Record, value_of, with_values
 from ..ops.base import Ops, Value
-from ..rules import Rule, rule, when
-from ..variables import in_group, tunable
+from ..rules import SLACK, Rule, rule, when
+from ..variables import in_group, parameter, tunable
 from . import homing_run
 from .declaration import Extension
 
 PARAMETERS = in_group(
     "trajectory",
-    tunable("natural_frequency", "rad/s", 0.0, 1e4, "natural frequency of the motion to a command (0: none)",
-            quantity="AngularFrequency"),
+    parameter("natural_frequency", "rad/s", 0.0, 1e4, "natural frequency of the motion to a command (0: none)",
+              quantity="AngularFrequency"),
     tunable("damping", "1", 0.1, 10.0, "damping of that motion"),
     tunable("rate_limit", "rad/s", radians(0.1), 1e3, "largest fin rate of that motion", display="deg/s"),
     tunable("acceleration_limit", "rad/s2", 1e-3, 1e6, "largest acceleration of that motion"),
@@ -37,18 +38,22 @@ PARAMETERS = in_group(
 )
 TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(1e-3), 10.0,
                                           "angle of the fin behind that motion beyond which this slows down"))
-"""Parameters beside PARAMETERS of actuators with a feed-forward."""
+"""Parameters beside PARAMETERS of actuators whose motion is slowed down: with feed-forward and an integral."""
 _LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST + 1))
-_RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_slowed")
+_RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_lost")
 _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
           "command.update_time": 0.0}
 """Parameters of controllers that follow a motion whose rate is fed forward at every sample."""
+_INTEGRAL = "controller.position.ki"
+_INTEGRALS = (_INTEGRAL, "controller.velocity.ki")
+_STILL = 0.5  # share of a motion that is lost beyond which the fin hardly moves: its error is integrated
 
 
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator whose controllers follow a generated motion."""
     def initial(ops: Ops, p: Any, start: Record) -> Values:
-        begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
+        alone = _alone(ops, p, actuator, p.trajectory.natural_frequency > 0.0)
+        begun = actuator.start(ops, alone, start.fin_angle, start.encoder_offset)
         return {**begun, **_resting(begun["measured_fin_angle"])}
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
@@ -62,52 +67,86 @@ def _resting(angle: Value) -> dict[str, Value]:
     return {**dict.fromkeys(_RESTING, 0.0), **dict.fromkeys(_LINE, angle)}
 
 
+def _changed(ops: Ops, p: Any, actuator: Actuator, when: Value, values: Mapping[str, Value]) -> Any:
+    """Return parameters with other values of those that the actuator has, where a condition holds."""
+    declared = {v.name for v in actuator.parameters}
+    return with_values(p, {name: ops.where(when, value, value_of(p, name)) for name, value in values.items()
+                           if name in declared})
+
+
+def _alone(ops: Ops, p: Any, actuator: Actuator, on: Value) -> Any:
+    return p if actuator.feed_forward is None else _changed(ops, p, actuator, on, _ALONE)
+
+
 def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs) -> dict[str, Value]:
     on = p.trajectory.natural_frequency > 0.0
     follows = ops.both(on, inputs.enable)
     if hasattr(x, "homing_phase"):
         follows = ops.both(follows, ops.equal(x.homing_phase, homing_run.READY))
-    angles = tuple(getattr(x, name) for name in _LINE)
+    limit, angles = p.command.limit, tuple(getattr(x, name) for name in _LINE)
     motion = trajectory.move(ops, p, angles[0], x.trajectory_rate, x.trajectory_acceleration,
                              controllers.clipped_command(ops, p, inputs.command))
-    memory, followed, q = 0.0, motion.next_angle, p
+    memory, followed, q = 0.0, motion.next_angle, _alone(ops, p, actuator, on)
     if actuator.feed_forward is not None:
         ahead, memory, time = actuator.feed_forward(ops, p, motion, x.trajectory_memory)
         followed = trajectory.delayed(ops, time / p.controller.sample_time, angles)
-        inputs = inputs.replace(ahead=ahead._replace(active=follows))
-        declared = {v.name for v in actuator.parameters}
-        q = with_values(p, {name: ops.where(on, value, value_of(p, name)) for name, value in _ALONE.items()
-                            if name in declared})
-        if (gain := "controller.position.ki") in declared:
-            held = ops.both(on, x.trajectory_slowed > 0.0)
-            q = with_values(q, {gain: ops.where(held, 0.0, p.controller.position.ki)})
+        # What a motion that is slowed down would need is not fed forward, nor is its distance integrated.
+        lost = x.trajectory_lost
+        inputs = inputs.replace(ahead=ahead._replace(active=ops.both(follows, ops.equal(lost, 0.0))))
+        held = ops.both(on, ops.both(lost > 0.0, lost < _STILL))
+        q = _changed(ops, q, actuator, held, dict.fromkeys(_INTEGRALS, 0.0))
+    followed = ops.clip(followed, -limit, limit)
     out = actuator.sampled(ops, q, x, inputs.replace(command=ops.where(on, followed, inputs.command)))
-    excess, slowed = 0.0, 0.0
-    if actuator.feed_forward is not None:
-        excess, slowed = trajectory.excess(ops, p, motion, followed - out["measured_fin_angle"])
-    values = (trajectory.slowed(p, motion, excess), motion.acceleration, memory, slowed)
+    excess, lost = 0.0, 0.0
+    if _slows(actuator):
+        slows = value_of(p, _INTEGRAL) > 0.0  # without integral a load keeps the fin behind
+        excess, lost = (ops.where(slows, value, 0.0) for value in trajectory.excess(
+            ops, p, motion, followed - out["measured_fin_angle"]))
+    values = (trajectory.slowed(p, motion, excess), motion.acceleration, memory, lost)
     line = (motion.next_angle, *angles[:-1])
     moved = {**dict(zip(_RESTING, values, strict=True)),
              **{name: angle - excess for name, angle in zip(_LINE, line, strict=True)}}
     rests = _resting(out["measured_fin_angle"])
-    return {**out, **{name: ops.where(follows, value, rests[name]) for name, value in moved.items()}}
+    limited = ops.where(ops.both(follows, ops.fabs(inputs.command) > limit), 1.0, out["limited"])
+    return {**out, "limited": limited,
+            **{name: ops.where(follows, value, rests[name]) for name, value in moved.items()}}
+
+
+def _slows(actuator: Actuator) -> bool:
+    return actuator.feed_forward is not None and _INTEGRAL in {v.name for v in actuator.parameters}
+
+
+@rule("trajectory.jerk_limit = %.6g rad/s3 must be at least 1.5 trajectory.acceleration_limit times "
+      "trajectory.natural_frequency = %.6g rad/s3, or the motion brakes too late")
+def _jerk(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    t = p.trajectory
+    least = 1.5 * t.acceleration_limit * t.natural_frequency
+    return when(ops, t.jerk_limit < least * (1.0 - SLACK)), t.jerk_limit, least
+
+
+@rule("trajectory.natural_frequency = %.6g rad/s with trajectory.damping = %.6g is too fast for samples of "
+      "controller.sample_time = %.6g s: twice their product must be at most 1")
+def _sampled(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    t, period = p.trajectory, p.controller.sample_time
+    fast = 2.0 * t.damping * t.natural_frequency * period
+    return when(ops, fast > 1.0 + SLACK), t.natural_frequency, t.damping, period
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     if (feed_forward := actuator.feed_forward) is None:
-        return ()
+        return _jerk, _sampled
 
     @rule("controller.sample_time = %.6g s: a reference acts after %.6g s, longer than the "
           f"{trajectory.LONGEST} samples by which the extension trajectory delays a motion; raise the sample time")
     def delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         rest = trajectory.Motion(0.0, 0.0, 0.0, 0.0, 0.0)
-        time = feed_forward(ops, p, rest, 0.0)[2]
+        time = ops.where(p.trajectory.natural_frequency > 0.0, feed_forward(ops, p, rest, 0.0)[2], 0.0)
         return when(ops, time > trajectory.LONGEST * p.controller.sample_time), p.controller.sample_time, time
 
-    return (delay,)
+    return _jerk, _sampled, delay
 
 
 EXTENSION = Extension(
     "trajectory", "trajectory generator and feed-forward", extend, needs=(capabilities.POSITION_LOOP,),
-    parameters=lambda actuator: PARAMETERS if actuator.feed_forward is None else PARAMETERS + TRACKING, rules=_rules,
+    parameters=lambda actuator: PARAMETERS + TRACKING if _slows(actuator) else PARAMETERS, rules=_rules,
     references=("emcas_fmu.reference.simulate",))

@@ -16,12 +16,14 @@ from .vehicle import clip
 _FOLLOWING = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
               "command.update_time": 0.0}
 
+_INTEGRALS = ("controller.position.ki", "controller.velocity.ki")
+
 
 class Following(Controllers):
     """The loops of the thesis's actuator behind a trajectory generator, with feed-forward of its motion."""
 
     def __init__(self, plant: Screw, nominal: Screw):
-        self.gain = float(nominal.p["controller.position.ki"])
+        self.gains = [float(nominal.p[name]) for name in _INTEGRALS]
         nominal.p = self.own = {**nominal.p, **_FOLLOWING}
         super().__init__(plant, nominal)
         p = self.p
@@ -32,7 +34,7 @@ class Following(Controllers):
     def _rest(self, fin: float) -> None:
         self.history = [fin] * (math.ceil(self.late) + 2)  # rad, the newest first
         self.rate = self.acceleration = self.integral_of_drive = 0.0
-        self.slowed = False
+        self.lost = 0.0  # share of the last sample's motion
         self.ahead: tuple[float, float] = 0.0, 0.0
 
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
@@ -43,8 +45,8 @@ class Following(Controllers):
         following = now + self.period * (rate + after) / 2.0
         self._feed_forward(now, rate, following, after)
         whole, share = math.floor(self.late), self.late % 1.0
-        followed = (1.0 - share) * self.history[whole] + share * self.history[whole + 1]
-        self.own["controller.position.ki"] = 0.0 if self.slowed else self.gain
+        followed = clip((1.0 - share) * self.history[whole] + share * self.history[whole + 1], self.p["command.limit"])
+        self.own.update(zip(_INTEGRALS, (0.0, 0.0) if 0.0 < self.lost < 0.5 else self.gains, strict=True))
         reference = super().sample(delta, omega, followed, enable, current)
         fin = self.measured
         if not enable:
@@ -53,7 +55,8 @@ class Following(Controllers):
         # A fin that stays behind slows the motion down, at most to a standstill.
         behind, limit, way = followed - fin, self.p["trajectory.tracking_limit"], self.period * after
         lost = math.copysign(min(max(abs(behind) - limit, 0.0), abs(way)), way) if behind * way > 0.0 else 0.0
-        self.slowed = 0.0 < abs(lost) < abs(way)
+        lost *= self.gains[0] > 0.0  # without integral a load keeps the fin behind
+        self.lost = lost / way if way else 0.0
         self.rate = after - 0.3 * lost / self.period
         self.history = [angle - lost for angle in (following, *self.history[:-1])]
         return reference
@@ -89,4 +92,4 @@ class Following(Controllers):
 
     def fed_forward(self, feedback: float, reference: float) -> tuple[float, float]:
         """Return the speed [rad/s] that friction is compensated for, and the reference [V] of the motion."""
-        return feedback + self.ahead[0], self.ahead[1]
+        return (reference, 0.0) if self.lost else (feedback + self.ahead[0], self.ahead[1])

@@ -51,7 +51,7 @@ def _motion(values: Mapping[str, Any], commands: list[float]) -> list[Motion]:
 
 
 @settings(max_examples=40)
-@given(commands=st.lists(st.floats(-0.35, 0.35), min_size=1, max_size=4), frequency=st.floats(20.0, 300.0),
+@given(commands=st.lists(st.floats(-0.35, 0.35), min_size=1, max_size=4), frequency=st.floats(30.0, 270.0),
        damping=st.floats(0.7, 1.5))
 def test_no_motion_is_beyond_its_limits_and_every_one_arrives(
         commands: list[float], frequency: float, damping: float) -> None:
@@ -64,8 +64,8 @@ def test_no_motion_is_beyond_its_limits_and_every_one_arrives(
     # The jerk limit ends an acceleration within a_max/j_max, the rate limit is met as long later.
     late = values["trajectory.acceleration_limit"] ** 2 / values["trajectory.jerk_limit"]
     assert np.max(np.abs(rates)) <= values["trajectory.rate_limit"] + late
-    # 0.9 s are 12 time constants of the slowest motion.
-    assert moved[-1].next_angle == pytest.approx(commands[-1], abs=1e-4)
+    # 0.9 s are ten time constants 2 z/W of the slowest motion, after a braking of 0.1 s: 0.35 e^-8 are left.
+    assert moved[-1].next_angle == pytest.approx(commands[-1], abs=2e-4)
 
 
 @pytest.mark.parametrize("angle", [1.0, 5.0, 20.0])
@@ -119,9 +119,9 @@ def _supplied(voltage: float, model: str = MODEL) -> Mapping[str, Any]:
 
 @pytest.mark.parametrize("voltage", [39.0, 30.0, 20.0])
 def test_a_drive_that_cannot_follow_slows_the_motion_down(voltage: float) -> None:
-    """A slew of 40 deg from a supply of half the voltage ends without overshoot, which the thesis's loops do not."""
+    """A slew of 40 deg ends within the accuracy of 0.2 deg, from half the voltage too; the thesis's loops overshoot."""
     overshoot = degrees(np.max(_supplied(voltage)["fin_angle"])) - 20.0
-    assert overshoot < 0.1
+    assert overshoot < 0.2
     if voltage == 20.0:
         assert degrees(np.max(_supplied(voltage, NONLINEAR)["fin_angle"])) - 20.0 > 0.5
 
@@ -131,6 +131,63 @@ def test_a_motion_that_is_slowed_down_never_turns_around() -> None:
     run = simulate(TWO.values, 2.0, model=MODEL, aero_torque=lambda t: 400.0 if t >= 0.2 else 0.0)
     shipped = simulate(load_parameters().values, 2.0, aero_torque=lambda t: 400.0 if t >= 0.2 else 0.0)
     assert np.max(run["fin_angle"]) < np.max(shipped["fin_angle"])
+
+
+LOADS: Mapping[str, Any] = {
+    "a load that the drive hardly holds": lambda t: -345.0,
+    "a load beyond the stall that goes": lambda t: -420.0 if t < 0.8 else 0.0,
+    "a gust in the motion": lambda t: -450.0 if 0.08 < t < 0.2 else 0.0,
+}
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_a_motion_that_was_slowed_down_arrives(load: str) -> None:
+    """Whatever stopped the fin, the motion goes on: the end is the command, within a hold of dry friction."""
+    run = simulate(TWO.values, 3.0, model=MODEL, fin_command=_step(20.0), aero_torque=LOADS[load])
+    assert degrees(run["fin_angle"][-1]) == pytest.approx(20.0, abs=0.02)
+
+
+@pytest.mark.parametrize("fault", ["jam", "brown_out", "drive_loss"])
+def test_a_motion_arrives_after_a_fault(fault: str) -> None:
+    parameters = load_parameters(SET, model="nonlinear+faults").with_values(
+        {f"fault.{fault}.begin": 0.08, f"fault.{fault}.end": 0.5})
+    run = simulate(parameters.values, 3.0, model=parameters.model, fin_command=_step(20.0))
+    assert degrees(run["fin_angle"][-1]) == pytest.approx(20.0, abs=0.02)
+
+
+def test_a_servo_without_integral_goes_on_under_a_load() -> None:
+    """It droops under a load as without a trajectory, and is not stopped by it."""
+    plain, extended = (
+        simulate(load_parameters(model=model).with_values(changes).values, 2.0, model=model, fin_command=_step(20.0),
+                 aero_torque=-8.0)
+        for model, changes in (("servo", {}), ("servo+trajectory", {"trajectory.natural_frequency": 100.0})))
+    assert degrees(abs(plain["fin_angle"][-1] - extended["fin_angle"][-1])) < 0.5  # of dry friction, either side
+
+
+@pytest.mark.parametrize("base", others_slow(FED_FORWARD, lambda name: name in (NONLINEAR, "electrohydraulic")))
+def test_a_start_away_from_zero_is_at_rest(base: str) -> None:
+    """0.02 deg: the drift of what valve or bristles let creep, and a count."""
+    model, angle = f"{base}+trajectory", radians(15.0)
+    values = load_parameters(model=model).with_values(
+        {"trajectory.natural_frequency": 100.0, "fin.start_angle": angle}).values
+    run = simulate(values, 0.3, model=model, fin_command=angle)
+    assert degrees(np.max(np.abs(run["fin_angle"] - angle))) < 0.02
+
+
+def test_a_command_at_its_limit_is_no_saturation() -> None:
+    run = simulate(TWO.values, 1.0, model=MODEL, fin_command=_step(20.0))
+    assert not np.any(run["saturated"][-300:])
+    beyond = simulate(TWO.values, 1.0, model=MODEL, fin_command=_step(21.0))
+    assert np.all(beyond["saturated"][-300:])
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"trajectory.jerk_limit": 5e4}, r"jerk_limit = 50000 .*at least 1\.5.*= 63360"),
+    ({"trajectory.natural_frequency": 700.0, "trajectory.jerk_limit": 1e6}, "too fast for samples"),
+])
+def test_a_motion_that_could_not_brake_in_time_is_refused(changes: Mapping[str, float], words: str) -> None:
+    with pytest.raises(ParameterError, match=words):
+        TWO.with_values(changes)
 
 
 @pytest.mark.parametrize("base", others_slow(FED_FORWARD, lambda name: name in (NONLINEAR, "electrohydraulic")))

@@ -138,7 +138,8 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead
     speed = 0.5 * (motion.rate + motion.next_rate)
     inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)
     torque = inertia * motion.acceleration + (p.friction.gear_viscous + p.friction.fin_viscous) * speed
-    duty = torque / p.motor.stall_torque + speed / p.motor.no_load_speed
+    damped = p.controller.kd * speed / firmware.count(p) / p.pwm.full  # by the firmware's derivative gain
+    duty = torque / p.motor.stall_torque + speed / p.motor.no_load_speed + damped
     return Ahead(speed, duty), memory, p.drive.transport_delay
 
 

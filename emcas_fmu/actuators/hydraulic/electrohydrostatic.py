@@ -128,7 +128,8 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahe
     torque = (p.inertia.motor + linkage.inertia * reflected * reflected) * acceleration
     reference, integral = drive.inverse(p, (torque + p.pump.viscous_friction * speed) / p.motor.torque_constant, speed,
                                         integral)
-    return Ahead(piston, reference), integral, p.drive.transport_delay + drive.lag(p)
+    late = p.drive.transport_delay + drive.lag(p)
+    return Ahead(piston - piston_acceleration * late, reference), integral, late  # the speed when it is reached
 
 
 def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:

@@ -43,7 +43,7 @@ _FLAT, _BEYOND = 6, 3.0  # equal samples at the extreme, and by how many deviati
 _POOR = 0.05  # share of a measured deviation, without noise, that a good model leaves at most; fits of 95 % and more
 _DRIFT, _CERTAIN = 5e-4, 6.0  # smallest relative drift of a clock that is reported; in sigmas
 _OPEN, _PART = 0.5, 0.3  # share of a prior's variance that is left; of the largest effect, of a parameter that is named
-_CONTRADICTED = 4.0  # sigmas: of 10,000 priors one is
+_CONTRADICTED = 4.0  # sigmas: of 16,000 priors one is
 _AT_BOUND = 1e-3  # of the interval between the bounds
 
 

@@ -135,7 +135,7 @@ def _measured(rig: Rig, terms: Sequence[Term], load: float) -> dict[str, dict[st
     of_sides = np.full((len(loads), 2, TARGETS, 1), np.nan)
     of_sides[:, side, index, 0] = error
     each = [bidirectional(*of_load) for of_load in of_sides]
-    found = {"loop": _sides([np.max(np.abs(np.nanmean(one["means"], axis=0))) for one in each]),
+    found = {"loop": _sides([np.nanmax(np.abs(np.mean(one["means"], axis=0))) for one in each]),  # of both sides
              "friction": _sides([0.5 * one["hysteresis"] for one in each])}
     for term in terms:
         ends, others = others[:len(term.values)], others[len(term.values):]
