@@ -334,7 +334,8 @@ def breakaway(moment: Array, angle: Array) -> float:
 def combined(terms: Sequence[float]) -> dict[str, float]:
     """Return the sums of a budget's terms, in their unit: of magnitudes, and the root of that of their squares.
 
-    The first is the worst case; the second is that of terms that are independent (JCGM 100:2008, 5.1.2).
+    The first is the worst case; the second is that of limits of independent terms, which is not a standard uncertainty:
+    that combines their standard deviations (JCGM 100:2008, 5.1.2).
     """
     return {"worst_case": float(np.sum(np.abs(terms))), "root_of_squares": float(np.linalg.norm(terms))}
 

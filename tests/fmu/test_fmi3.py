@@ -370,7 +370,10 @@ def test_states_are_kept_in_event_mode(unit3: Fmu) -> None:
 # A reference ends the saturation when it arrives, which begins again in the same tick, after the end of a step.
 @example(159.0, 0.109375, [0.005859375, 0.0044433627564437325, 0.0034848724299057963, 0.0078125])
 def test_events_do_not_depend_on_the_steps(unit3: Fmu, torque: float, command: float, ends: list[float]) -> None:
-    """Where steps end anyway, as long as inputs are held, events are where they are in one long step."""
+    """Where steps end anyway, as long as inputs are held, events are where they are in one long step.
+
+    But for a change that ends within a microsecond (docs/develop/native.md), which is rarer than these examples.
+    """
     whole, sliced = with_events(unit3), with_events(unit3)
     for unit in (whole, sliced):
         unit.set("fin_command", command)
