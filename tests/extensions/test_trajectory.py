@@ -50,7 +50,7 @@ def _motion(values: Mapping[str, Any], commands: list[float]) -> list[Motion]:
     return moved[1:]
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(commands=st.lists(st.floats(-0.35, 0.35), min_size=1, max_size=4), frequency=st.floats(30.0, 270.0),
        damping=st.floats(0.7, 1.5))
 def test_no_motion_is_beyond_its_limits_and_every_one_arrives(
