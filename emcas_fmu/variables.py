@@ -128,10 +128,10 @@ def array(name: str, count: int, unit: str, minimum: float, maximum: float, desc
 
 
 def tunable(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
-            display: str = "", quantity: str = "") -> Variable:
+            display: str = "") -> Variable:
     """Declare a parameter that may be changed during a simulation; `unit` is also that of its limits."""
-    return replace(parameter(name, unit, minimum, maximum, description, sheet, display=display, quantity=quantity),
-                   variability="tunable")
+    return Variable(name, "Real", "parameter", "tunable", unit, description, minimum, maximum, sheet=sheet,
+                    display=display)
 
 
 def integer_parameter(name: str, minimum: int, maximum: int, description: str, sheet: str = "") -> Variable:

@@ -91,9 +91,9 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
         ahead, memory, time = actuator.feed_forward(ops, p, motion, x.trajectory_memory)
         followed = trajectory.delayed(ops, time / p.controller.sample_time, angles)
         # What a motion that is slowed down would need is not fed forward, nor is its distance integrated.
-        lost = x.trajectory_lost
-        inputs = inputs.replace(ahead=ahead._replace(active=ops.both(follows, ops.equal(lost, 0.0))))
-        held = ops.both(on, ops.both(lost > 0.0, lost < _STILL))
+        before = x.trajectory_lost
+        inputs = inputs.replace(ahead=ahead._replace(active=ops.both(follows, ops.equal(before, 0.0))))
+        held = ops.both(on, ops.both(before > 0.0, before < _STILL))
         q = _changed(ops, q, actuator, held, dict.fromkeys(_INTEGRALS, 0.0))
     followed = ops.clip(followed, -limit, limit)
     out = actuator.sampled(ops, q, x, inputs.replace(command=ops.where(on, followed, inputs.command)))

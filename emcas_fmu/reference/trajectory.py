@@ -27,8 +27,8 @@ class Following(Controllers):
         nominal.p = self.own = {**nominal.p, **_FOLLOWING}
         super().__init__(plant, nominal)
         p = self.p
-        self.loop = p["motor.resistance"] + p["drive.kp"]  # Ohm
-        self.late = (p["drive.transport_delay"] + p["motor.inductance"] / self.loop) / self.period  # samples
+        lag = p["motor.inductance"] / (p["motor.resistance"] + p["drive.kp"])  # s, of the current
+        self.late = (p["drive.transport_delay"] + lag) / self.period  # samples
         self._rest(self.nominal.fin_angle(self._measure(p["fin.start_angle"], 0.0)[1]))
 
     def _rest(self, fin: float) -> None:
