@@ -35,7 +35,7 @@ from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics
 from . import command as bus
 from .sensors import Measurement
-from .trajectory import Ahead, Motion
+from .trajectory import Ahead, Motion, added
 
 
 class Loops(NamedTuple):
@@ -150,8 +150,7 @@ def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value
         p.controller.load_observer > 0.0,
         lambda: _observed(ops, p, loops.momentum, measured, current, compensation), lambda: (0.0, loops.momentum))
     raw = velocity.kp * speed_error + loops.velocity_integral + compensation + against_load
-    if ahead is not None:
-        raw = raw + ops.where(ahead.active, ahead.reference, 0.0)
+    raw = added(ops, raw, ahead, "reference")
     u_max = p.drive.reference_limit
     limited = ops.either(ops.either(ops.fabs(command) > p.command.limit, ops.fabs(speed_raw) > limit),
                          ops.fabs(raw) > u_max)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
 from .controllers import clipped_command
-from .trajectory import Ahead
+from .trajectory import Ahead, added
 
 
 class Output(NamedTuple):
@@ -42,14 +42,13 @@ def counts(ops: Ops, p: Any, angle: Value) -> Value:
 def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, command: Value,
            ahead: Ahead | None = None) -> Output:
     """Return the result of a frame at an angle [rad]; `command` [rad] is that before its limit, `before` the counts at
-    the last frame; `ahead` has the duty cycle that is fed forward."""
+    the last frame; `ahead` has the PWM that is fed forward."""
     c, period = p.controller, p.controller.sample_time
     now = counts(ops, p, angle)
     error = counts(ops, p, clipped_command(ops, p, command)) - now
     acting = ops.where(ops.fabs(error) < c.dead_band, 0.0, error)
     pwm = c.kp * acting + integral - c.kd * (now - before) / period
-    if ahead is not None:
-        pwm = pwm + ops.where(ahead.active, p.pwm.full * ahead.reference, 0.0)
+    pwm = added(ops, pwm, ahead, "reference")
     beyond = ops.fabs(pwm) > p.pwm.limit
     held = ops.both(beyond, pwm * acting > 0.0)
     limited = ops.either(beyond, ops.fabs(command) > p.command.limit)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from ..ops.base import Ops, Value
 from ..physics import cylinder, loads
 from .controllers import clipped_command, resting_integral
-from .trajectory import Ahead, Motion
+from .trajectory import Ahead, Motion, added
 
 
 class Output(NamedTuple):
@@ -61,8 +61,7 @@ def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value
     piston = cylinder.piston_position(ops, p, fin_measured)
     error = target - piston
     raw = position.kp * (error - (1.0 - position.setpoint_weight) * target) + integral
-    if ahead is not None:
-        raw = raw + ops.where(ahead.active, ahead.speed, 0.0)
+    raw = added(ops, raw, ahead, "speed")
     beyond = ops.fabs(raw) > limit
     followed = resting_integral(p, piston - before)
     moved = integral + ops.where(ops.both(beyond, raw * error > 0.0), followed,

@@ -38,12 +38,17 @@ class Motion(NamedTuple):
 
 
 class Ahead(NamedTuple):
-    """What feeds a motion forward: the speed of motor or piston [rad/s or m/s], the reference of the plant in its unit,
-    and whether both are used."""
+    """What feeds a motion forward: the speed of motor or piston [rad/s or m/s], what the controllers add to
+    their reference before its limit, in its unit (a firmware in counts of PWM), and whether both are used."""
 
     speed: Value
     reference: Value
     active: Value = True
+
+
+def added(ops: Ops, value: Value, ahead: Ahead | None, name: str) -> Value:
+    """Return a value with the speed or reference (`name`) that is fed forward, unchanged without a motion."""
+    return value if ahead is None else value + ops.where(ahead.active, getattr(ahead, name), 0.0)
 
 
 def move(ops: Ops, p: Any, angle: Value, rate: Value, before: Value, command: Value) -> Motion:

@@ -134,13 +134,13 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
-    """Return the duty cycle that causes a motion of the fin at the nominal voltage, with a stiff gear; no memory."""
+    """Return the PWM that causes a motion of the fin at the nominal voltage, with a stiff gear; no memory."""
     speed = 0.5 * (motion.rate + motion.next_rate)
     inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)
     torque = inertia * motion.acceleration + (p.friction.gear_viscous + p.friction.fin_viscous) * speed
     damped = p.controller.kd * speed / firmware.count(p) / p.pwm.full  # by the firmware's derivative gain
     duty = torque / p.motor.stall_torque + speed / p.motor.no_load_speed + damped
-    return Ahead(speed, duty), memory, p.drive.transport_delay
+    return Ahead(speed, p.pwm.full * duty), memory, p.drive.transport_delay
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:

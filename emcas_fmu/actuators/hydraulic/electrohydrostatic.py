@@ -25,7 +25,7 @@ from dataclasses import replace
 from typing import Any
 
 from ...control import controllers, fluid_power
-from ...control.trajectory import Ahead, Motion
+from ...control.trajectory import Ahead, Motion, added
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, loads, pump, stick
@@ -103,8 +103,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         speed_reference = out.speed / per_speed
         compensation = controllers.fed_forward(ops, p, _dry_at_motor(ops, p, measured), speed_reference)
         raw = p.controller.velocity.kp * (speed_reference - x.motor_speed) + compensation
-        if inputs.ahead is not None:
-            raw = raw + ops.where(inputs.ahead.active, inputs.ahead.reference, 0.0)
+        raw = added(ops, raw, inputs.ahead, "reference")
         largest = p.drive.reference_limit
         reference = ops.clip(raw, -largest, largest)
         # The part of the reference beyond the limits of DAC or current.
