@@ -98,11 +98,12 @@ class Instance:
         status: int = getattr(self.fmu.library, f"fmi2{function}")(self.component, *arguments)
         return status
 
-    def setup(self, start: float = 0.0) -> int:
-        return self.call("SetupExperiment", 0, ct.c_double(0.0), ct.c_double(start), 0, ct.c_double(0.0))
+    def setup(self, start: float = 0.0, stop: float | None = None) -> int:
+        return self.call("SetupExperiment", 0, ct.c_double(0.0), ct.c_double(start), int(stop is not None),
+                         ct.c_double(stop or 0.0))
 
-    def initialize(self, start: float = 0.0, **values: Any) -> list[int]:
-        statuses = [self.setup(start), self.enter()]
+    def initialize(self, start: float = 0.0, stop: float | None = None, **values: Any) -> list[int]:
+        statuses = [self.setup(start, stop), self.enter()]
         statuses += [self.set(name, value) for name, value in values.items()]
         return [*statuses, self.call("ExitInitializationMode")]
 
@@ -202,7 +203,7 @@ class Instance3(Instance):
         self.fmu = fmu
         self.log = []
         self._logger = _LOGGER_3(lambda _, status, __, message: self.log.append((status, message.decode())))
-        self._start = 0.0
+        self._start, self._stop = 0.0, None
         identity = (name.encode(), (guid or fmu.guid).encode(), None, ct.c_bool(False), ct.c_bool(logging))
         if kind == 0:
             made = fmu.library.fmi3InstantiateModelExchange(*identity, None, self._logger)
@@ -218,13 +219,13 @@ class Instance3(Instance):
         status: int = getattr(self.fmu.library, f"fmi3{name}")(self.component, *arguments)
         return status
 
-    def setup(self, start: float = 0.0) -> int:
-        self._start = start
+    def setup(self, start: float = 0.0, stop: float | None = None) -> int:
+        self._start, self._stop = start, stop
         return OK
 
     def enter(self) -> int:
         return self.call("EnterInitializationMode", ct.c_bool(False), ct.c_double(0.0), ct.c_double(self._start),
-                         ct.c_bool(False), ct.c_double(0.0))
+                         ct.c_bool(self._stop is not None), ct.c_double(self._stop or 0.0))
 
     def step(self, time: float, size: float) -> int:
         event, end, early, reached = ct.c_bool(), ct.c_bool(), ct.c_bool(), ct.c_double()

@@ -250,6 +250,26 @@ def start_times(fmu: Fmu) -> Any:
     return findings
 
 
+def stop_time(fmu: Fmu) -> Any:
+    """Steps to the stop time, by one that ends as much later as a sum of steps does, and past it."""
+    findings, start, stop = {}, 1000.0, 1000.1
+    for late in (0.0, 9e-7, 1e-3):
+        instance = Instance(fmu)
+        statuses = instance.initialize(start, stop)
+        statuses += [instance.step(start, 0.09), instance.step(start + 0.09, stop - start - 0.09 + late)]
+        findings[f"{late:g}"] = [max(statuses), instance.messages(statuses[-1]), instance.step(start + 0.09, 0.005)]
+    restored = Instance(fmu)
+    restored.restore(instance.serialize(instance.save()))
+    findings["restored"] = [restored.step(start + 0.095, 0.1), restored.messages(ERROR) + restored.messages(DISCARD)]
+    instance.call("Reset")
+    findings["reset"] = [max(*instance.initialize(start), instance.step(start, 0.2)), ""]
+    for name, wrong in (("before", start - 1.0), ("nan", math.nan)):
+        refused = Instance(fmu)
+        statuses = refused.initialize(start, wrong)
+        findings[name] = [max(*statuses, refused.step(start, 1e-3)), refused.messages(ERROR)]
+    return findings
+
+
 def reset(fmu: Fmu) -> Any:
     """Reset brings back the instance as instantiated."""
     instance = Instance(fmu)

@@ -153,6 +153,19 @@ def test_a_start_where_a_tick_is_less_than_the_clocks_resolution_is_refused(scen
         assert "start within +-1.68885e+11 s" in said  # 2^49 ticks of 0.3 ms
 
 
+def test_a_step_past_the_stop_time_is_refused(scenario: Any, backend: str) -> None:
+    found = scenario("stop_time")
+    assert [found[late][0] for late in ("0", "9e-07", "0.001")] == [OK, OK, REFUSED[backend]]
+    assert "ends after the stop time, 1000.1" in found["0.001"][1]
+    assert found["0.001"][2] == OK  # the run continues as if the step had not been tried
+    assert found["restored"][0] == REFUSED[backend]
+    assert "after the stop time" in found["restored"][1]
+    assert found["reset"][0] == OK
+    for wrong in ("before", "nan"):
+        assert found[wrong][0] == REFUSED[backend]
+        assert "is not after the start time 1000" in found[wrong][1]
+
+
 def test_reset(scenario: Any) -> None:
     assert scenario("reset") == {"same": True, "cold differs": True}
 

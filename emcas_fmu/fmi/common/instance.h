@@ -35,7 +35,7 @@ _Static_assert((int)FIN_PARAMETER_BEGIN == (int)PARAMETER_BEGIN + (MULTI_FIN_LIN
 typedef struct {
     double values[FMU_VARIABLES];
     double rates[FMU_INPUTS]; /* of the inputs, for the next step (FMI 2.0) */
-    double start, now;          /* now counts from the start */
+    double start, stop, now;    /* stop is infinite without one, now counts from the start */
     int32_t phase;
     int32_t rated;      /* a rate is set */
     int32_t terminated; /* the last step could not be computed (FMI 2.0) */
@@ -302,6 +302,7 @@ static void reset_instance(instance *m)
     memset(&m->s, 0, sizeof m->s);
     memcpy(m->s.values, START, sizeof START);
     m->s.phase = INSTANTIATED;
+    m->s.stop = HUGE_VAL;
     m->unprepared = m->moved = m->check_inputs = 1;
     m->ticks = m->interval_known = false;
     memset(m->warned, 0, sizeof m->warned);
@@ -336,11 +337,14 @@ void FMI(FreeInstance)(void *c)
     if (m) release(&m->host, m);
 }
 
-/* Set the start time [s]. */
-static int begin_initialization(instance *m, double start)
+/* Set the start time and, if there is one, the stop time [s]. */
+static int begin_initialization(instance *m, double start, bool stops, double stop)
 {
     if (!core_finite(start)) return report(m, FMI(Error), "start time %.9g is not finite", start);
+    if (stops && !(stop >= start))
+        return report(m, FMI(Error), "stop time %.9g s is not after the start time %.9g s", stop, start);
     m->s.start = start;
+    m->s.stop = stops ? stop : HUGE_VAL;
     return FMI(OK);
 }
 

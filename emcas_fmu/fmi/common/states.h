@@ -59,7 +59,7 @@ static const char *unsound(const instance *m, const model_state *s)
     if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED
         && !(s->phase == HANDLING_EVENT && m->event_mode))
         return "unknown phase";
-    if (!core_finite(s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
+    if (!core_finite(s->start) || !(s->stop >= s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
     if (!core_all_finite(s->rates, FMU_INPUTS)) return "input derivatives";
     for (size_t i = 0; i < FMU_VARIABLES; ++i) {
         const double value = s->values[i];

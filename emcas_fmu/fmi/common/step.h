@@ -44,6 +44,10 @@ static int step_end(instance *m, double time, double size, double *end)
     if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
         return report(m, FMI(Error), "step from %.17g s, but the instance is at %.17g s, %.3g s away", time,
                       m->s.start + m->s.now, begin - m->s.now);
+    /* A host that adds up its steps reaches the stop time but for the ninth digit. */
+    if (time + size > m->s.stop + m->fins.slack + 1e-9 * fabs(m->s.stop))
+        return report(m, FMI(Error), "step from %.17g s of %.17g s ends after the stop time, %.17g s", time, size,
+                      m->s.stop);
     *end = begin + size;
     if (*end < m->s.now) *end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
     if (m->moved) update_motion_loads_now(m);

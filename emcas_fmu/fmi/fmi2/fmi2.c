@@ -212,7 +212,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop)
 {
-    return allowed(c, INSTANTIATED, __func__) ? begin_initialization(c, start) : fmi2Error;
+    if (!allowed(c, INSTANTIATED, __func__)) return fmi2Error;
+    return begin_initialization(c, start, stop_defined, stop);
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c)

@@ -65,7 +65,7 @@ class Slave(ReportingSlave):
         self._values: list[Any] = list(self.start_values)
         self._core: Core | MultiFin | None = None
         self._bound: tuple[Any, ...] = ()  # parameter values of the core
-        self._start = 0.0
+        self._start, self._stop = 0.0, inf
         self._now = 0.0  # seconds since the start
         self._refusal = ""
         self._warned: set[tuple[str, int]] = set()  # warnings that have been logged
@@ -74,6 +74,7 @@ class Slave(ReportingSlave):
         self._motion: list[float] = []
         self._held: tuple[Any, ...] | None = None  # inputs of the core, until a variable is set
         self._slack = 0.0
+        self._latest = inf  # end of a step [s]
         self._motion_loads: Any = None  # of _motion
 
     # -- FMI life cycle --------------------------------------------------------
@@ -81,7 +82,7 @@ class Slave(ReportingSlave):
     def setup_experiment(self, start_time: float, stop_time: float | None = None,
                          tolerance: float | None = None) -> None:
         if self._allowed("instantiated", "fmi2SetupExperiment"):
-            self._start = start_time
+            self._start, self._stop = start_time, inf if stop_time is None else stop_time
 
     def enter_initialization_mode(self) -> None:
         if self._allowed("instantiated", "fmi2EnterInitializationMode"):
@@ -101,6 +102,8 @@ class Slave(ReportingSlave):
         problems = self._parameter_problems()
         if not isfinite(self._start):
             problems.append(f"start time {self._start!r} is not finite")
+        elif not self._stop >= self._start:
+            problems.append(f"stop time {self._stop!r} s is not after the start time {self._start!r} s")
         elif not problems:
             problems += filter(None, [_too_late(self._start, self._bind(anew=True))])
         if problems:
@@ -119,6 +122,9 @@ class Slave(ReportingSlave):
             if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
                 core: Any = self._core
                 end = begin + step_size
+                if current_time + step_size > self._latest:
+                    raise RefusedError(f"step from {current_time!r} s of {step_size!r} s ends after the stop time, "
+                                       f"{self._stop!r} s")
                 if end < now:  # a host's time may run back within the tolerance, the trajectory does not
                     end = now
                 inputs = self._held or self._checked_inputs(core, current_time)
@@ -195,6 +201,8 @@ class Slave(ReportingSlave):
         if self._core is not None:
             # The times of a clock that starts late are coarser than the core's slack.
             self._slack = self._core.slack + 1e-15 * abs(self._start)
+            # A host that adds up its steps reaches the stop time but for the ninth digit.
+            self._latest = self._stop + self._core.slack + 1e-9 * abs(self._stop)
 
     def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Return each fin's parameters by their names in a single actuator, by the prefix of its messages."""
@@ -321,7 +329,7 @@ class Slave(ReportingSlave):
     def _get_fmu_state(self) -> Any:
         core = None if self._core is None else self._core.state
         return (self._start, self._now, self._phase, self._misuse, self._refusal, self._changed,
-                tuple(self._values), self._bound, core)
+                tuple(self._values), self._bound, core, self._stop)
 
     def _set_fmu_state(self, state: Any) -> None:
         if isinstance(state, str):  # the reason why bytes contain none
@@ -330,14 +338,15 @@ class Slave(ReportingSlave):
             self._guard(lambda: self._restore(self._checked(state) if isinstance(state, StoredState) else state))
 
     def _restore(self, state: Any) -> None:
-        start, now, phase, misuse, refusal, changed, values, bound, core_state = state
+        start, now, phase, misuse, refusal, changed, values, bound, core_state, stop = state
         core = self._core
         if core_state is None:
             core = None
         elif core is None or bound != self._bound:
             parameters = {self.rows[i][0]: v for i, v in zip(self.parameters, bound, strict=True)}
             core = self._made(parameters)
-        self._start, self._now, self._phase, self._misuse, self._refusal = start, now, phase, misuse, refusal
+        self._start, self._stop, self._now, self._phase = start, stop, now, phase
+        self._misuse, self._refusal = misuse, refusal
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
         if core is not None:
             core.state = core_state
@@ -351,18 +360,18 @@ class Slave(ReportingSlave):
         """
         if len(state) != len(self._get_fmu_state()):
             raise RefusedError("FMU state refused: number of values")
-        start, now, phase, misuse, refusal, changed, values, bound, core_state = state
+        start, now, phase, misuse, refusal, changed, values, bound, core_state, stop = state
         parameters = [self.rows[i] for i in self.parameters]
         if phase not in (*_BEFORE_RUN, "running", "terminated"):
             problem = "unknown phase"
-        elif not (finite(start) and finite(now) and now >= 0.0):
+        elif not (finite(start) and finite(now) and now >= 0.0 and isinstance(stop, float | int) and stop >= start):
             problem = "time"
         elif not (is_text(misuse) and is_text(refusal) and isinstance(changed, bool)):
             problem = "text of a refusal"
         elif wrong := wrong_variable(values, self.rows):
             problem = wrong
         elif phase in _BEFORE_RUN:  # the core will be restarted
-            return start, 0.0, phase, misuse, refusal, True, values, (), None
+            return start, 0.0, phase, misuse, refusal, True, values, (), None, stop
         elif core_state is None:
             problem = "" if bound == () and (refusal or phase == "terminated") else "no core"
         elif wrong := wrong_variable(bound, parameters):

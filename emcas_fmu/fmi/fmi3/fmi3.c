@@ -225,7 +225,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_def
 {
     instance *m = c;
     if (!allowed(m, INSTANTIATED, __func__)) return fmi3Error;
-    if (begin_initialization(m, start) != fmi3OK) return fmi3Error;
+    if (begin_initialization(m, start, stop_defined, stop) != fmi3OK) return fmi3Error;
     m->s.phase = INITIALIZING;
     return fmi3OK;
 }
