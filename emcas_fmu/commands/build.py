@@ -13,7 +13,7 @@ from . import common
 
 EPILOG = common.examples(
     "build", "", "--parameters my_actuator.toml --output MyActuator.fmu", "--backend native",
-    "--backend native --platform linux64 --platform win64", "--backend native --cc gcc", "--fmi 3",
+    "--backend native --platform linux64 --platform win64", "--backend native --cc gcc", "--fmi 3", "--fmi 3 --scalars",
     "--backend native --names flat", "--model second-order", "--part controller", "--part plant --backend native",
     "--fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
@@ -26,6 +26,8 @@ def build(
     fmi: Annotated[str, common.value("Version of FMI; 3 is native only.", "2|3", "--fmi")] = "2",
     clock: Annotated[bool, typer.Option("--clock", help="FMI 3.0: with a clock that ticks when the controllers sample. "
                                         "Hosts made with fmi4c, such as Ecos 0.7, crash at any clock.")] = False,
+    scalars: Annotated[bool, typer.Option("--scalars", help="FMI 3.0: no arrays, for hosts that do not know them, such "
+                                          "as OMSimulator and Ecos.")] = False,
     platform: Annotated[list[str] | None, common.value(
         "Only for this platform (may be repeated): linux64, win64, darwin64 (macOS on Intel's and Apple's processors), "
         "aarch64-linux; native only.", "NAME")] = None,
@@ -60,7 +62,7 @@ def build(
     chosen = load_parameters(parameters, model=model)
     with common.work("build") as step:
         built = build_fmu(chosen, target, backend, platform, cc, step, fins, placement, files, fmi, references,
-                          clock, names, part)
+                          clock, names, part, scalars)
     common.warn(built.warnings)
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ class Format:
 
     `options` are attributes of the CoSimulation element. The file that is compiled, `main`, includes the files
     `written`, which are in the same folder, and the standard's headers, whose names end with `headers`. With `clock`
-    there is a clock of the controllers' samples.
+    there is a clock of the controllers' samples, with `scalars` there are no arrays in FMI 3.0.
     """
 
     version: int
@@ -43,6 +43,7 @@ class Format:
     written: tuple[str, ...]
     options: Mapping[str, str]
     clock: bool = False
+    scalars: bool = False
 
     @property
     def main(self) -> str:
@@ -50,14 +51,19 @@ class Format:
         return f"fmi{self.version}.c"
 
     @property
+    def is_3(self) -> bool:
+        """Whether it is FMI 3.0."""
+        return self.version > 2
+
+    @property
     def arrays(self) -> bool:
         """Whether variables can be arrays."""
-        return self.version > 2
+        return self.is_3 and not self.scalars
 
     @property
     def token(self) -> str:
         """The word for the identification of the interface, in the header for hosts."""
-        return "TOKEN" if self.arrays else "GUID"
+        return "TOKEN" if self.is_3 else "GUID"
 
     def standard_headers(self) -> dict[str, str]:
         """Return the headers of the FMI standard, as fmpy ships them, and those derived from them.
@@ -67,7 +73,7 @@ class Format:
         folder = Path(fmpy.__file__).parent / "c-code"
         names = [f"fmi{self.version}{name}.h" for name in self.headers]
         texts = {name: (folder / name).read_text(encoding="utf-8") for name in names}
-        if self.arrays:
+        if self.is_3:
             texts["absent.h"] = absent_header(texts["fmi3FunctionTypes.h"])
         else:
             if _NO_PREFIX not in texts[names[0]]:
@@ -78,16 +84,20 @@ class Format:
 
     def variables(self, interface: FmuInterface) -> tuple[Array, ...]:
         """Return the inputs, outputs and parameters that a host sees, in the order of their value references."""
-        listed = arrays(interface) if self.arrays else tuple(Array(v, i) for i, v in enumerate(interface.variables))
+        joined = arrays(interface) if self.is_3 else ()  # checks the names of scalars, too
+        listed = joined if self.arrays else tuple(Array(v, i) for i, v in enumerate(interface.variables))
         return tuple(each for each in listed if each.variable.name not in interface.actuator.hidden)
 
     def references(self, interface: FmuInterface) -> tuple[tuple[int, Array], ...]:
-        """Return all variables with their value references: of FMI 2.0 indices among the scalars."""
-        return tuple((k if self.arrays else each.first, each) for k, each in enumerate(self.listed(interface)))
+        """Return all variables with their value references: of FMI 2.0 indices among the scalars, of 3.0 from 1 on.
+
+        There is no 0 in FMI 3.0, since some hosts read its dependencies as indices from 1.
+        """
+        return tuple((k if self.is_3 else each.first, each) for k, each in enumerate(self.listed(interface), 1))
 
     def listed(self, interface: FmuInterface) -> tuple[Array, ...]:
         """Return all variables in the order of their value references: in FMI 3.0 also time and the clock."""
-        more = (TIME, *([CLOCK] if self.clock else ())) if self.arrays else ()
+        more = (TIME, *([CLOCK] if self.clock else ())) if self.is_3 else ()
         return (*self.variables(interface), *(Array(v, len(interface.variables)) for v in more))
 
     def in_files(self, interface: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -111,5 +121,3 @@ FORMATS = {
         "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
         "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",
         "providesIntermediateUpdate": "false", "mightReturnEarlyFromDoStep": "true", "hasEventMode": "true"})}
-CLOCKED = replace(FORMATS["3"], clock=True)
-"""With a clock of the controllers' samples. Hosts made with fmi4c crash with a double free at any clock."""

@@ -34,12 +34,12 @@ def model_description(fmi: Format, interface: FmuInterface, starts: Sequence[Any
     `options` are attributes of its CoSimulation element, `about` of the root. With `sources` it lists the files
     to compile, which FMI 3.0 does elsewhere.
     """
-    files = [element("SourceFiles", {}, [element("File", {"name": fmi.main})])] if sources and not fmi.arrays else []
+    files = [element("SourceFiles", {}, [element("File", {"name": fmi.main})])] if sources and not fmi.is_3 else []
     categories = ((name, words.replace("fmi2", f"fmi{fmi.version}"))
                   for name, words in Fmi2Slave.log_categories.items())
     return element("fmiModelDescription", {
         "fmiVersion": f"{fmi.version}.0", "modelName": interface.model,
-        "instantiationToken" if fmi.arrays else "guid": guid, "description": describe(interface),
+        "instantiationToken" if fmi.is_3 else "guid": guid, "description": describe(interface),
         "version": __version__, **about, "variableNamingConvention": interface.spelling}, [
             element("CoSimulation", {"modelIdentifier": interface.model, **options}, files),
             unit_definitions(interface),
@@ -97,7 +97,7 @@ def _type(fmi: Format, name: str, v: Variable) -> Element:
     attributes = {} if v.items else real_type(v)
     items = [element("Item", {"name": item, "value": str(value), "description": meaning})
              for value, (item, meaning) in enumerate(v.items, 1)]
-    if fmi.arrays:
+    if fmi.is_3:
         return element(f"{KINDS[v.kind]}Type", {"name": name, **attributes}, items)
     return element("SimpleType", {"name": name}, [element(v.kind, attributes, items)])
 
@@ -105,34 +105,35 @@ def _type(fmi: Format, name: str, v: Variable) -> Element:
 def _variable(fmi: Format, interface: FmuInterface, reference: int, array: Array, starts: Sequence[Any]) -> Element:
     v = array.variable
     if v == CLOCK:
+        interval = starts[interface.reference[interface.name("controller.sample_time", 0)]]
         return element("Clock", {
             "name": v.name, "valueReference": str(reference), "causality": v.causality, "variability": v.variability,
-            "description": v.description, "intervalVariability": "fixed"})
+            "description": v.description, "intervalVariability": "fixed", "intervalDecimal": text(interval)})
     start = " ".join(text(starts[i]) for i in array.indices) if v.causality in ("input", "parameter") else None
     typed = {**typed_attributes(v), "start": start}
     common = {"name": interface.spelt(v.name), "valueReference": str(reference),
               "description": interface.respelt(v.description), "causality": v.causality, "variability": v.variability}
-    if not fmi.arrays:
+    if not fmi.is_3:
         return element("ScalarVariable", {**common, "initial": _INITIAL.get(v.causality)}, [element(v.kind, typed)])
     return element(array.kind, {**common, "initial": "calculated" if v.causality == "output" else None, **typed},
                    (element("Dimension", {"start": str(n)}) for n in array.dimensions))
 
 
 def _structure(fmi: Format, interface: FmuInterface) -> Iterable[Element]:
-    """Return the dependencies of each output; an array has those of all its elements. FMI 2.0 counts from 1."""
+    """Return the dependencies of each output; an array has those of all its elements."""
     outputs = [array for array in fmi.variables(interface) if array.variable.causality == "output"]
     names = [v.name for v in interface.variables]
-    reference = {names[i]: str(k) for k, array in enumerate(fmi.variables(interface), 0 if fmi.arrays else 1)
+    reference = {names[i]: str(k) for k, array in enumerate(fmi.variables(interface), 1)
                  for i in array.indices}
 
     def unknowns(tag: str, of: Mapping[str, Collection[str]]) -> Iterator[Element]:
         for array in outputs:
             needed = {reference[name] for i in array.indices for name in of[names[i]]}
-            yield element(tag, {"valueReference" if fmi.arrays else "index": reference[names[array.first]],
+            yield element(tag, {"valueReference" if fmi.is_3 else "index": reference[names[array.first]],
                                 "dependencies": " ".join(sorted(needed, key=int))})
 
     direct, initial = dependencies(interface), initial_dependencies(interface)
-    if fmi.arrays:
+    if fmi.is_3:
         return (*unknowns("Output", direct), *unknowns("InitialUnknown", initial))
     return (element("Outputs", {}, unknowns("Unknown", direct)),
             element("InitialUnknowns", {}, unknowns("Unknown", initial)))

@@ -11,7 +11,7 @@ from pythonfmu import Fmi2Slave
 
 from .. import rules
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
-from ..runtime.compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
+from ..runtime.compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform, universal
 from ..support.progress import LOG, Progress
 from .description import element
 from .fmi3.arrays import CLOCK, Array
@@ -34,7 +34,7 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
                       for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE"))
-    arrays = _arrays(interface, fmi) if fmi.arrays else ""
+    arrays = _arrays(interface, fmi) if fmi.is_3 else ""
     return header(
         "interface", "The interface: variables, their indices, identity", "#include <math.h>\n\n"
         f"#define MODEL_NAME {c_text(interface.model)}\n#define MODEL_GUID {c_text(guid)}\n"
@@ -78,9 +78,9 @@ def _arrays(interface: FmuInterface, fmi: Format) -> str:
             f"static const char *const TYPE[] = {{{names}}};\n\n"
             "typedef struct {\n    const char *name;\n    int type;\n"
             "    unsigned first, size, fins, stride;\n} array;\n\n"
-            f"enum {{ TIME = {len(fmi.variables(interface))}, ARRAYS = {len(listed)} }};\n"
+            f"enum {{ TIME = {len(fmi.variables(interface)) + 1}, ARRAYS = {len(listed) + 1} }};\n"
             f"#define CLOCK_NAME {c_text(CLOCK.name)}\n"
-            f"static const array ARRAY[ARRAYS] = {{\n{rows}\n}};\n\n"
+            f"static const array ARRAY[ARRAYS] = {{\n    {{\"\", -1, 0, 1, 1, 0}}, /* no variable */\n{rows}\n}};\n\n"
             "/* The index of the sample time among a fin's parameters, of the rate among its outputs, if any. */\n"
             f"enum {{ SAMPLE_TIME = {sample_time} }};\n{fin_rate}")
 
@@ -93,7 +93,7 @@ def _host_type(kind: str) -> str:
 def _about(array: Array, fmi: Format) -> str:
     """Return causality, type, unit and number of elements of a variable as a comment."""
     v, shape = array.variable, " x ".join(map(str, array.dimensions))
-    kind = _host_type(array.kind) if fmi.arrays else "Integer" if v.items else v.kind
+    kind = _host_type(array.kind) if fmi.is_3 else "Integer" if v.items else v.kind
     unit = v.unit if v.kind == "Real" else ""
     return ", ".join(filter(None, (v.causality, kind, unit, shape and f"{shape} values")))
 
@@ -158,8 +158,10 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     for i, target in enumerate(platforms):
         if progress:
             progress(target.name, i, len(platforms))
-        made = (compiler.libraries(files, fmi.main, target, model) if fmi.arrays
-                else {target.name: compiler.library(files, fmi.main, target, model)})
+        made = compiler.libraries(files, fmi.main, target, model)
+        if not fmi.is_3:  # one folder for both kinds of Mac; other importers look for that of Apple's processors
+            made = {target.name: universal(list(made.values()))} | {
+                machine: library for machine, library in made.items() if machine == "aarch64-darwin"}
         libraries |= {f"binaries/{folder}/{model}{target.suffix}": library for folder, library in made.items()}
     if progress:
         progress("", len(platforms), len(platforms))

@@ -20,7 +20,7 @@ from ..support.writing import check_target, write_zip
 from . import native, python
 from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
-from .format import CLOCKED, FORMATS, Format
+from .format import FORMATS, Format
 from .interface import SPELLINGS, FmuInterface, fin_sets, start_values
 from .model_description import model_description
 from .references import reference_files
@@ -77,12 +77,13 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
 def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
           fins: int = 1, layout: str = "cross", files: Mapping[int, Path | str] | None = None, fmi: str | int = "2",
-          references: bool = True, clock: bool = False, names: str = SPELLINGS[0], part: str | None = None) -> Built:
+          references: bool = True, clock: bool = False, names: str = SPELLINGS[0], part: str | None = None,
+          scalars: bool = False) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python`` (FMI 2.0 only; its default) or ``native``, the default for `fmi` ``3``. The native back end
     builds for `platforms` (default: all) with zig, or with the system compiler `cc` for this platform only. With
-    `clock` an FMU of FMI 3.0 has a clock of the controllers' samples. `names` of variables are ``structured``, or
+    `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no arrays. `names` of variables are ``structured``, or
     ``flat``: without dots and brackets. Several `fins` share a supply and are in the `layout` ``plus`` or ``cross``;
     `files` are parameter files of single fins, by number from 1, that override `parameters`. With `references` the FMU
     contains responses to compare with (:mod:`.references`). A `part` is the ``controller`` or the ``plant`` alone
@@ -98,6 +99,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
             (in_python and (platforms is not None or cc is not None),
              "platforms and cc are for backend native: the Python back end compiles nothing"),
             (clock and fmi == "2", "clock is for fmi 3: FMI 2.0 has no clocks"),
+            (scalars and fmi == "2", "scalars are for fmi 3: FMI 2.0 has nothing else"),
             (in_python and fmi != "2", f"fmi {fmi} is for backend native: the Python back end exports FMI 2.0"),
             (fins == 1 and files, "files of single fins are for an FMU of several: set fins"),
             (part and fins > 1, f"part {part} is that of one fin: leave fins out, and use an instance for each")):
@@ -108,7 +110,8 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     if part:
         parameters = replace(parameters, model=half(parameters.model, part))
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    interface, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else FORMATS[fmi]
+    interface = FmuInterface(fins, parameters.model, names)
+    chosen = replace(FORMATS[fmi], clock=clock, scalars=scalars)
     contents, guid, built_for, doubts = _contents(interface, sets, backend, platforms, cc, progress, chosen,
                                                   references and not interface.actuator.hidden)
     # modelDescription.xml first: readers that stream find it at once.

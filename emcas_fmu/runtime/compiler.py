@@ -52,7 +52,7 @@ class Platform:
 
 
 _LINUX = ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")
-# FMI 2.0 has one folder for macOS, on Intel's and Apple's processors, and none for Linux on arm64.
+# Names are those of FMI 2.0's folders; it has none for Linux on arm64.
 PLATFORMS = {p.name: p for p in (
     Platform("linux64", ".so", {"x86_64-linux": "x86_64-linux-gnu.2.17"}, _LINUX),
     Platform("win64", ".dll", {"x86_64-windows": "x86_64-windows-gnu"}, ("-shared",)),
@@ -78,11 +78,15 @@ def local_platform() -> Platform | None:
 
 
 def universal(libraries: Sequence[bytes]) -> bytes:
-    """Return one Mach-O file of libraries for several machines; each is whole, so that its signature stays valid.
+    """Return one Mach-O file of libraries for several machines, unless there is only one library.
+
+    Each is whole, so that its signature stays valid.
 
     The layout is that of Apple's mach-o/fat.h: big-endian magic and count, then for each library its CPU type and
     subtype (as in its header), offset, size and alignment as a power of two.
     """
+    if len(libraries) == 1:
+        return libraries[0]
     page, entries, body = 1 << _PAGE, b"", b""
     for library in libraries:
         body += bytes(-len(body) % page)
@@ -103,8 +107,7 @@ class Compiler:
     def library(self, sources: Mapping[str, str], main: str, target: Platform, name: str,
                 flags: Sequence[str] = ()) -> bytes:
         """Return the shared library `name` of a platform, for all its machines in one file; see :meth:`libraries`."""
-        libraries = list(self.libraries(sources, main, target, name, flags).values())
-        return libraries[0] if len(libraries) == 1 else universal(libraries)
+        return universal(list(self.libraries(sources, main, target, name, flags).values()))
 
     def libraries(self, sources: Mapping[str, str], main: str, target: Platform, name: str,
                   flags: Sequence[str] = ()) -> dict[str, bytes]:

@@ -12,11 +12,12 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from emcas_fmu.fmi import native
-from emcas_fmu.fmi.format import CLOCKED, FORMATS
+from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.parameters import load_parameters
 
@@ -29,7 +30,7 @@ SANITIZERS = "address,undefined,float-cast-overflow"
 def compiled(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 1, fmi: str = "2") -> Path:
     """The harness and the unit in one program. Raises CalledProcessError with what the compiler said."""
     unit = FmuInterface(fins)
-    chosen = CLOCKED if fmi == "3" else FORMATS[fmi]
+    chosen = replace(FORMATS[fmi], clock=fmi == "3")
     starts = start_values(unit, [load_parameters().values] * fins)
     for name, text in native.sources(unit, starts, GUID, chosen).items():
         (folder / name).write_text(text, encoding="utf-8")
