@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from math import inf, nan, radians
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 from xml.etree.ElementTree import fromstring
 
 import fmpy
@@ -163,6 +164,33 @@ def test_it_is_the_unit_of_fmi_2(both: tuple[Path, Fmu, Fmu]) -> None:
         runs.append(rows)
     assert np.isfinite(runs[0]).all()
     assert np.array_equal(runs[0], runs[1])
+
+
+def test_value_references_count_from_1(both: tuple[Path, Fmu, Fmu]) -> None:
+    with zipfile.ZipFile(both[0]) as archive:
+        root = fromstring(archive.read("modelDescription.xml"))
+    assert [int(v.attrib["valueReference"]) for v in root.find("ModelVariables") or ()] == list(
+        range(1, len(root.find("ModelVariables") or ()) + 1))
+    listed = [unknown.attrib["dependencies"].split() for unknown in root.find("ModelStructure") or ()]
+    assert "0" not in {reference for references in listed for reference in references}
+    assert Instance(both[1]).get_vr("Float64", [0])[0] == ERROR
+
+
+@pytest.mark.parametrize(("fins", "names"), [(1, "structured"), (4, "flat")])
+def test_scalars_are_the_variables_of_fmi_2(tmp_path: Path, fins: int, names: str) -> None:
+    """Names, start values and, through a run, the bits."""
+    units = [lean(load_parameters(), tmp_path / f"{fmi}.fmu", fins=fins, fmi=fmi, names=names, **more)
+             for fmi, more in (("2", {}), ("3", {"scalars": True}))]
+    assert validate_fmu(str(units[1])) == []
+    read = [{v.name: (v.start, v.unit, v.causality) for v in fmpy.read_model_description(str(path)).modelVariables
+             if v.name != "time"} for path in units]
+    assert read[0] == read[1]
+    command = "fin2_fin_command" if fins > 1 else "fin_command"
+    rows = [fmpy.simulate_fmu(str(path), stop_time=0.1, output_interval=1e-3, start_values={command: 0.2})
+            for path in units]
+    assert rows[0].dtype.names == rows[1].dtype.names
+    assert rows[0].tolist() == rows[1].tolist()
+    assert max(rows[0][command.replace("command", "angle")]) > 0.1
 
 
 def test_words_of_flags_are_unsigned_and_enumerations_int64(both: tuple[Path, Fmu, Fmu]) -> None:
@@ -328,6 +356,9 @@ def test_the_clock_ticks_at_samples_and_changes_nothing(clocked3: Fmu, unit3: Fm
     assert clocked.call("GetIntervalDecimal", reference, ct.c_size_t(1), ct.byref(interval), ct.byref(qualifier)) == OK
     assert clocked.call("GetShiftDecimal", reference, ct.c_size_t(1), ct.byref(shift)) == OK
     assert (interval.value, shift.value) == (SAMPLE, 0.0)
+    described = ET.parse(clocked3.folder / "modelDescription.xml").find(".//Clock")
+    assert described is not None
+    assert float(described.attrib["intervalDecimal"]) == SAMPLE
     for unit in (clocked, plain):
         unit.set("fin_command", 0.1)
     now = 0.0
@@ -418,7 +449,8 @@ def test_two_units_linked_into_one_program(native3: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("wanted", "said"), [
-    ({"fmi": "4"}, "there is 2 and 3"), ({"fmi": "3", "backend": "python"}, "native"), ({"clock": True}, "for fmi 3")])
+    ({"fmi": "4"}, "there is 2 and 3"), ({"fmi": "3", "backend": "python"}, "native"), ({"clock": True}, "for fmi 3"),
+    ({"scalars": True}, "for fmi 3")])
 def test_what_there_is_not(tmp_path: Path, wanted: Mapping[str, Any], said: str) -> None:
     with pytest.raises(BuildError, match=said):
         build(load_parameters(), tmp_path / "EMCAS.fmu", **wanted)

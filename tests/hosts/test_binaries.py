@@ -124,9 +124,16 @@ def libraries(binary: Binary) -> set[str]:
 
 
 def test_every_platform_is_looked_at(every_platform: Path, every_machine: Path) -> None:
-    assert {f.name for f in (every_platform / "binaries").iterdir()} == set(PLATFORMS)
+    assert {f.name for f in (every_platform / "binaries").iterdir()} == {*PLATFORMS, "aarch64-darwin"}
     assert {f.name for f in (every_machine / "binaries").iterdir()} == set(FORMATS)
     assert {machine for p in PLATFORMS.values() for machine in p.targets} == set(FORMATS)
+
+
+def test_apple_silicons_folder_has_its_part_of_the_universal_library(every_platform: Path) -> None:
+    alone, universal = ((every_platform / f"binaries/{folder}/EMCAS.dylib").read_bytes()
+                        for folder in ("aarch64-darwin", "darwin64"))
+    assert lief.MachO.parse(list(alone)) is not None
+    assert alone in universal
 
 
 def test_format_and_machine(binary: Binary, machine: str) -> None:
