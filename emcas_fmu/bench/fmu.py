@@ -84,8 +84,9 @@ class OpenedFmu:
             getattr(instance, f"set{kind}")([self.references[name]], [convert(value)])
 
     def require(self, names: Sequence[str], causality: str) -> None:
-        """Raise EmcasError where the FMU lacks variables of a causality."""
-        present = {v.name for v in self.variables if v.causality == causality}
+        """Raise EmcasError where the FMU lacks variables of a causality; inputs may be tunable parameters."""
+        present = {v.name for v in self.variables if v.causality == causality
+                   or (causality == "input" and v.causality == "parameter")}
         if missing := [name for name in names if self.names.get(name, name) not in present]:
             raise EmcasError(f"{self.path}: has no {causality} named {', '.join(missing)}; "
                              "an EM-CAS FMU is needed, such as `emcas build` makes")

@@ -14,7 +14,8 @@ from . import common
 EPILOG = common.examples(
     "build", "", "--parameters my_actuator.toml --output MyActuator.fmu", "--backend native",
     "--backend native --platform linux64 --platform win64", "--backend native --cc gcc", "--fmi 3", "--fmi 3 --scalars",
-    "--backend native --names flat", "--model second-order", "--part controller", "--part plant --backend native",
+    "--backend native --names flat", "--backend native --inputs minimal",
+    "--model second-order", "--part controller", "--part plant --backend native",
     "--fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
 
@@ -41,6 +42,9 @@ def build(
     names: Annotated[str, common.value(
         "Names of variables, as fin[2].fin_angle, or flat, as fin2_fin_angle: for tools that refuse dots and brackets, "
         "or make buses of them.", "structured|flat")] = "structured",
+    inputs: Annotated[str, common.value(
+        "Inputs of the FMU: all, or minimal, fin_command and aero_torque alone. The others are parameters then, for "
+        "tools in which every input must be connected or begins at 0.", "all|minimal")] = "all",
     part: Annotated[str | None, common.value(
         "Only the controllers (measured angle in, reference out), or only the plant (reference in): hardware replaces "
         "the other.", "controller|plant")] = None,
@@ -62,7 +66,7 @@ def build(
     chosen = load_parameters(parameters, model=model)
     with common.work("build") as step:
         built = build_fmu(chosen, target, backend, platform, cc, step, fins, placement, files, fmi, references,
-                          clock, names, part, scalars)
+                          clock, names, part, scalars, inputs)
     common.warn(built.warnings)
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")

@@ -110,7 +110,9 @@ def types(interface: FmuInterface) -> dict[str, Variable]:
 
 def dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
     """Return for each output the inputs that act on it directly, at a communication point."""
-    return _for_all_fins(interface, codegen.direct_inputs(interface.kind), _MIXED)
+    inputs = {v.name for v in interface.inputs if v.causality == "input"}
+    return {output: tuple(name for name in names if name in inputs)
+            for output, names in _for_all_fins(interface, codegen.direct_inputs(interface.kind), _MIXED).items()}
 
 
 def initial_dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
@@ -143,9 +145,10 @@ def _for_all_fins(interface: FmuInterface, of_one: Mapping[str, Collection[str]]
 def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
     """Yield the terminals of fin port and actuator; with several fins those of each, or of `arrays` of all."""
     actuator, several = interface.actuator, interface.fins > 1
-    if several:
+    if several and all(map(interface.is_input, _MIXED)):
         yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)
-    present = {v.name for v in (*actuator.inputs, *actuator.outputs)} - actuator.hidden
+    inputs = {v.name for v in actuator.inputs if interface.is_input(v.name)}
+    present = inputs.union(v.name for v in actuator.outputs) - actuator.hidden
     for listed in (*fin_port.TERMINALS, *actuator.terminals):
         terminal = replace(listed, members=tuple(name for name in listed.members if name in present))
         if not terminal.members:
@@ -160,7 +163,8 @@ def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
                         for fin in range(interface.fins))
     if supply := actuator.supply:
         outputs = interface.line_outputs if several else (supply.power,)
-        yield Terminal(supply.line.group, supply.line.supply, (supply.input.name, *(v.name for v in outputs)))
+        source = inputs.intersection([supply.input.name])
+        yield Terminal(supply.line.group, supply.line.supply, (*source, *(v.name for v in outputs)))
 
 
 def terminals_and_icons(interface: FmuInterface, arrays: bool = False) -> Element:

@@ -27,6 +27,9 @@ MOST_FINS = 8
 SPELLINGS = ("structured", "flat")
 """Naming conventions of FMI: ``fin[2].fault.jam.begin`` or ``fin2_fault_jam_begin``."""
 LAYOUTS = ("plus", "cross")
+INPUTS = ("all", "minimal")
+"""Which inputs an FMU has: those of the actuator, or command and load alone; the others are tunable parameters then."""
+MINIMAL = (fin_port.COMMAND.name, fin_port.AERO_TORQUE.name)
 AZIMUTH = "mounting.azimuth"
 FINS = "fins."
 """Prefix of the name of an array with an element for each fin (FMI 3.0)."""
@@ -61,20 +64,23 @@ def flat(name: str) -> str:
 class FmuInterface:
     """`fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`) in one FMU.
 
-    Names here are structured; the FMU's have the `spelling` (:data:`SPELLINGS`). A variable's value reference is its
-    index in `variables`: inputs, outputs, parameters; each group begins with the shared variables, followed by those of
-    each fin in the actuator's order.
+    Names here are structured; the FMU's have the `spelling` (:data:`SPELLINGS`). `connected` inputs are inputs of the
+    FMU (:data:`INPUTS`). A variable's value reference is its index in `variables`: inputs, outputs, parameters; each
+    group begins with the shared variables, followed by those of each fin in the actuator's order.
     """
 
     fins: int
     kind: str = NONLINEAR
     spelling: str = SPELLINGS[0]
+    connected: str = INPUTS[0]
 
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
             raise EmcasError(f"fins {self.fins}: an FMU has 1 to {MOST_FINS} fins")
         if self.spelling not in SPELLINGS:
             raise EmcasError(f"names {self.spelling}: there is {' and '.join(SPELLINGS)}")
+        if self.connected not in INPUTS:
+            raise EmcasError(f"inputs {self.connected}: there is {' and '.join(INPUTS)}")
         spelt: dict[str, str] = {}
         for name in self.reference if self.spelling == "flat" else ():
             if spelt.setdefault(flat(name), name) != name:
@@ -156,13 +162,24 @@ class FmuInterface:
         """
         actuator, supply = self.actuator, self.actuator.supply
         if self.fins == 1:
-            return tuple(((), each) for each in (actuator.inputs, actuator.limited_outputs, actuator.parameters))
+            inputs = self._connected(actuator.inputs)
+            return tuple(((), each) for each in (inputs, actuator.limited_outputs, actuator.parameters))
         source = {} if supply is None else {supply.input.name: supply.line.source}
         shared = tuple(replace(v, description=source.get(v.name, v.description))
                        for v in actuator.inputs if v.name in self.shared)
         each = tuple(v for v in actuator.inputs if v.name not in self.shared)
-        return ((shared + MIXING, each), (self.line_outputs, actuator.limited_outputs),
+        return ((self._connected(shared + MIXING), self._connected(each)),
+                (self.line_outputs, actuator.limited_outputs),
                 (self.line.parameters if self.line else (), actuator.parameters))
+
+    def is_input(self, name: str) -> bool:
+        """Return whether an input of the actuator, by its name there, is one of the FMU."""
+        return self.connected != "minimal" or name in MINIMAL
+
+    def _connected(self, inputs: tuple[Variable, ...]) -> tuple[Variable, ...]:
+        """Return inputs of the actuator as they are in the FMU."""
+        return tuple(v if self.is_input(v.name) else replace(v, causality="parameter", variability="tunable")
+                     for v in inputs)
 
     def _scalars(self, group: int) -> tuple[Variable, ...]:
         shared, each = self.groups[group]

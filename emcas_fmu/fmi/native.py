@@ -33,7 +33,8 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
-                      for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE"))
+                      for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE", "UNCONNECTED"))
+    supply = interface.actuator.supply
     arrays = _arrays(interface, fmi) if fmi.is_3 else ""
     return header(
         "interface", "The interface: variables, their indices, identity", "#include <math.h>\n\n"
@@ -43,7 +44,7 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
         f"#define OF_FIN {c_text(interface.of_fin('%u') + ': ')}\n\n{_sizes(interface)}\n"
         "enum { REAL, INTEGER, BOOLEAN };\n"
         'static const char *const KIND[] = {"Real", "Integer", "Boolean"};\n'
-        f"{formats}\n"
+        f"{formats}static const char NO_SUPPLY[] = {c_text(f'{supply.input.name} = 0' if supply else '')};\n\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
         f"static const variable VARIABLE[FMU_VARIABLES] = {{\n{rows}\n}};\n\n"
         f"static const double START[FMU_VARIABLES] = {{\n{values}\n}};\n{arrays}")

@@ -21,7 +21,7 @@ from . import native, python
 from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
 from .format import FORMATS, Format
-from .interface import SPELLINGS, FmuInterface, fin_sets, start_values
+from .interface import INPUTS, SPELLINGS, FmuInterface, fin_sets, start_values
 from .model_description import model_description
 from .references import reference_files
 
@@ -78,17 +78,19 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
           fins: int = 1, layout: str = "cross", files: Mapping[int, Path | str] | None = None, fmi: str | int = "2",
           references: bool = True, clock: bool = False, names: str = SPELLINGS[0], part: str | None = None,
-          scalars: bool = False) -> Built:
+          scalars: bool = False, inputs: str = INPUTS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python`` (FMI 2.0 only; its default) or ``native``, the default for `fmi` ``3``. The native back end
     builds for `platforms` (default: all) with zig, or with the system compiler `cc` for this platform only. With
-    `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no arrays. `names` of variables are ``structured``, or
-    ``flat``: without dots and brackets. Several `fins` share a supply and are in the `layout` ``plus`` or ``cross``;
-    `files` are parameter files of single fins, by number from 1, that override `parameters`. With `references` the FMU
-    contains responses to compare with (:mod:`.references`). A `part` is the ``controller`` or the ``plant`` alone
-    (:mod:`emcas_fmu.extensions.halves`), without references. Raises EmcasError for invalid arguments, ParameterError
-    for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is no compiler.
+    `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no arrays. With `inputs`
+    ``minimal`` only command and load are inputs, the others are tunable parameters. `names` of variables are
+    ``structured``, or ``flat``: without dots and brackets. Several `fins` share a supply and are in the `layout`
+    ``plus`` or ``cross``; `files` are parameter files of single fins, by number from 1, that override `parameters`.
+    With `references` the FMU contains responses to compare with (:mod:`.references`). A `part` is the ``controller`` or
+    the ``plant`` alone (:mod:`emcas_fmu.extensions.halves`), without references. Raises EmcasError for invalid
+    arguments, ParameterError for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is
+    no compiler.
     """
     fmi = str(fmi)
     backend = backend or ("python" if fmi == "2" else "native")
@@ -110,7 +112,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     if part:
         parameters = replace(parameters, model=half(parameters.model, part))
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    interface = FmuInterface(fins, parameters.model, names)
+    interface = FmuInterface(fins, parameters.model, names, inputs)
     chosen = replace(FORMATS[fmi], clock=clock, scalars=scalars)
     contents, guid, built_for, doubts = _contents(interface, sets, backend, platforms, cc, progress, chosen,
                                                   references and not interface.actuator.hidden)

@@ -44,6 +44,7 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
                            for rule in actuator.all_rules),
             "sizes": codegen.sizes(actuator), "power": codegen.power_place(actuator),
             "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "fin_inputs": interface.fin_inputs,
+            "no_supply": f"{actuator.supply.input.name} = 0" if actuator.supply else "",
             "mixing": tuple(interface.reference[v.name] for v in MIXING if several),
             "of_fin": f"{interface.of_fin('%d')}: " if several else "", "line_start": codegen.line_start(actuator)}
 

@@ -203,7 +203,8 @@ class Instance3(Instance):
         self.fmu = fmu
         self.log = []
         self._logger = _LOGGER_3(lambda _, status, __, message: self.log.append((status, message.decode())))
-        self._start, self._stop = 0.0, None
+        self._start = 0.0
+        self._stop: float | None = None
         identity = (name.encode(), (guid or fmu.guid).encode(), None, ct.c_bool(False), ct.c_bool(logging))
         if kind == 0:
             made = fmu.library.fmi3InstantiateModelExchange(*identity, None, self._logger)

@@ -297,6 +297,21 @@ def warned(fmu: Fmu) -> Any:
     return {"statuses": statuses, "said": said}
 
 
+def unconnected(fmu: Fmu) -> Any:
+    """What is logged at the first command with inputs at 0, as hosts leave those that are not connected."""
+    findings = {}
+    for name, values in (("both", {"supply_voltage": 0.0, "enable": False}), ("supply", {"supply_voltage": 0.0}),
+                         ("enable", {"enable": False}), ("none", {})):
+        instance = Instance(fmu)
+        statuses = instance.initialize()
+        statuses += [instance.set(key, value) for key, value in values.items()] + [instance.step(0.0, 1e-3)]
+        before = instance.messages(WARNING)
+        for k in range(1, 4):
+            statuses += [instance.set("fin_command", 0.1 * k), instance.step(1e-3 * k, 1e-3)]
+        findings[name] = [max(statuses), before, [text for status, text in instance.log if status == WARNING]]
+    return findings
+
+
 def slicing(fmu: Fmu) -> Any:
     """Fin angle at common times on several host grids and clocks, inputs held over the coarsest."""
     common = 37e-3

@@ -120,6 +120,15 @@ def test_warnings_are_logged_once_and_leave_the_status_alone(scenario: Any) -> N
     assert (inside, warmer) == ("", "")
 
 
+def test_inputs_left_at_0_are_logged_at_the_first_command(scenario: Any) -> None:
+    found = scenario("unconnected")
+    for name, inputs in (("both", ["supply_voltage", "enable"]), ("supply", ["supply_voltage"]), ("enable", ["enable"]),
+                         ("none", [])):
+        status, before, after = found[name]
+        assert (status, before, len(after)) == (OK, "", len(inputs)), name
+        assert all(f"{i} = 0 at the first command" in text for i, text in zip(inputs, after, strict=True)), after
+
+
 def test_state_continues_bit_for_bit(scenario: Any) -> None:
     assert scenario("state") == {
         "restored": True, "transplanted": True, "fresh": True, "inside tick": True, "moved": True}

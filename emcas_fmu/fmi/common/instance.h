@@ -50,6 +50,7 @@ typedef struct {
     int32_t unprepared; /* parameters have changed since the fins were bound to them */
     int32_t check_inputs; /* an input may not be finite */
     int32_t moved;      /* motion_loads are out of date */
+    int32_t commanded;  /* a command has been followed, or it has been logged why not */
     bool event_mode, early_return; /* of the host (FMI 3.0) */
     bool ticks, interval_known; /* the clock ticks in this event; the host knows its interval (FMI 3.0) */
     multi_fin fins;
@@ -305,6 +306,7 @@ static void reset_instance(instance *m)
     m->s.stop = HUGE_VAL;
     m->unprepared = m->moved = m->check_inputs = 1;
     m->ticks = m->interval_known = false;
+    m->commanded = 0;
     memset(m->warned, 0, sizeof m->warned);
 }
 

@@ -14,8 +14,20 @@ static int bad_inputs(const instance *m, double time)
     return status;
 }
 
+/* Log why no fin follows its first command: hosts leave inputs that are not connected at 0. */
+static void check_drive(instance *m, const core_inputs *in)
+{
+    for (size_t fin = 0; fin < FINS && !m->commanded; ++fin) {
+        if (in[fin].command == 0.0) continue;
+        m->commanded = 1;
+        if (*NO_SUPPLY && in[fin].supply == 0.0) report(m, FMI(Warning), UNCONNECTED, NO_SUPPLY);
+        if (in[fin].enable == 0.0) report(m, FMI(Warning), UNCONNECTED, "enable = 0");
+    }
+}
+
 static core_result run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
 {
+    if (!m->commanded) check_drive(m, in);
     return multi_fin_run(&m->fins, &m->s.fins, m->s.now, end, in, ramp, m->s.values + OUTPUT_BEGIN);
 }
 

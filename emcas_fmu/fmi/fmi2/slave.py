@@ -11,7 +11,7 @@ from functools import partialmethod
 from math import inf, isfinite, nan
 from typing import Any, ClassVar
 
-from ...rules import TOO_LATE, check_ranges, check_rules
+from ...rules import TOO_LATE, UNCONNECTED, check_ranges, check_rules
 from ...runtime.core import Core, Functions, Sizes, finite, inputs_of
 from ...runtime.multi_fin import MultiFin
 from . import stored
@@ -37,6 +37,7 @@ class Slave(ReportingSlave):
     motion: ClassVar[slice]
     fmu_guid: ClassVar[str]
     sizes: ClassVar[Sizes]  # of a core
+    no_supply: ClassVar[str]  # "supply_voltage = 0"; empty without a supply
     power: ClassVar[int | None]  # index of the supply's power among a fin's outputs; None without a supply
     names: ClassVar[tuple[str, ...]]  # of one fin's parameters; those of the line come before those of the fins
     fin_inputs: ClassVar[tuple[tuple[int, ...], ...]]  # value references of each fin's inputs
@@ -68,6 +69,7 @@ class Slave(ReportingSlave):
         self._start, self._stop = 0.0, inf
         self._now = 0.0  # seconds since the start
         self._refusal = ""
+        self._commanded = False  # a command has been followed, or it has been logged why not
         self._warned: set[tuple[str, int]] = set()  # warnings that have been logged
         self._changed = True  # parameters have changed since the core was bound to them
         self._current = False  # outputs in _values are up to date
@@ -171,9 +173,21 @@ class Slave(ReportingSlave):
         inputs = self._core_inputs(core)
         if self._finite(inputs):
             self._held = inputs
+            if not self._commanded:
+                self._check_drive(inputs if self._several else (inputs,))
             return inputs
         bad = [f"{self.rows[i][0]} = {self._values[i]!r}" for i in self.inputs if not isfinite(self._values[i])]
         raise RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
+
+    def _check_drive(self, inputs: tuple[Any, ...]) -> None:
+        """Log why no fin follows its first command: hosts leave inputs that are not connected at 0."""
+        for fin in (fin for fin in inputs if fin[0] != 0.0):
+            self._commanded = True
+            supply, enable = fin[1 + self.sizes.loads:3 + self.sizes.loads]
+            for missing, said in ((self.no_supply and supply == 0.0, self.no_supply), (not enable, "enable = 0")):
+                if missing:
+                    self._log(UNCONNECTED % said, "warning")
+            return
 
     def _core_inputs(self, core: Any) -> tuple[Any, ...]:
         motion = self._values[self.motion]
