@@ -82,5 +82,9 @@ UNITS = {
     "four3": Unit("FMI 3.0 four fins", {**_NATIVE, "fmi": "3", "fins": 4}, commands=("fins.fin_command",),
                   angles=tuple(f"fins.fin_angle[{k}]" for k in (1, 2, 3, 4)),
                   parameters={f"fins.{_ENCODER}": [False] * 4}),
+    "scalars": Unit("FMI 3.0 four fins, `--scalars`", {**_NATIVE, "fmi": "3", "fins": 4, "scalars": True},
+                    commands=tuple(f + "fin_command" for f in _FINS), angles=tuple(f + "fin_angle" for f in _FINS),
+                    parameters={f + _ENCODER: False for f in _FINS}),
+    "minimal": Unit("native, `--inputs minimal`", {**_NATIVE, "inputs": "minimal"}, parameters={_ENCODER: False}),
     "electrohydraulic": Unit("native `electrohydraulic`", _NATIVE, "electrohydraulic", loads=("aero_torque",)),
 }
