@@ -28,6 +28,7 @@ TARGETS = np.radians([-20.0, -10.0, 0.0, 10.0, 20.0])
 # No dry friction: an integral then leaves nothing, and every term is that of its closed form.
 SMOOTH = {**{f"friction.coulomb.{side}[{k}]": 0.0 for side in ("positive", "negative") for k in range(7)},
           "friction.fin_coulomb": 0.0, "compensation.gain": 0.0}
+FEW = 8  # drawn units, instead of 200, which take half of the time
 LEFT = 2e-4  # deg, of an error that the integral, 0.24 s, and the slowest mode take away until 2 s into a hold
 
 
@@ -37,8 +38,11 @@ def rig(model: str = "nonlinear", **changes: float) -> Rig:
     return Rig(ParameterSubject(load_parameters(model=model).with_values(named)))
 
 
-def measured(of: Rig) -> Mapping[str, Mapping[str, Any]]:
-    return budget.measure(of).figures
+def measured(of: Rig, units: int = budget.UNITS) -> Mapping[str, Mapping[str, Any]]:
+    """The figures, with `units` drawn: FEW where only terms are looked at, which the drawn units do not enter."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(budget, "UNITS", units)
+        return budget.measure(of).figures
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +57,7 @@ def line() -> Mapping[str, Mapping[str, Any]]:
     return measured(Rig(ParameterSubject(load_parameters(model="elastic").with_values({
         **SMOOTH, "drive_line.axial_compliance": 0.0, "drive_line.torsional_compliance": 0.0,
         "drive_line.shaft_stiffness": 20e3, "drive_line.fork_stiffness": 60e3, "drive_line.hinge_damping": 5.0,
-        "friction.fin_viscous": 5.0}))))
+        "friction.fin_viscous": 5.0}))), FEW)
 
 
 def fin(values: Mapping[str, Any], command: float, arm: float = 0.0, assembly: float = 0.0, lead: float = 0.0) -> float:
@@ -149,7 +153,8 @@ def text(outcome: Outcome) -> str:
     return "\n".join(outcome.notes)
 
 
-def test_what_the_budget_lacks_is_said() -> None:
+def test_what_the_budget_lacks_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(budget, "UNITS", FEW)
     rigid, elastic = budget.measure(rig()), budget.measure(rig("elastic"))
     assert "as this article has none: compliance, backlash." in text(rigid)
     assert "as no tolerance is known: deviation.mass.fin." in text(rigid)
@@ -161,7 +166,7 @@ def test_what_the_budget_lacks_is_said() -> None:
 def test_an_encoder_on_the_fin_sees_compliance_and_backlash() -> None:
     stiffness = "models/sets/hinge-stiffness.toml"
     base = load_parameters([stiffness], model="elastic")
-    motor, on_fin = (measured(Rig(ParameterSubject(base.with_values({"encoder.on_fin": there}))))
+    motor, on_fin = (measured(Rig(ParameterSubject(base.with_values({"encoder.on_fin": there}))), FEW)
                      for there in (False, True))
     assert motor["compliance"]["loaded_deg"] > 0.4
     count = degrees(2.0 * pi / (base.values["encoder.pulses"] * base.values["encoder.multiplier"]))

@@ -242,7 +242,8 @@ def test_command_on_the_shipped_parameters(tmp_path: Path) -> None:
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "2026-03-31" in text
     assert f"emcas report -o {tmp_path / 'report.html'} --requirements" in text
-    missed = emcas("-o", tmp_path / "report.html", "--requirements", specification(tmp_path, "1e-9 deg"))
+    missed = emcas("--model", "second-order", "-o", tmp_path / "report.html", "--requirements",
+                   specification(tmp_path, sense="minimum"))
     assert missed.exit_code == 1
     assert "1 of 2 requirements is not met" in missed.output
 
@@ -250,7 +251,8 @@ def test_command_on_the_shipped_parameters(tmp_path: Path) -> None:
 def test_mission_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "flight.csv"
     path.write_text("time,fin_command\n0,0\n0.1,0.1\n0.5,0.1\n", encoding="utf-8")
-    found = emcas("-o", tmp_path / "report.html", "--mission", path, "--json", tmp_path / "figures.json")
+    found = emcas("--model", "second-order", "-o", tmp_path / "report.html", "--mission", path, "--json",
+                  tmp_path / "figures.json")
     assert found.exit_code == 0, found.output
     document = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert document["figures"]["mission"]["file"]["duration_s"] == pytest.approx(0.5)

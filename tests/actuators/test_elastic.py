@@ -160,13 +160,14 @@ _TICK_CASES: Any = (
 
 # deg, twice what is measured: 0.0002, 0.0004, 0.0002, 0.0005, 0.0022 and 0.0028. Unloaded the fin crosses its gap on
 # the way; in a wide one it bounces, and each flank it meets enlarges what the last has left.
-@pytest.mark.parametrize(("gap", "command", "torque", "hinge", "most"), [
-    (5e-5, 0.3, 10.0, HINGE, 4e-4), *slow(*_TICK_CASES)])
+@pytest.mark.parametrize(("gap", "command", "torque", "hinge", "most", "stop"), [
+    (5e-5, 0.3, 10.0, HINGE, 4e-4, 0.08),  # it is farthest off at 0.071 s
+    *slow(*((*case, 0.15) for case in _TICK_CASES))])
 def test_default_tick_against_an_independent_integration(gap: float, command: float, torque: float,
-                                                         hinge: Mapping[str, float], most: float) -> None:
+                                                         hinge: Mapping[str, float], most: float, stop: float) -> None:
     values = values_of({**_IDEAL, **hinge, "drive_line.backlash": gap})
-    found = simulate(values, 0.15, model=MODEL, fin_command=command, aero_torque=torque)["fin_angle"]
-    assert np.degrees(np.abs(found - _independent(values, 0.15, command, torque)).max()) < most
+    found = simulate(values, stop, model=MODEL, fin_command=command, aero_torque=torque)["fin_angle"]
+    assert np.degrees(np.abs(found - _independent(values, stop, command, torque)).max()) < most
 
 
 @pytest.mark.kernel(MODEL)

@@ -22,6 +22,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import evaluate
 from emcas_fmu.studies.tuning.study import load_study
 from emcas_fmu.support.files import models_directory
+from tests.marks import slow
 
 MODEL = "worm-gear"
 # Friction of the flanks that falls from 0.15 at rest to 0.04 in motion: locked at rest, driven by a load in motion.
@@ -293,7 +294,7 @@ def test_sliding_speed_is_that_of_the_pitch_helix() -> None:
     assert worm.sliding_speed(FLOATS, p, 2.0 * np.pi) == pytest.approx(turn, rel=1e-12)
 
 
-@pytest.mark.parametrize("model", [MODEL, "worm-gear-elastic"])
+@pytest.mark.parametrize("model", [MODEL, *slow("worm-gear-elastic")])
 def test_the_rate_of_table_2_holds_over_the_whole_travel(model: str) -> None:
     """200 deg/s against 100 N.m from -20 to 20 deg and back, again and again: mean of the middle 60 % of the travel."""
     travel = radians(20.0)

@@ -31,6 +31,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import sweep
 from emcas_fmu.studies.analysis.analyse import _left_out, analyse
 from emcas_fmu.studies.analysis.steps import compare
+from tests.marks import others_slow
 from tests.own_actuator.example import changed
 
 from .conftest import growth, without_friction
@@ -46,6 +47,9 @@ GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "wor
     "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
     DIRECT_DRIVE: ("controller.kp", "controller.ki", "controller.kd")}
 MODELS = tuple(GAINS)
+# One of each kind of drive, lever and friction; of the nonlinear actuator test_against_simulation.py has the same.
+QUICK = ("elastic+heat", "worm-gear", "ristanovic", "servo", "electrohydraulic", DIRECT_DRIVE)
+EACH = others_slow(MODELS, lambda model: model in QUICK)
 # Check valves would open at the pressure of a load of 0.5 N.m.
 HYDRAULIC = {"transducer__resolution": 0.0, "cylinder__coulomb_friction": 0.0, "pump__coulomb_friction": 0.0,
              "pump__pressure_friction": 0.0, "check_valve__conductance": 0.0}
@@ -84,7 +88,7 @@ def test_all_are_here() -> None:
         "elastic+heat", DIRECT_DRIVE}
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", EACH)
 def test_bandwidth_is_that_of_small_sines(model: str) -> None:
     values, at = smooth(model), radians(8.0)
     linear = frequency.response(LinearActuator(values, at, model=model).command_to_angle)
@@ -96,7 +100,7 @@ def test_bandwidth_is_that_of_small_sines(model: str) -> None:
     assert linear.phase_bandwidth == pytest.approx(measured.phase_bandwidth, rel=1e-3)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", EACH)
 def test_gain_margin_is_where_oscillation_begins(model: str) -> None:
     values = smooth(model)
     margins = frequency.margins(LinearActuator(values, model=model).loop("reference"))
@@ -111,7 +115,7 @@ def test_gain_margin_is_where_oscillation_begins(model: str) -> None:
     assert [grows(share) for share in (1.0 - around, 1.0 + around)] == [False, True]
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", EACH)
 def test_small_load_step_is_the_linear_one(model: str) -> None:
     values = smooth(model, drive__current_offset=0.0)
     linear, torque = LinearActuator(values, model=model), 1.0
@@ -279,7 +283,7 @@ def test_a_mode_that_nothing_shows_is_left_out_and_told(tmp_path: Path) -> None:
     model = str(changed(tmp_path, *CHAMBERS))
     parameters = load_parameters(model=model)
     steady = changed(tmp_path, *CHAMBERS, ("7e6 * x", "5e6 * x"), ("-3e6 * x", "-5e6 * x"), name="steady.py")
-    for kp in np.geomspace(0.1, 1.0, 7) * parameters.values["controller.kp"]:  # rounding falls either way
+    for kp in np.geomspace(0.1, 1.0, 4) * parameters.values["controller.kp"]:  # rounding falls either way
         values = {**parameters.values, "controller.kp": float(kp)}
         linear = LinearActuator(values, model=model)
         # 1e-12 are found, of what the mode does over a sample.

@@ -18,12 +18,12 @@ from emcas_fmu.studies.analysis import sweep
 from emcas_fmu.studies.analysis.capability import steady_rate
 from emcas_fmu.studies.analysis.steps import compare
 from tests.default_actuator import namespace
-from tests.marks import others_slow
+from tests.marks import others_slow, slow
 
 from .conftest import LOOP, boundary, without_friction
 
 Values = Mapping[str, Any]
-ANGLES = [0.0, radians(-9.0), radians(15.0)]
+ANGLES = [0.0, radians(-9.0), *slow(radians(15.0))]
 
 
 def swept(values: Values, amplitude: float, at: float) -> sweep.Sweep:

@@ -11,6 +11,7 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.baseline.comparison import TEMPLATE
 from emcas_fmu.studies.baseline.files import read, read_plan
+from tests.marks import slow
 
 from ..fmu.built import lean
 from ..marks import others_slow
@@ -30,8 +31,8 @@ def base(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(("model", "electrical", "cases"), [
-    ("second-order", False, {"cold", "supply_sag"}), (DIRECT_DRIVE, True, {"cold"}),
-    pytest.param("elastic+heat+homing+faults", True, set(), marks=pytest.mark.slow)])
+    ("second-order", False, {"cold", "supply_sag"}),
+    *slow((DIRECT_DRIVE, True, {"cold"}), ("elastic+heat+homing+faults", True, set()))])
 def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool, cases: set[str]) -> None:
     """What an actuator lacks is left out with the reason; a change of what it has is drift."""
     (base / "actuator.toml").write_text("homing.required = false\n" if "homing" in model else "")

@@ -23,7 +23,7 @@ from emcas_fmu.studies.tuning import optimise
 
 from ..conftest import leave_undrawn
 
-pytestmark = [pytest.mark.acceptance]
+pytestmark = [pytest.mark.acceptance, pytest.mark.slow]  # six commands on a whole set
 
 # Name: test, figure, limit. The limits are far from what is measured, so that no page needs more digits.
 QUANTITIES: Mapping[str, tuple[str, str, str]] = {
@@ -87,7 +87,7 @@ def _run(*arguments: object) -> str:
     return done.output
 
 
-@pytest.fixture(scope="module", params=["default", pytest.param("robust", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["default", "robust"])
 def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Unit:
     """Every command on one set."""
     folder, name = tmp_path_factory.mktemp(request.param), request.param

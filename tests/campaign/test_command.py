@@ -126,6 +126,7 @@ def refused_by(write: Write, address: str) -> str:
     return " ".join(done.stderr.split())
 
 
+@pytest.mark.slow
 def test_what_is_no_scheduler_is_told_in_time(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                               silent: int, client: Any) -> None:
     monkeypatch.chdir(tmp_path)

@@ -51,6 +51,7 @@ def test_a_second_run_is_refused(tmp_path: Path, other: subprocess.Popen[str]) -
     assert list((tmp_path / "out" / "samples").glob("part-*")) == []
 
 
+@pytest.mark.slow
 def test_a_killed_run_holds_nothing(tmp_path: Path, other: subprocess.Popen[str]) -> None:
     other.kill()
     other.wait()

@@ -235,6 +235,7 @@ def test_findings_of_a_fault_that_the_actuator_declares(write: Write) -> None:
     assert extension_outputs.tallies(plan, table)["fly.fault_word_ever"] == {"demagnetised": 2}
 
 
+@pytest.mark.slow
 @pytest.mark.drawn
 def test_the_shipped_campaign(tmp_path: Path) -> None:
     """As a user calls it, with fewer samples: page, JSON and table tell faults; --model is told in how to run it."""

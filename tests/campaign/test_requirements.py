@@ -187,6 +187,7 @@ def test_figures_are_those_of_validate(varied: Study, required: Path) -> None:
     assert slow < 0.9 * fast
 
 
+@pytest.mark.slow
 @pytest.mark.fmu
 def test_an_fmu_gives_the_kernels_figures(write: Write, required: Path, native: Path) -> None:
     by_unit, by_kernel = (load_study(write(VARIED), fmu, requirements=required) for fmu in (native, None))

@@ -45,6 +45,7 @@ def test_workers_give_the_rows_of_one_process(small: Study, store: Store, tmp_pa
     assert same(store.table(), alone(small, tmp_path / "alone"))
 
 
+@pytest.mark.slow
 def test_a_worker_killed_mid_run(small: Study, store: Store, tmp_path: Path, client: Any) -> None:
     victims = list(client.run(os.getpid).values())
     kept: list[int] = []

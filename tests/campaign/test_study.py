@@ -17,6 +17,7 @@ from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.study import Study, load_study
 from emcas_fmu.support.files import models_directory
 from tests.default_actuator import FILE_ENTRIES
+from tests.marks import slow
 
 from .conftest import GRID, ODD, SMALL, Write, campaign, replaced
 
@@ -206,7 +207,7 @@ def test_all_problems_are_told_at_once(write: Write) -> None:
         f"{path}: experiments.step: unknown key 'last'; there is kind, amplitude, duration, inputs"]
 
 
-@pytest.mark.parametrize("odd", ODD, ids=str)
+@pytest.mark.parametrize("odd", [*ODD[::2], *slow(*ODD[1::2])], ids=str)
 def test_what_is_of_another_kind_is_refused_or_used(write: Write, odd: str) -> None:
     """Never a traceback, at any position."""
     for text in replaced(SMALL, odd):

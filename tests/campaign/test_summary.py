@@ -19,6 +19,7 @@ from emcas_fmu.studies.campaign.quantiles import PERCENTILES
 from emcas_fmu.studies.campaign.report import write_report
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import load_study
+from tests.marks import slow
 
 from .conftest import SMALL, Write
 
@@ -168,16 +169,17 @@ def test_failures_by_reason(summarised: Summarised) -> None:
 
 
 @pytest.mark.drawn
-def test_page_and_json(summarised: Summarised, tmp_path: Path) -> None:
+@pytest.mark.parametrize("pages", [1, *slow(2)], ids=["one", "the same twice"])
+def test_page_and_json(summarised: Summarised, tmp_path: Path, pages: int) -> None:
     status = ["failed" if i == 4 else "ok" for i in range(100)]
     times = [nan if i == 3 else 0.05 + i / 1000 for i in range(100)]
     found = summarised(SMALL.replace("samples = 24", "samples = 100"), status=status,
                        error=[f"<b>{s}" for s in status], **{"step.rise_time": times})
-    pages = [tmp_path / "a.html", tmp_path / "b.html"]
-    for page in pages:
+    written = [tmp_path / f"{k}.html" for k in range(pages)]
+    for page in written:
         write_report(found, page, "emcas campaign small.toml")
-    text = pages[0].read_text(encoding="utf-8")
-    assert text == pages[1].read_text(encoding="utf-8")
+    text, *others = (page.read_text(encoding="utf-8") for page in written)
+    assert others == [text] * (pages - 1)
     for part in (found.study.guid, "emcas campaign small.toml --only 3", "emcas campaign small.toml --only 4", "<svg",
                  "&lt;b&gt;failed", "not reached"):
         assert part in text, part

@@ -203,6 +203,7 @@ def test_errors_are_those_of_the_readme(published: Callable[[str], Record], tmp_
                 ("force_percent", 2), ("position_percent", 5), ("window_rms_mm", 2), ("window_rms_mm_level", 2))]
 
 
+@pytest.mark.slow
 def test_its_calibration_gives_its_parameters(published: Callable[[str], Record]) -> None:
     shipped = parameters()
     again = calibrated(published(FITTED), {**shipped, **BEGIN})

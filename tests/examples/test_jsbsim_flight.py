@@ -70,6 +70,7 @@ def test_second_order_moves_as_simulate_does(model: ParameterSet) -> None:
     np.testing.assert_allclose([r.power for r in found], [-50.0 * r.rates.sum() for r in found])
 
 
+@pytest.mark.slow
 def test_gentle_flight_needs_no_nonlinear_model(four: Path, model: ParameterSet) -> None:
     """Fins agree within the accuracy of the thesis's Table 2, 0.2 deg; attitude within what that is worth.
 
@@ -141,8 +142,8 @@ class WithoutFeedback:
 
 @pytest.mark.parametrize(("kind", "low", "high"), [
     ("ideal", 0.85, 1.25),  # its fin follows the command one step late
-    ("second-order", 1.8, 2.2),  # feels nothing of the flight: JSBSim's Adams-Bashforth alone
-    ("no feedback", 1.8, 2.2),  # likewise
+    pytest.param("second-order", 1.8, 2.2, marks=pytest.mark.slow),  # feels nothing of the flight: as the next
+    pytest.param("no feedback", 1.8, 2.2, marks=pytest.mark.slow),  # JSBSim's Adams-Bashforth alone
     ("nonlinear", 0.85, 1.25),  # held hinge moment and acceleration: 0.89, of errors that halve with the step
 ])
 def test_order_of_convergence(kind: str, low: float, high: float, four: Path, model: ParameterSet) -> None:

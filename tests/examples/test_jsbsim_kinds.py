@@ -59,6 +59,7 @@ def flight(hydraulic: Path) -> Mapping[str, Array]:
     return flown(Fmu(hydraulic))
 
 
+@pytest.mark.slow
 def test_hydraulic_fins_fly_on_a_line_of_pressure(hydraulic: Path, flight: Mapping[str, Array]) -> None:
     """Fed by the pressure of the parameter set, which every row has; the flow from it is power over pressure.
 

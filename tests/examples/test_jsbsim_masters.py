@@ -32,8 +32,9 @@ def expected(ssp: Path) -> Mapping[str, Array]:
     return flown(InMaster(ssp, "fmpy", 1e-3, VARIANT))
 
 
+@pytest.mark.slow
 @pytest.mark.fmu
-@pytest.mark.parametrize("master", ["libcosim", pytest.param("ecos", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("master", ["libcosim", "ecos"])
 def test_same_flight_as_in_fmpy(master: str, ssp: Path, expected: Mapping[str, Array]) -> None:
     """In a separate process. A master that is one step late would be off by what a fin moves in it."""
     script = Path(__file__).with_name("flying.py")

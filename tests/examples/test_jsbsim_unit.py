@@ -20,6 +20,7 @@ from examples.jsbsim.fmu import WIRED, Fmu
 from examples.jsbsim.masters import VARIANT, InMaster, write_archive
 from examples.jsbsim.results import fins
 from tests.hosts.host import missing
+from tests.marks import slow
 
 from .conftest import Doctor
 from .flying import SHORT, apart, flown
@@ -107,10 +108,10 @@ def test_mixing_by_the_unit_is_the_examples_own(four: Path) -> None:
 
 
 @pytest.mark.parametrize(("fins_built", "message"), [
-    (3, "connection autopilot -> fin[4].fin_command: has no variable fin[4].fin_command; one of `emcas build"),
+    *slow((3, "connection autopilot -> fin[4].fin_command: has no variable fin[4].fin_command; one of `emcas build")),
     (5, "has 5 fins, and the rocket 4: one of `emcas build --fins 4` is needed")])
 def test_another_number_of_fins_is_refused(fins_built: int, message: str, tmp_path: Path) -> None:
-    path = build(load_parameters(), tmp_path / "other.fmu", fins=fins_built).path
+    path = build(load_parameters(), tmp_path / "other.fmu", fins=fins_built, references=False).path
     with pytest.raises(EmcasError, match=re.escape(message)):
         Fmu(path)
 

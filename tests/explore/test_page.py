@@ -21,6 +21,7 @@ from emcas_fmu.errors import EmcasWarning
 from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
 from emcas_fmu.simulation import respond
 from tests.hosts.host import missing
+from tests.marks import slow
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
 
@@ -277,7 +278,7 @@ def test_a_link_restores_both_settings(opened: Browser) -> None:
     assert "another page" in opened.run("document.getElementById('notes').textContent")
 
 
-@pytest.mark.parametrize("value", [0.3, "not a number"], ids=["sound", "unsound"])
+@pytest.mark.parametrize("value", [0.3, *slow("not a number")], ids=["sound", "unsound"])
 def test_a_link_copied_at_once_is_of_what_is_set(opened: Browser, value: Any) -> None:
     """Within one script, so that no time passes in which the address would follow by itself."""
     opened.rested("window.page.refresh()")

@@ -27,6 +27,7 @@ from tests.marks import others_slow
 from tests.own_actuator.least import least, written
 
 ALL = tuple(capabilities.NEEDED_VARIABLES)
+FEW = others_slow(ALL, lambda words: words in ALL[::4])
 DEAR = others_slow(ALL, lambda words: words == capabilities.CASCADE)  # dozens of seconds for all
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -51,7 +52,7 @@ def test_an_extension_needs_no_more_than_it_says(extension: str, tmp_path: Path)
         moves(parameters, **{"homing.required": True})
 
 
-@pytest.mark.parametrize("words", ALL)
+@pytest.mark.parametrize("words", FEW)
 def test_faults_and_monitors_need_no_more_than_they_say(words: str, tmp_path: Path) -> None:
     """Those that a capability adds, all active at once."""
     parameters = loaded(tmp_path, words, extension="+faults")
@@ -77,7 +78,7 @@ def test_the_analysis_needs_no_more_than_it_says(words: str, tmp_path: Path) -> 
 
 
 @pytest.mark.drawn
-@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize("section", others_slow(SECTIONS, lambda section: section == "modes"))
 def test_a_section_of_the_analysis_needs_no_more_than_it_says(section: str, tmp_path: Path) -> None:
     needs = dict.fromkeys((POSITION_LOOP, *SECTIONS[section][1]))
     parameters = loaded(tmp_path, *needs).with_values({"command.limit": "2 deg"})

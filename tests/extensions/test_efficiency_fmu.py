@@ -58,6 +58,7 @@ def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return request.param, paths["python"], paths["native"]
 
 
+@pytest.mark.slow
 @pytest.mark.fmu
 def test_back_ends_are_one(built: tuple[str, Path, Path]) -> None:
     model, *paths = built
@@ -90,6 +91,7 @@ def test_combinations_are_refused(built: tuple[str, Path, Path], tmp_path: Path)
     assert np.isnan(_hosted(python, ["fin_angle"], *(f"{name}={value}" for name, value in starts.items()))[0, -1])
 
 
+@pytest.mark.slow
 @pytest.mark.fmu
 def test_two_fins(tmp_path: Path) -> None:
     """Each with its own screw, on one bus that takes back what the second returns."""

@@ -17,6 +17,7 @@ from emcas_fmu.extensions.status import DISABLED, HOMING, OPERATIONAL, UNREFEREN
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
 from tests.default_actuator import OUTPUTS
+from tests.marks import slow
 
 from .homing_run import BASE, COUNT, INITIAL, RATIO, SPEED, STOP, assert_sound, motor, phases, run_of, since
 
@@ -183,7 +184,7 @@ def test_bad_values_are_refused(overrides: Mapping[str, Any], said: list[str]) -
     assert all(word in str(refused.value) for word in said), refused.value
 
 
-@pytest.mark.parametrize("model", ["nonlinear", "elastic", "habibi", "ozkan", "ristanovic"])
+@pytest.mark.parametrize("model", ["nonlinear", "ristanovic", *slow("elastic", "habibi", "ozkan")])
 @pytest.mark.parametrize("speed", [2.0, 20.0])
 def test_the_least_time_and_stall_accepted_are_enough(model: str, speed: float) -> None:
     """A clear way from the farthest start, either way round."""

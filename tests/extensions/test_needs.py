@@ -11,6 +11,7 @@ import pytest
 from emcas_fmu.actuators import EXTENSIONS, capabilities, get, get_extension
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from tests.marks import others_slow
 
 STRAIN_WAVE = str(Path(__file__).parents[1] / "actuators" / "strain_wave.py")
 LEAST = """
@@ -22,7 +23,8 @@ ACTUATOR = replace(get({base!r}), name="least", provides=frozenset({needs}))
 """
 
 
-@pytest.mark.parametrize("extension", EXTENSIONS)
+# Each runs over no more than it asks for in test_capabilities.py, too; heat and supply have needs of their own.
+@pytest.mark.parametrize("extension", others_slow(EXTENSIONS, lambda name: name in ("heat", "supply", "lugre")))
 def test_an_extension_asks_for_all_it_uses(extension: str, tmp_path: Path) -> None:
     # Heat adds an ambient temperature where the actuator has none; this one has, and says so. Without the drive's
     # equations supply takes voltage and current as lines (tests/own_actuator/test_supply.py).

@@ -33,7 +33,7 @@ def _inputs(command: float, load: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("model", others_slow(
-    [*FED, "nonlinear+supply"], lambda model: model not in ("elastic", "habibi", "worm-gear", "worm-gear-elastic")))
+    [*FED, "nonlinear+supply"], lambda model: model in ("nonlinear", "nonlinear+supply", "servo", "electrohydraulic")))
 @SETTINGS
 @given(share=st.floats(0.01, 0.999) | st.just(1.0), command=st.floats(-0.4, 0.4), load=st.floats(-300.0, 300.0))
 def test_a_brown_out_gives_nothing_back_that_the_actuator_does_not(model: str, share: float, command: float,

@@ -125,6 +125,7 @@ def test_a_narrow_excess_is_of_second_order_at_fine_ticks() -> None:
     assert np.degrees(errors[0]) < 2e-5
 
 
+@pytest.mark.slow
 def test_elastic_is_of_second_order() -> None:
     """Against its own finest: through flanks, rest and start of both sides."""
     model = "elastic+stribeck"

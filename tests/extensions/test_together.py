@@ -58,7 +58,7 @@ def run(model: str, overrides: Mapping[str, Any], kernel: str = "python") -> Map
 
 # An elastic line with every option takes seconds to trace.
 @pytest.mark.parametrize("model", others_slow(
-    NAMES, lambda name: name not in ("elastic", "habibi", "worm-gear", "worm-gear-elastic")))
+    NAMES, lambda name: name in ("nonlinear", "ristanovic", "servo", "electrohydraulic", "second-order")))
 def test_neutral_options_change_nothing(model: str) -> None:
     """All at once, to the bit, in everything the plain model puts out."""
     options = fitting(model, tuple(NEUTRAL))
@@ -70,7 +70,7 @@ def test_neutral_options_change_nothing(model: str) -> None:
 
 
 @pytest.mark.parametrize("alone", [o for o in NEUTRAL if o != "faults"])
-@pytest.mark.parametrize("model", ["nonlinear", "elastic"])
+@pytest.mark.parametrize("model", ["nonlinear", *slow("elastic")])
 def test_an_option_among_neutral_ones_is_itself(model: str, alone: str) -> None:
     options = fitting(model, tuple(NEUTRAL))
     overrides = {key: value for option in options if option != alone for key, value in NEUTRAL[option].items()}

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.actuators import EXTENSIONS, NAMES, fin_port, get
+from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, fin_port, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi import description, model_description
 from emcas_fmu.fmi.interface import MIXING, FmuInterface, fin_sets, start_values
@@ -19,7 +19,14 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.variables import Variable, real_output
 from tests.actuators.test_declaration import WITH_EXTENSIONS
 from tests.fmu.built import slave_class
-from tests.marks import is_plain, others_slow
+from tests.marks import is_plain, others_slow, slow
+
+# Those of the runs below that are quick: the default actuator with two sets of extensions, and one of each kind.
+QUICK = ("ristanovic", "servo", "electrohydraulic", "second-order", "elastic")
+
+
+def is_quick(model: str) -> bool:
+    return model in QUICK or (is_plain(model) and model.startswith(NONLINEAR))
 
 
 def kinds() -> Iterator[str]:
@@ -34,7 +41,7 @@ def kinds() -> Iterator[str]:
         yield from (name, *(kind for kind in there[1:-1] if kind.count("+") == 1), there[-1])
 
 
-@pytest.mark.parametrize("fins", [1, 2])
+@pytest.mark.parametrize("fins", [2, *slow(1)])
 def test_every_real_variable_and_enumeration_has_a_type(fins: int) -> None:
     """It agrees with it, and no type is called as a variable is (FMI 2.0.5, section 2.2.3)."""
     measured: dict[str, set[str]] = {}
@@ -106,7 +113,7 @@ SMALL = {"i2t_load", "slip_power"}
 
 
 @pytest.mark.parametrize("model", others_slow(
-    [kind for kind in WITH_EXTENSIONS if not kind.startswith("linear")], is_plain))
+    [kind for kind in WITH_EXTENSIONS if not kind.startswith("linear")], is_quick))
 def test_nominals_are_of_the_size_of_the_values(model: str) -> None:
     """Within ten times up and down of the largest in a slew against a load; the linear actuator knows no limits."""
     chosen = load_parameters(model=model)
@@ -157,7 +164,7 @@ def drawn(v: Variable, size: float, rng: random.Random) -> Any:
     return size * (rng.choice([0.0, 0.3, 1.0]) if v.minimum == 0.0 else rng.choice([-1.0, 1.0, rng.gauss(0.0, 1.0)]))
 
 
-@pytest.mark.parametrize("unit", others_slow(UNITS, lambda unit: is_plain(unit.kind)), ids=lambda unit: unit.model)
+@pytest.mark.parametrize("unit", others_slow(UNITS, lambda unit: is_quick(unit.kind)), ids=lambda unit: unit.model)
 def test_outputs_keep_within_their_limits(unit: FmuInterface) -> None:
     """Under random commands, loads, supply and faults, with the shipped parameters and with stops as far as they go."""
     chosen, most = load_parameters(model=unit.kind), 0.0

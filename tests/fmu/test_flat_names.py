@@ -31,18 +31,19 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.variables import parameter
 from tests.fmu.built import slave_class
 from tests.fmu.test_description import kinds
+from tests.marks import slow
 
 ROOT = Path(__file__).resolve().parents[2]
 WORD = re.compile(r"[a-z]\w*")
 # Of each back end and version one.
-QUICK = {("python", "2", 1), ("native", "2", 4), ("native", "3", 4)}
+QUICK = {("python", "2", 1), ("native", "3", 4)}
 each_unit = pytest.mark.parametrize("unit", [
     pytest.param((backend, fmi, fins), marks=() if (backend, fmi, fins) in QUICK else pytest.mark.slow,
                  id=f"{backend}-{fmi}-{fins}")
     for backend, fmi in (("python", "2"), ("native", "2"), ("native", "3")) for fins in (1, 4)])
 
 
-@pytest.mark.parametrize("fins", [1, 2, 8])
+@pytest.mark.parametrize("fins", [1, 2, *slow(8)])
 def test_names_are_words_of_their_own(fins: int) -> None:
     """Of every actuator, its extensions, and any number of fins; of FMI 3.0's arrays, too."""
     for kind in kinds():

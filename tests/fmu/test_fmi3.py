@@ -34,7 +34,7 @@ from .built import lean
 from .host import DISCARD, ERROR, OK, Fmu, Instance, Instance3
 
 pytestmark = pytest.mark.fmu
-FAULTS = "elastic+heat+homing+faults"
+FAULTS = "nonlinear+homing+faults"
 SAMPLE = 1e-3  # s, of the shipped parameters
 
 
@@ -426,6 +426,7 @@ def test_platforms_have_the_names_of_both_versions() -> None:
         PLATFORMS["linux64"], PLATFORMS["darwin64"]]
 
 
+@pytest.mark.slow
 def test_built_twice_the_same_bytes(native3: Path, tmp_path: Path) -> None:
     local = local_platform()
     assert local is not None
@@ -433,6 +434,7 @@ def test_built_twice_the_same_bytes(native3: Path, tmp_path: Path) -> None:
     assert again.read_bytes() == native3.read_bytes()
 
 
+@pytest.mark.slow
 def test_two_units_linked_into_one_program(native3: Path, tmp_path: Path) -> None:
     """By the prefix the standard has for it; nothing of theirs meets."""
     with zipfile.ZipFile(native3) as archive:

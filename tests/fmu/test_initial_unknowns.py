@@ -78,7 +78,11 @@ def places(unit: FmuInterface, started: Any, rng: random.Random) -> Iterator[dic
     yield values
 
 
-@pytest.mark.parametrize("unit", others_slow(UNITS, lambda unit: unit.fins == 1 and "faults" not in unit.kind),
+# A drive line that is rigid, one without it, a switched drive, a line between actuators, and pressures.
+QUICK = ("nonlinear", "second-order", "ristanovic", "nonlinear+supply", "electrohydraulic")
+
+
+@pytest.mark.parametrize("unit", others_slow(UNITS, lambda unit: unit.fins == 1 and unit.kind in QUICK),
                          ids=lambda unit: unit.model)
 def test_what_reacts_is_listed_and_what_lists_anything_reacts(unit: FmuInterface) -> None:
     started, rng = Starting(unit), random.Random(16)

@@ -16,13 +16,16 @@ from emcas_fmu.fmi.native import names_header
 from emcas_fmu.fmi.package import interface_guid
 from emcas_fmu.parameters import load_parameters
 from tests.hosts.host import STRICT, tool
+from tests.marks import others_slow
 
+WITH_WORDS = "nonlinear+homing+faults"
 MACRO = re.compile(r"#define \w+_VR_\w+ (\d+)u /\* (\S+): (.+) \*/")
 
 
 @pytest.mark.parametrize("fmi", FORMATS)
 @pytest.mark.parametrize("fins", [1, 4])
-@pytest.mark.parametrize("model", [*NAMES, "nonlinear+homing+faults"])
+@pytest.mark.parametrize("model", others_slow([*NAMES, WITH_WORDS], lambda model: model in (
+    "nonlinear", "second-order", "electrohydraulic", WITH_WORDS)))
 def test_it_says_what_the_model_description_says(model: str, fins: int, fmi: str) -> None:
     unit, chosen = FmuInterface(fins, model), FORMATS[fmi]
     starts = start_values(unit, [load_parameters(model=model).values] * fins)

@@ -83,15 +83,14 @@ def test_the_text_says_how_far_the_stepping_was_off(tick: float) -> None:
 @pytest.mark.parametrize(("make", "names", "role"), [
     pytest.param(shipped("python", 4), FINS, INDEPENDENT, id="four fins"),
     pytest.param(shipped(fmi="3"), STORED, INDEPENDENT, id="FMI 3.0"),
-    pytest.param(shipped(fins=4, fmi="3"), FINS, INDEPENDENT, id="FMI 3.0, four fins"),
-    pytest.param(shipped(fins=4, names="flat"), FINS, INDEPENDENT, id="flat"),
-    pytest.param(of("elastic+heat+homing+faults"), ONE, RECORDED, id="options"),
+    pytest.param(shipped(fins=4, fmi="3"), FINS, INDEPENDENT, id="FMI 3.0, four fins", marks=pytest.mark.slow),
+    pytest.param(shipped(fins=4, names="flat"), FINS, INDEPENDENT, id="flat", marks=pytest.mark.slow),
+    pytest.param(of("elastic+heat+homing+faults"), ONE, RECORDED, id="options", marks=pytest.mark.slow),
     pytest.param(custom, ONE, INDEPENDENT, id="custom"),
     pytest.param(of("second-order"), ONE, RECORDED, id="second-order"),
     pytest.param(of("nonlinear+homing+faults"), STORED, INDEPENDENT, id="neutral options", marks=pytest.mark.slow),
-    pytest.param(of("electrohydraulic"), ONE, INDEPENDENT, id="electrohydraulic"),
     *(pytest.param(of(name), ONE, INDEPENDENT, id=name, marks=pytest.mark.slow) for name in (
-        "electrohydrostatic", "worm-gear", "worm-gear-elastic", "clutch", "series-clutch")),
+        "electrohydraulic", "electrohydrostatic", "worm-gear", "worm-gear-elastic", "clutch", "series-clutch")),
     pytest.param(of(DIRECT_DRIVE), ONE, INDEPENDENT, id="own actuator", marks=pytest.mark.slow),
     pytest.param(of("clutch+faults", fins=3), FINS, INDEPENDENT, id="three clutches", marks=pytest.mark.slow)])
 def test_a_stranger_repeats_them(make: Make, names: list[str], role: str, shipped_unit: Callable[..., Path],

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.interop import matrix
-from tests.marks import others_slow
+from tests.marks import others_slow, slow
 
 from .conftest import UNUSED, Host
 from .expected import MISUSE, MISUSE3, STATES
@@ -18,7 +18,7 @@ from .host import Trajectory, compile_host, missing, run, table, tool, trajector
 pytestmark = pytest.mark.fmu
 
 
-@pytest.fixture(params=["loading", "linked", "loading3", pytest.param("linked3", marks=pytest.mark.slow)])
+@pytest.fixture(params=["loading", "loading3", *slow("linked", "linked3")])
 def host(request: pytest.FixtureRequest) -> Host:
     """The host in C, in both ways of having the FMU, of FMI 2.0 and 3.0."""
     found: Host = request.getfixturevalue(request.param)
@@ -106,12 +106,13 @@ def test_ten_minutes(loading: Host) -> None:
     assert found["repeat"] < 1e-8
 
 
+@pytest.mark.slow
 def test_thread_sanitizer(native: Path, tmp_path: Path, linux: None) -> None:
     made = compile_host([tool("gcc", "gcc")], native, tmp_path / "host", ("-fsanitize=thread",), static=True)
     assert table(run([made, "-", UNUSED, "threads"])) == {"equal": "8"}
 
 
-@pytest.mark.parametrize("what", [("plain", "1"), ("states",), ("misuse",), ("moving", "12000")])
+@pytest.mark.parametrize("what", [("states",), ("misuse",), *slow((("plain", "1"),), (("moving", "12000"),))])
 def test_valgrind(executable: Path, native: Path, what: tuple[str, ...]) -> None:
     """Nothing uninitialised is used, nothing out of bounds, and no instance, state or message is leaked."""
     run([tool("valgrind", "valgrind"), "-q", "--error-exitcode=9", "--leak-check=full",

@@ -22,6 +22,7 @@ from emcas_fmu.studies.identification import current_loop, drive, motion
 from emcas_fmu.studies.identification.estimation import SETTLED, Fit, correlation_time, descend, each, weighted_fit
 from emcas_fmu.studies.identification.records import Array, Record
 from examples.identification_bench import bench, rig
+from tests.marks import slow
 
 from .conftest import BENCH
 from .truths import draw_truth, largest_difference
@@ -81,7 +82,7 @@ def test_a_signal_in_several_forms_counts_once() -> None:
     np.testing.assert_allclose(five.sigmas, one.sigmas / 5**0.5, rtol=0.25)
 
 
-@pytest.mark.parametrize("late", [0, 1])
+@pytest.mark.parametrize("late", [1, *slow(0)])
 def test_errors_with_common_noise_are_as_large_as_stated(late: int) -> None:
     rng = np.random.default_rng(9)
     z = []
@@ -95,7 +96,7 @@ def test_errors_with_common_noise_are_as_large_as_stated(late: int) -> None:
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize(("rho", "share"), [(0.0, 0.0), (0.0, 0.05), (0.6, 0.0), (0.6, 0.05)])
+@pytest.mark.parametrize(("rho", "share"), [(0.0, 0.0), (0.6, 0.05), *slow((0.0, 0.05), (0.6, 0.0))])
 def test_robust_fits_are_soft_l1_of_residual_over_noise(rho: float, share: float) -> None:
     """Outliers of a known share move the estimate by no more than sigma says, however correlated the noise is."""
     rng = np.random.default_rng(10)

@@ -18,7 +18,7 @@ from .clients import CLIENTS
 from .units import UNITS
 
 pytestmark = pytest.mark.fmu
-QUICK = {(unit, client) for unit in ("native", "python") for client in ("fmpy", "libcosimpy", "ecospy")}
+QUICK = {("native", "fmpy"), ("native", "libcosimpy"), ("native", "ecospy")}
 PAIRS = others_slow(matrix.pairs(), lambda pair: pair in QUICK)
 LIMIT = 0.002  # deg, of `emcas validate`
 

@@ -11,6 +11,7 @@ import pytest
 
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.simulate import simulate as reference_of
+from tests.marks import slow
 
 from ..marks import others_slow
 from ..simulation import NAMES, inputs_at_rest, new_core, simulate
@@ -178,7 +179,7 @@ def test_second_order_while_the_voltage_limit_moves(values: Mapping[str, Any]) -
     assert 1.75 < slope < 2.3, (slope, errors)
 
 
-@pytest.mark.parametrize("step", [0.5e-3, 0.37e-3, 0.25e-3])
+@pytest.mark.parametrize("step", [0.37e-3, *slow(0.5e-3, 0.25e-3)])
 def test_enable_inside_a_tick_acts_at_once(values: Mapping[str, Any], step: float) -> None:
     case = {**values, "encoder.enabled": False}
     time = np.round(np.arange(round(0.15 / step) + 1) * step, 9)

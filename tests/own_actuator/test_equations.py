@@ -21,6 +21,7 @@ from emcas_fmu.reference.files import cases, simulator
 from emcas_fmu.simulation import respond, simulate
 from emcas_fmu.steppers.discontinuities import System
 from emcas_fmu.steppers.smooth import solve
+from tests.marks import slow
 
 from .example import FILE, MODEL, changed
 
@@ -40,7 +41,7 @@ def largest_error(case: Case, tick: float) -> float:
     return degrees(float(np.max(np.abs(response["fin_angle"] - reference["fin_angle"]))))
 
 
-@pytest.mark.parametrize("name", ["step", "sag", "load_opposing"])
+@pytest.mark.parametrize("name", ["step", *slow("sag"), "load_opposing"])
 def test_against_its_independent_integration(name: str) -> None:
     """At its default tick of 0.1 ms, a tenth of L/R; measured up to 9e-5 deg."""
     assert largest_error(CASES[name], 1e-4) < 2e-4
@@ -88,7 +89,7 @@ def test_elimination(entries: list[float]) -> None:
     assert np.allclose(found, np.linalg.solve(matrix, entries[9:]), rtol=1e-12, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["p1", "c3", "r0", "t7", "t7_", "int", "sin", "out", "p", "self", "float"])
+@pytest.mark.parametrize("name", ["t7", "int", "sin", "p", *slow("p1", "c3", "r0", "t7_", "out", "self", "float")])
 def test_a_state_may_have_any_name(tmp_path: Path, name: str) -> None:
     """Names of temporaries and of words of Python and C: the same bits in both back ends as with another name."""
     renamed = changed(tmp_path, ('State("current"', f'State("{name}"'), ("x.current", f"x.{name}"),

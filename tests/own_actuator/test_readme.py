@@ -89,6 +89,7 @@ def message(folder: Path, changes: tuple[tuple[str, str], ...], beside: str | No
     return said.replace(f"{folder}/", "")
 
 
+@pytest.mark.slow
 def test_messages(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
     shown = "".join(re.findall(r"<!-- run: messages -->\n```\n(.*?)```", page, re.DOTALL)).splitlines()

@@ -20,6 +20,7 @@ from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
 from emcas_fmu.support.files import models_directory
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
+from tests.marks import others_slow
 
 from ..fmu.built import slave_class as local_class
 from ..fmu.host import OK, Fmu, Instance
@@ -44,7 +45,8 @@ def slave_class(values: Mapping[str, Any]) -> type[Slave]:
 
 
 @pytest.mark.acceptance
-@pytest.mark.parametrize("case", [case.name for case in CASES])
+@pytest.mark.parametrize("case", others_slow((case.name for case in CASES), lambda name: name not in (
+    "chirp_1deg", "chirp_3p5deg", "square")))
 def test_reference_cases(units: Mapping[str, Path], case: str) -> None:
     """Both FMUs under fmpy, as a user runs them."""
     (stored,) = load(models_directory() / "reference", [case])

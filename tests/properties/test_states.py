@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import load_parameters
+from tests.marks import slow
 
 from ..fmu.built import slave_class
 
@@ -82,7 +83,7 @@ def _at(*places: int) -> list[float]:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="a loop that does not end is stopped by an alarm")
-@pytest.mark.parametrize("unit", UNITS, ids=["one", "two fins"])
+@pytest.mark.parametrize("unit", [UNITS[0], *slow(*UNITS[1:])], ids=["one", "two fins"])
 @settings(derandomize=True, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
 @given(changes=st.lists(st.tuples(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=4), _values), min_size=1,
                         max_size=2))

@@ -57,7 +57,7 @@ def response(archive: Path, host: str, count: int) -> list[float]:
 
 @pytest.mark.parametrize(("model", "host"), others_slow(
     [(model, "fmpy") for model in LOOPED] + [(NONLINEAR, host) for host in hosts.HOSTS if host != "fmpy"],
-    lambda case: case in ((NONLINEAR, "fmpy"), ("servo", "fmpy"))))
+    lambda case: case == (NONLINEAR, "fmpy")))
 def test_the_trajectory_is_that_of_the_whole(written: Any, model: str, host: str) -> None:
     """If the drive's delay covers the step between components; otherwise a warning says that it does not."""
     if find_spec(host) is None:

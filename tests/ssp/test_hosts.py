@@ -65,7 +65,7 @@ def test_each_fin_does_what_it_is_told(expected: Trajectory) -> None:
         assert expected[f"fin{i}.motor_current"][-1] == 0.0
 
 
-@pytest.mark.parametrize("host", OTHERS)
+@pytest.mark.parametrize("host", others_slow(OTHERS, lambda host: host != "ecospy"))
 @pytest.mark.parametrize("variant", ["degraded", *slow("nominal", "cold")])
 def test_same_trajectory_as_in_fmpy(host: str, variant: str, ssp: Path, expected: Trajectory) -> None:
     """Inputs set between steps and parameters of the variant; nothing is a step late, nothing is left out."""
@@ -78,7 +78,7 @@ def test_same_trajectory_as_in_fmpy(host: str, variant: str, ssp: Path, expected
         assert difference(expected, found) > 1e-3  # were its parameters left out, this would be the same
 
 
-@pytest.mark.parametrize("host", others_slow(hosts.HOSTS, lambda host: host != "ecospy"))
+@pytest.mark.parametrize("host", others_slow(hosts.HOSTS, lambda host: host == "fmpy"))
 def test_a_wire_between_components_is_a_step_late(host: str, edited: Edit, ssp: Path) -> None:
     """As late as a loop that reads after each step and sets before the next, in every host."""
     wired = edited("SystemStructure.ssd", 'startConnector="fin2_fin_command"',
@@ -94,7 +94,8 @@ def test_a_wire_between_components_is_a_step_late(host: str, edited: Edit, ssp: 
     assert abs(found["fin2.fin_angle"][99] - 0.06) < 0.02
 
 
-@pytest.mark.parametrize("host", others_slow(OTHERS, lambda host: host != "ecospy"))
+@pytest.mark.slow
+@pytest.mark.parametrize("host", OTHERS)
 def test_connectors_of_the_system_are_passed_over(host: str, wired: Path, expected: Trajectory) -> None:
     """In an archive that neither opens by itself."""
     assert difference(expected, run(host, wired)) < SAME
@@ -214,6 +215,7 @@ def test_the_program_of_the_example(ssp: Path, tmp_path: Path) -> None:
         assert said in refused.stderr
 
 
+@pytest.mark.slow
 def test_the_loop_of_the_readme(ssp: Path) -> None:
     language, text = recipes("../examples/ssp_hosts/README.md")["loop"]
     assert language == "python"

@@ -95,7 +95,8 @@ def test_faults_show_in_the_system(expected: dict[str, Any]) -> None:
     assert expected["fin1.homed"][0] == 1.0
 
 
-@pytest.mark.parametrize("host", others_slow(OTHERS, lambda host: host != "ecospy"))
+@pytest.mark.slow
+@pytest.mark.parametrize("host", OTHERS)
 def test_the_same_in_the_other_hosts(host: str, archive: Path, expected: dict[str, Any]) -> None:
     """But for enumerations, which neither knows."""
     found = run(host, archive, "jammed")
@@ -124,7 +125,7 @@ def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
     assert len(printed("ecospy", archive, "nominal", "plain").splitlines()) == 4
 
 
-@pytest.mark.parametrize("host", others_slow(hosts.HOSTS, lambda host: host != "ecospy"))
+@pytest.mark.parametrize("host", others_slow(hosts.HOSTS, lambda host: host == "fmpy"))
 def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> None:
     """In a separate process: Ecos and libcosim do not end well in this one after others."""
     program = ("import sys; from pathlib import Path; from examples.ssp_hosts import hosts\n"

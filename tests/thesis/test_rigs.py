@@ -45,8 +45,9 @@ def test_slow_sweeps_read_coulomb_friction_at_both_temperatures(direction: int) 
         assert np.ptp(degrees(1.0) * fin) > 36.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deviations", [
-    pytest.param({"deviation.kinematics.moment_arm": 0.05}, marks=pytest.mark.slow),
+    {"deviation.kinematics.moment_arm": 0.05},
     {"deviation.screw.lead": -0.04, "deviation.kinematics.initial_angle": radians(3.0)}])
 def test_the_lever_as_built_changes_no_reading_at_the_screw(deviations: Mapping[str, float]) -> None:
     """Friction is the screw's, and the rig is on it, with any lever behind."""

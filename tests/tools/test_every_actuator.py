@@ -85,7 +85,11 @@ def reasons(tool: str) -> list[str]:
 ELSEWHERE = ("explore", "ssp")
 
 
-@pytest.mark.parametrize("tool", others_slow(TOOLS, lambda tool: tool not in ELSEWHERE))
+# Of a user's actuator tests/acceptance, analysis, fmu and campaign have quick tests, too.
+DEAR = ("report", "analyse", "build --fins", "campaign")
+
+
+@pytest.mark.parametrize("tool", others_slow(TOOLS, lambda tool: tool not in (*ELSEWHERE, *DEAR)))
 @pytest.mark.parametrize("model", others_slow(ACTUATORS, lambda model: model in ALWAYS),
                          ids=lambda model: Path(model).stem)
 def test_a_tool_serves_an_actuator_or_says_why_not(model: str, tool: str, tmp_path: Path,

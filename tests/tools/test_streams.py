@@ -58,10 +58,11 @@ def test_so_it_does_with_the_script(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("arguments", ["parameters --json", *slow("--help", "parameters")])
-def test_output_that_nobody_reads_ends_quietly(arguments: str, tmp_path: Path) -> None:
-    for reader, code in (("true", "141"), ("head -1", "")):  # what head has not read may have been written before
-        done = shell(f"{EMCAS} {arguments} | {reader}; echo ${{PIPESTATUS[0]}} >&2", tmp_path)
-        assert done.stderr.strip() in ({code} if code else {"0", "141"})
+# What head has not read may have been written before.
+@pytest.mark.parametrize(("reader", "codes"), [("true", {"141"}), *slow(("head -1", {"0", "141"}))])
+def test_output_that_nobody_reads_ends_quietly(arguments: str, reader: str, codes: set[str], tmp_path: Path) -> None:
+    done = shell(f"{EMCAS} {arguments} | {reader}; echo ${{PIPESTATUS[0]}} >&2", tmp_path)
+    assert done.stderr.strip() in codes
 
 
 @pytest.mark.parametrize("arguments", [

@@ -22,6 +22,7 @@ from emcas_fmu.studies.tuning.evaluate import Evaluation, Journal, Judgement, ev
 from emcas_fmu.studies.tuning.optimise import Result, rounded, tune
 from emcas_fmu.studies.tuning.output import objectives, rows, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.study import Study, load_study
+from tests.marks import slow
 from tests.own_actuator.example import MODEL
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -75,10 +76,10 @@ def written_again(result: Result, folder: Path) -> Evaluation:
     return found
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, *slow(2)])
 @pytest.mark.parametrize(("model", "tunables"), [
-    ("nonlinear", LOOPS), ("worm-gear", LOOPS), ("clutch", LOOPS), ("electrohydraulic", LOOPS),
-    ("electrohydrostatic", LOOPS), (MODEL, DIRECT)],
+    ("nonlinear", LOOPS), (MODEL, DIRECT),
+    *slow(*((name, LOOPS) for name in ("worm-gear", "clutch", "electrohydraulic", "electrohydrostatic")))],
     ids=lambda value: Path(value).stem if isinstance(value, str) else "")
 def test_never_worse_than_begun_with_and_as_written(
         model: str, tunables: Sequence[tuple[str, float]], seed: int, tmp_path: Path,

@@ -190,6 +190,7 @@ def test_dataframe_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
         simulate(stop=0.01).to_dataframe()
 
 
+@pytest.mark.slow
 def test_validate_and_analyse() -> None:
     judged = validate(BASE, cases=["step_plus1"])
     assert judged.passed

@@ -82,6 +82,7 @@ def test_what_is_sound() -> None:
         assert {name: archive.read(name) for name in archive.namelist()} == dict(entries)
 
 
+@pytest.mark.slow
 def test_a_bomb_takes_neither_memory_nor_time(tmp_path: Path) -> None:
     """200 MB of zeros in 0.2 MB, as the structure and as the description of an FMU: nothing of it is unpacked."""
     bomb = _zip(("modelDescription.xml", bytes(200 * MB)))

@@ -61,7 +61,7 @@ def integrated(p: Values, command: Array) -> Array:
     return np.array(angles)
 
 
-@pytest.mark.parametrize("delay", others_slow([0.0, 0.4e-3, 1e-3, 3.7e-3], lambda delay: delay in (0.4e-3, 3.7e-3)))
+@pytest.mark.parametrize("delay", others_slow([0.0, 0.4e-3, 1e-3, 3.7e-3], lambda delay: delay == 3.7e-3))
 def test_agrees_with_integration(values: Values, delay: float) -> None:
     p = {**values, "drive.transport_delay": delay, "friction.fin_viscous": 2.0, "drive.ki": 40.0}
     command = COMMAND[:80]

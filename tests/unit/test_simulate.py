@@ -28,6 +28,7 @@ from emcas_fmu.parameters import ParameterError, ParameterSet, load_parameters
 from emcas_fmu.reference.files import read_csv
 from emcas_fmu.response import Response
 from emcas_fmu.simulation import simulate, simulate_fins, spread
+from tests.marks import slow
 
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
 MODELS = ("nonlinear", "second-order", DIRECT_DRIVE, "elastic+heat+homing+faults")
@@ -77,11 +78,11 @@ def test_a_fin_on_a_stiff_bus_does_what_it_does_alone(model: str) -> None:
 
 
 @pytest.mark.fmu
-@pytest.mark.parametrize("model", ["nonlinear", DIRECT_DRIVE])
+@pytest.mark.parametrize("model", ["nonlinear", *slow(DIRECT_DRIVE)])
 def test_the_bus_and_mixing_of_the_fmu(model: str, tmp_path: Path) -> None:
     """The Python FMU steps the same bank: what the bus sags by and commands are mixed to is the same to the bit."""
     base = load_parameters(model=model)
-    path = build(base, tmp_path / "two.fmu", fins=2).path
+    path = build(base, tmp_path / "two.fmu", fins=2, references=False).path
     given: dict[str, Any] = {"fin[1].fin_command": 0.1, "fin[2].fin_command": -0.2, "pitch_command": 0.05}
     names = ["bus_voltage", "bus_current", "fin[1].fin_angle", "fin[2].fin_angle"]
     found = fmpy.simulate_fmu(str(path), stop_time=0.03, output_interval=1e-3, start_values={**SAG, **given},
