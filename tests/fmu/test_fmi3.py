@@ -34,7 +34,7 @@ from .built import lean
 from .host import DISCARD, ERROR, OK, Fmu, Instance, Instance3
 
 pytestmark = pytest.mark.fmu
-FAULTS = "nonlinear+homing+faults"
+FAULTS = "elastic+heat+homing+faults"
 SAMPLE = 1e-3  # s, of the shipped parameters
 
 
