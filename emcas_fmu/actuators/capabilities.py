@@ -56,6 +56,9 @@ DRIVE_STEP = _capability("a motor current that the shared equations of the drive
                          "motor.torque_constant", "motor.back_emf_constant", "motor_speed", "motor_torque",
                          states=("motor_speed", "motor_current", "drive_integral"),
                          shared=OF_LOOP)
+PHASES = _capability("phases of a motor on a bridge, which alone `enable` opens", "motor.resistance",
+                     "motor.inductance", "motor.torque_constant", "motor.back_emf_constant",
+                     states=("motor_angle", "motor_speed", "motor_current", "drive_integral"), shared=OF_LOOP)
 SCREW_EQUATIONS = _capability("loops and equation parameters of motor, screw and lever", "drive.transport_delay",
                               "drive_reference", "inertia.motor", states=("integral", "velocity_integral"),
                               shared=(*_MECHANICS, "controller.position.kp", "controller.position.ki",

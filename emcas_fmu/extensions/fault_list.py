@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
+from math import pi
 from typing import Any, NamedTuple
 
 from ..actuators import capabilities
@@ -16,7 +17,7 @@ from ..actuators.declaration import Actuator, PlantFault, PlantInputs
 from ..errors import EmcasError, location
 from ..namespace import Names, Record, value_of, with_values
 from ..ops.base import Ops, Value
-from ..physics import mechanics
+from ..physics import mechanics, winding
 from ..variables import Variable, in_group, tunable
 from .status import OPERATIONAL
 
@@ -74,6 +75,13 @@ FAULTS = (
     Fault("backlash_growth", "the gap in the drive line grows permanently by wear", (
         tunable("gap", "m", 0.0, 0.01, "by which it grows"),),
         (capabilities.BACKLASH,)),
+    Fault("winding_short", "the motor's terminals are shorted, unknown to the controller", (
+        tunable("pole_pairs", "1", 0.0, 1e3, "pole pairs of the motor (0: no effect of its inductance)"),),
+        (capabilities.PHASES,)),
+    Fault("phase_loss", "a phase of the motor is open, unknown to the controller", (
+        tunable("pole_pairs", "1", 0.0, 1e3, "pole pairs of the motor"),
+        tunable("angle", "rad", -pi, pi, "motor angle at which no torque is left")),
+        (capabilities.PHASES,)),
 )
 
 
@@ -142,16 +150,19 @@ class Held(NamedTuple):
     supply: Value
     friction: Value
     gap: Value
+    shorted: Value
+    phase: Value
     faults: Value
     built_in_test: Value
     verdict: Value
 
 
-SOUND = Held(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, OPERATIONAL)
+SOUND = Held(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, OPERATIONAL)
 
 
-def faulted(ops: Ops, p: Any, actuator: Actuator, f: Held, declared: Mapping[str, Value]) -> Any:
-    """Return the parameters of the faulty plant; `declared` is above 0 for active faults of the actuator's kind."""
+def faulted(ops: Ops, p: Any, actuator: Actuator, f: Held, declared: Mapping[str, Value], x: Record, h: Value) -> Any:
+    """Return the parameters of the faulty plant for a step of `h` [s] from `x`; `declared` is above 0 for active faults
+    of the actuator's kind."""
     changes: dict[str, Value] = {}
     if capabilities.SCREW_DRIVE in actuator.provides:
         changes |= _of_screw_drive(ops, p, f)
@@ -162,6 +173,8 @@ def faulted(ops: Ops, p: Any, actuator: Actuator, f: Held, declared: Mapping[str
     if capabilities.BACKLASH in actuator.provides:
         changes["drive_line.backlash"] = p.drive_line.backlash + f.gap
     q = with_values(p, changes) if changes else p
+    if capabilities.PHASES in actuator.provides:
+        q = _of_winding(ops, q, f, x, h)
     for fault in actuator.faults:
         q = _under(ops, q, fault, getattr(p.fault, fault.name), declared[fault.name] > 0.0)
     return q
@@ -183,6 +196,20 @@ def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
         **{name: ops.where(broken, 0.0, f.friction * value_of(p, name))
            for name in (*mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY)},
     }
+
+
+def _of_winding(ops: Ops, p: Any, f: Held, x: Record, h: Value) -> Any:
+    """Return the plant's parameters with failed windings at the speed of `x` and the angle of mid-step."""
+    short, lost = p.fault.winding_short, p.fault.phase_loss
+    angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
+
+    p = _where(ops, f.phase, p, winding.single_phase(ops, p, lost.pole_pairs, angle))
+    return _where(ops, f.shorted, p, winding.shorted(p, short.pole_pairs, x.motor_speed))
+
+
+def _where(ops: Ops, active: Value, p: Any, changes: Mapping[str, Value]) -> Any:
+    """Return parameters with `changes` where `active` is above 0."""
+    return with_values(p, {name: ops.where(active > 0.0, value, value_of(p, name)) for name, value in changes.items()})
 
 
 def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
@@ -244,7 +271,7 @@ def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: PlantInputs) -> Pla
     changes = {}
     if actuator.supply is not None:
         changes["supply"] = f.supply * u.supply
-    changes["enabled"] = ops.both(u.enabled, ops.negate(f.lost > 0.0))
+    changes["enabled"] = ops.either(ops.both(u.enabled, ops.negate(f.lost > 0.0)), f.shorted > 0.0)
     if capabilities.SCREW_DRIVE in actuator.provides:
         changes["aero_torque"] = ops.where(f.free > 0.0, 0.0, u.aero_torque)
         changes["alpha_x"] = ops.where(f.jam > 0.0, 0.0, u.alpha_x)  # a blocked rotor turns with the vehicle
@@ -270,3 +297,10 @@ def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record |
     if then is not None:
         changes[angle] = ops.where(jam, getattr(then, angle), getattr(x, angle))
     return x.replace(**changes)
+
+
+def without_loop(ops: Ops, actuator: Actuator, x: Record, f: Held) -> Record:
+    """Return the states with the current loop's integral of shorted terminals, 0."""
+    if capabilities.PHASES not in actuator.provides:
+        return x
+    return x.replace(drive_integral=ops.where(f.shorted > 0.0, 0.0, x.drive_integral))

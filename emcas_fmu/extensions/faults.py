@@ -29,7 +29,7 @@ from ..rules import SLACK, rule, when
 from ..variables import Variable, integer_output, with_outputs
 from . import fault_list, monitors
 from .declaration import Extension, also_read
-from .fault_list import SOUND, Held, acting, at_line, blocked, faulted, standing
+from .fault_list import SOUND, Held, acting, at_line, blocked, faulted, standing, without_loop
 from .status import DISABLED, OPERATIONAL, STATUS
 
 
@@ -42,7 +42,8 @@ FAULT_WORD = "fault_word"
 BUILT_IN_TEST = _word("built_in_test", "monitors tripped", tuple(monitor.name for monitor in monitors.MONITORS))
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
 # Faults that act on the plant and end with their cause.
-_OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise")
+_OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise", "winding_short",
+             "phase_loss")
 _HELD = tuple(f"fault_{name}" for name in Held._fields)
 _SOUND = tuple(State(name, start=value) for name, value in zip(_HELD, SOUND, strict=True))
 _WAITING = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAND_DELAY))
@@ -180,8 +181,9 @@ class _Faulty:
         def faulty() -> tuple[Value, ...]:
             jam = f.jam > 0.0
             q = actuator.plant_parameters(ops, p)
-            begun = standing(ops, actuator, x, jam)
-            under, around = blocked(ops, self._under(ops, q, f, u), actuator, acting(ops, p, actuator, f, u), jam)
+            begun = without_loop(ops, actuator, standing(ops, actuator, x, jam), f)
+            under, around = blocked(ops, self._under(ops, q, f, u, begun, h), actuator, acting(ops, p, actuator, f, u),
+                                    jam)
             moved, used = actuator.step(ops, under, begun, around, h)
             after = standing(ops, actuator, begun.replace(**moved), jam, begun)
             free = ops.branch(f.free > 0.0, lambda: self._floating(ops, p, q, x, u, used),
@@ -195,8 +197,8 @@ class _Faulty:
         """Return the outputs, with those of faults and monitors."""
         actuator, f = self.actuator, Held(*_of(u, _HELD))
         q = actuator.plant_parameters(ops, p)
-        under, around = self._under(ops, q, f, u), acting(ops, p, actuator, f, u)
-        outputs = dict(actuator.output_values(ops, under, x, around))
+        under, around = self._under(ops, q, f, u, x, 0.0), acting(ops, p, actuator, f, u)
+        outputs = dict(actuator.output_values(ops, under, without_loop(ops, actuator, x, f), around))
         if actuator.supply is not None:
             name = actuator.supply.power.name
             outputs[name] = at_line(ops, f, outputs[name])
@@ -257,15 +259,17 @@ class _Faulty:
             free=ops.where(ops.either(on["free_fin"], before.free > 0.0), 1.0, 0.0) if self.geared else 0.0,
             lost=ops.where(on["drive_loss"], 1.0, 0.0), current=amount("current_derating", "share", 1.0),
             supply=amount("brown_out", "share", 1.0), friction=amount("friction_rise", "factor", 1.0),
-            gap=ops.maximum(before.gap, amount("backlash_growth", "gap", 0.0)) if grows else 0.0)
+            gap=ops.maximum(before.gap, amount("backlash_growth", "gap", 0.0)) if grows else 0.0,
+            shorted=ops.where(on["winding_short"], 1.0, 0.0), phase=ops.where(on["phase_loss"], 1.0, 0.0))
 
     def _status(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Value:
         """Return the status of the actuator without faults; it does not know of a bridge that a fault opens."""
         return self.actuator.plant_outputs(ops, p, x, u)[STATUS.name] if self.has_status else OPERATIONAL
 
-    def _under(self, ops: Ops, q: Any, f: Held, u: PlantInputs) -> Any:
-        """Return the plant's parameters `q` with the active faults."""
-        return faulted(ops, q, self.actuator, f, {name: getattr(u, state) for name, state in self.of_kind.items()})
+    def _under(self, ops: Ops, q: Any, f: Held, u: PlantInputs, x: Record, h: Value) -> Any:
+        """Return the plant's parameters `q` with the active faults for a step of `h` [s] from `x`."""
+        kinds = {name: getattr(u, state) for name, state in self.of_kind.items()}
+        return faulted(ops, q, self.actuator, f, kinds, x, h)
 
     def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: PlantInputs, used: Value) -> tuple[Value, ...]:
         """Return 1, as the fin is broken off, and its angle [rad] and rate [rad/s] after the time `used` [s]."""

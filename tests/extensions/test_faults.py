@@ -22,16 +22,17 @@ from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, bits_of, equal, gust, s
 ELASTIC = "elastic+faults"
 QUICK = others_slow(NAMES, lambda name: name not in ("habibi", "worm-gear", "worm-gear-elastic"))
 # The general faults an actuator cannot have; the others it has, with their bits where they are in every other.
+WINDING = ("winding_short", "phase_loss")
 IMPOSSIBLE = {
-    "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
-    "ristanovic": {"backlash_growth", "current_derating"},
+    "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {*WINDING, "backlash_growth"},
+    "ristanovic": {*WINDING, "backlash_growth", "current_derating"},
     "worm-gear": {"backlash_growth"}, "worm-gear-elastic": set(),
     "linear": {"backlash_growth", "current_derating", "hard_over"},
-    "clutch": {"backlash_growth", "current_derating"}, "series-clutch": {"backlash_growth"},
-    "servo": {"backlash_growth", "current_derating", "free_fin", "friction_rise"},
-    "electrohydrostatic": {"backlash_growth", "free_fin", "friction_rise"},
-    "electrohydraulic": {"backlash_growth", "current_derating", "free_fin", "friction_rise"},
-    "second-order": {"backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
+    "clutch": {*WINDING, "backlash_growth", "current_derating"}, "series-clutch": {*WINDING, "backlash_growth"},
+    "servo": {*WINDING, "backlash_growth", "current_derating", "free_fin", "friction_rise"},
+    "electrohydrostatic": {*WINDING, "backlash_growth", "free_fin", "friction_rise"},
+    "electrohydraulic": {*WINDING, "backlash_growth", "current_derating", "free_fin", "friction_rise"},
+    "second-order": {*WINDING, "backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
 
 
 @pytest.mark.parametrize("model", EVERY)

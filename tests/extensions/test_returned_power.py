@@ -58,7 +58,8 @@ def test_a_brown_out_gives_nothing_back_that_the_actuator_does_not(model: str, s
 @SETTINGS
 @given(share=st.floats(0.0, 1.0), command=st.floats(-0.4, 0.4), load=st.floats(-300.0, 300.0),
        others=st.sets(st.sampled_from(["current_derating", "drive_loss", "friction_rise", "encoder_bias",
-                                       "command_delay", "free_fin", "jam"]), max_size=2))
+                                       "command_delay", "free_fin", "jam", "winding_short",
+                                       "phase_loss"]), max_size=2))
 def test_returned_energy_is_no_more_than_the_shafts_work(model: str, share: float, command: float, load: float,
                                                          others: set[str]) -> None:
     """From outputs: energy drawn >= work at the shaft + heat of the winding + what winding and link hold."""

@@ -215,8 +215,8 @@ def declared(*faults: PlantFault) -> Actuator:
     (lambda: PlantFault("oil leak", "", nothing), "'oil leak' is not a Python identifier"),
     (lambda: PlantFault("leak", "", nothing, (tunable("end", "1", 0.0, 1.0, ""),)), "end is of its schedule"),
     (lambda: declared(*(PlantFault("leak", "", nothing),) * 2), "fault leak is declared twice"),
-    (lambda: extension.EXTENSION.over(declared(*(PlantFault(f"f{i}", "", nothing) for i in range(18)))),
-     "18 faults are declared; fault_word has room for 17"),
+    (lambda: extension.EXTENSION.over(declared(*(PlantFault(f"f{i}", "", nothing) for i in range(16)))),
+     "16 faults are declared; fault_word has room for 15"),
 ])
 def test_a_bad_declaration(make: Callable[[], Any], said: str) -> None:
     with pytest.raises(EmcasError, match=re.escape(said)):

@@ -105,6 +105,8 @@ POLE_PAIRS = Group((
     integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs: the inductive voltage across the winding, pole pairs "
                       "times speed, inductance and current, uses its part of the supply (0: none)",
                       sheet="motor: pole pairs, half the number of poles"),))
+# A brushless motor whose drive has nothing else to switch, and whose rotor has a state of its angle.
+PHASES = Group(provides=(capabilities.PHASES,))
 DELAY = Group((parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from DAC to current reference",
                         sheet="drive: delay from a command to the current", display="ms"),),
              (Output(real_output("drive_reference", "V", "analogue reference held by the controller's DAC", 10.0,
@@ -177,7 +179,7 @@ ENCODER = Group((
 OPTIONAL = (LEVER, SCREW, COULOMB, HINGE_FRICTION, COMPENSATION, ENCODER, CURRENT_LIMIT, LIMITS, POLE_PAIRS)
 LOOPS = (VELOCITY_LOOP, LIMITS, POSITION_LOOP)
 SERVO = (MOTOR, CURRENT, POWER, VOLTAGE_LIMIT, INDUCTANCE, DELAY, CURRENT_GAIN, CURRENT_LIMIT, CURRENT_LOOP,
-         COMPENSATION, POLE_PAIRS)
+         COMPENSATION, POLE_PAIRS, PHASES)
 
 
 def with_screw(screw: Group) -> tuple[Group, ...]:
