@@ -87,7 +87,22 @@ def found() -> str:
     return markdown(("fault", "what it is", "found by"), rows)
 
 
-TABLES = {"model/faults.md": {"acting": acting, "found": found}}
+def released() -> str:
+    """Where a load drives the fin of the nonlinear model whose motor fails, at what rate."""
+    names, rows = ("drive_loss", "winding_short", "phase_loss"), []
+    for load in (20.0, 40.0, 100.0, 150.0):
+        runs = _runs("nonlinear", names, (BEGIN, 1e9), aero_torque=np.full_like(times(FOUND_STOP), load))
+        cells = []
+        for run in range(len(names)):
+            angle, rate = (np.degrees(runs[run].columns[name])[times(BEGIN).size:] for name in ("fin_angle", "fin_rate"))
+            stopped = np.flatnonzero(runs[run].columns["at_stop"])
+            where = f"stop after {stopped[0] * STEP - BEGIN:.2f} s" if stopped.size else f"{angle[-1]:.2g}°"
+            cells.append(f"{where}, {np.abs(rate).max():.3g}°/s")
+        rows.append((f"{load:.0f} N·m", *cells))
+    return markdown(("load", *(f"`{name}`" for name in names)), rows)
+
+
+TABLES = {"model/faults.md": {"acting": acting, "found": found, "released": released}}
 
 
 def _draw() -> None:
