@@ -94,8 +94,9 @@ def released() -> str:
         runs = _runs("nonlinear", names, (BEGIN, 1e9), aero_torque=np.full_like(times(FOUND_STOP), load))
         cells = []
         for run in range(len(names)):
-            angle, rate = (np.degrees(runs[run].columns[name])[times(BEGIN).size:] for name in ("fin_angle", "fin_rate"))
-            stopped = np.flatnonzero(runs[run].columns["at_stop"])
+            columns, begun = runs[run].columns, times(BEGIN).size
+            angle, rate = (np.degrees(columns[name])[begun:] for name in ("fin_angle", "fin_rate"))
+            stopped = np.flatnonzero(columns["at_stop"])
             where = f"stop after {stopped[0] * STEP - BEGIN:.2f} s" if stopped.size else f"{angle[-1]:.2g}°"
             cells.append(f"{where}, {np.abs(rate).max():.3g}°/s")
         rows.append((f"{load:.0f} N·m", *cells))
