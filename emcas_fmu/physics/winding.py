@@ -16,8 +16,8 @@ of the rotor's angle,
     L di/dt = v - R i - s K_e w        T = s K_t i        s = sin n (theta - theta_0)
 
 The drive still requests of each phase its part, in that winding s i_ref. At a constant i_ref and a low speed the torque
-is s^2 of that of the whole motor: half of it in the mean, none at 2 n angles in a turn. This is the single-phase motor
-of any book on electric machines, such as Fitzgerald, Kingsley & Umans.
+is s^2 of that of the whole motor: half of it in the mean, none at 2 n angles in a turn. These are
+the equations of Simscape's block PMSM (Single-Phase).
 """
 
 from __future__ import annotations
