@@ -1,10 +1,10 @@
-"""Failed windings of a permanent-magnet motor: terminals shorted, a phase open. Both are exact in energy.
+"""Failed windings of a permanent-magnet motor: terminals shorted, a phase open. No energy appears.
 
 With its terminals shorted a motor of n pole pairs at a speed w has, in the rotor's axes q and d,
 
     L di_q/dt = -R i_q - n w L i_d - K_e w        L di_d/dt = -R i_d + n w L i_q
 
-and at a constant speed i_q = -K_e w/R', i_q R' as large a loss as R (i_q^2 + i_d^2), with
+and at a constant speed i_q = -K_e w/R' and a loss of R (i_q^2 + i_d^2) = R' i_q^2, with
 
     R' = R + (n w L)^2/R        T = -K_t K_e w R/(R^2 + (n w L)^2)
 
@@ -16,8 +16,8 @@ of the rotor's angle,
     L di/dt = v - R i - s K_e w        T = s K_t i        s = sin n (theta - theta_0)
 
 The drive still requests of each phase its part, in that winding s i_ref. At a constant i_ref and a low speed the torque
-is s^2 of that of the whole motor: half of it in the mean, none at 2 n angles in a turn. These are
-the equations of Simscape's block PMSM (Single-Phase).
+is s^2 of that of the whole motor: half of it in the mean, none at 2 n angles in a turn. Simscape's
+block PMSM (Single-Phase) has the same equations of the winding.
 """
 
 from __future__ import annotations
