@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ..actuators.declaration import Actuator
 from ..rules import Rule
@@ -22,8 +23,8 @@ class Extension:
 
     It `needs` capabilities of the actuator (:mod:`emcas_fmu.actuators.capabilities`); those that it `replaces` are not
     available to later extensions. `extend(actuator)` returns the actuator with further states and other equations, to
-    which `parameters(actuator)`, `outputs` and `rules(actuator)` are appended. `references` are the
-    independent integrations of actuators that integrate the extension, too.
+    which `parameters(actuator)`, `outputs`, `rules(actuator)` and `imperfections(actuator)` are appended. `references`
+    are the independent integrations of actuators that integrate the extension, too.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Extension:
     parameters: Callable[[Actuator], tuple[Variable, ...]] = lambda actuator: ()
     outputs: tuple[Variable, ...] = ()
     rules: Callable[[Actuator], tuple[Rule, ...]] = lambda actuator: ()
+    imperfections: Callable[[Actuator], Mapping[str, Mapping[str, Any]]] = lambda actuator: {}
     references: tuple[str, ...] = ()
 
     def over(self, actuator: Actuator) -> Actuator:
@@ -46,6 +48,7 @@ class Extension:
             parameters=extended.parameters + self.parameters(actuator),
             outputs=with_outputs(extended.outputs, self.outputs),
             rules=extended.rules + self.rules(actuator),
+            imperfections={**extended.imperfections, **self.imperfections(actuator)},
             provides=extended.provides - set(self.replaces),
             reference=actuator.reference if actuator.reference in self.references else None,
             modules=(sys.modules[self.extend.__module__], *extended.modules),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import atan, cos, degrees, pi, radians, tan
+from math import atan, cos, degrees, pi, radians, sin, tan
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +103,18 @@ def test_backlash_is_half_the_gap_under_a_load(line: Mapping[str, Mapping[str, A
     force = 100.0 * ratio
     expected = degrees(ratio * (0.5 * values["drive_line.backlash"] + force / values["drive_line.contact_stiffness"]))
     assert line["backlash"]["loaded_deg"] == pytest.approx(expected, rel=0.01)
+
+
+def test_an_eccentric_encoder_on_the_fin_errs_by_its_error() -> None:
+    """x + e (sin(x + p) - sin p) is the command; a count of 0.0007 deg."""
+    e, phase = radians(0.1), 0.6
+    found = measured(rig("nonlinear+sensors", **SMOOTH, encoder__on_fin=True, encoder__pulses=131072,
+                         sensor__encoder__once=e, sensor__encoder__once_phase=phase, drive__current_offset=0.0))
+    # Of an error this small the error at the command differs from that at the angle by e^2: 2e-5 deg of 0.03 deg.
+    expected = degrees(max(abs(e * (sin(command + phase) - sin(phase))) for command in TARGETS))
+    for load in ("unloaded_deg", "loaded_deg"):
+        assert found["eccentricity_of_the_encoder"][load] == pytest.approx(expected, abs=2.0 * LEFT)
+    assert "current_sensor" not in found
 
 
 def test_drawn_units_are_within_the_sum(smooth: Mapping[str, Mapping[str, Any]]) -> None:

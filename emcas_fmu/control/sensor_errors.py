@@ -1,0 +1,75 @@
+"""Errors of sensors: offset and gain of the drive's current sensor; eccentricity and noise of the encoder of position.
+
+    i_m = (1 + g) i + i_0
+    x_m = x + a_1 (sin(x + p_1) - sin p_1) + a_2 (sin(2 x + p_2) - sin p_2) + sigma z
+
+x is the angle of the encoder's shaft. A scale that is off its axis by e, read at a radius r by one head, has a_1 = e/r;
+an elliptic one, or a shaft coupling at an angle, errs twice a turn. The encoder's zero is set at x = 0. Both the drive
+and the controllers read i_m. In the drive
+
+    K_p (i_ref - i_m) = (1 + g) K_p ((i_ref - i_0)/(1 + g) - i)         -I <= i_ref <= I
+
+and likewise its integral: it has other gains and another reference than a drive with an exact sensor, and no other
+equation.
+
+z is drawn at every sample: of four numbers u, evenly between 0 and 1, z = sqrt(3) (u_1 + u_2 - u_3 - u_4) has a mean of
+0, a variance of 1 and no value beyond 2 sqrt(3). The numbers are those of L'Ecuyer, "Efficient and portable combined
+random number generators", Communications of the ACM 31 (1988) 742-751: two multiplicative generators, whose products
+double precision holds exactly. The seed starts the first one only. If it started both, a seed would give the numbers
+of seed 1 times itself, modulo 1; so those of different seeds are independent in pairs.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+from ..namespace import with_values
+from ..ops.base import Ops, Value
+
+_MULTIPLIERS, MODULI = (40014.0, 40692.0), (2147483563.0, 2147483399.0)
+SECOND = 1234567890.0  # the start of the second generator: any whole number below its modulus
+_SIGNS = (1.0, 1.0, -1.0, -1.0)
+
+
+def current(p: Any, value: Value) -> Value:
+    """Return the measured current [A] for a motor current [A]."""
+    return (1.0 + p.sensor.current.gain_error) * value + p.sensor.current.offset
+
+
+def of_drive(ops: Ops, p: Any, reference: Value) -> Any:
+    """Return the parameters with those of a drive with an exact sensor that does the same at a reference [V]."""
+    drive, offset, scale = p.drive, p.sensor.current.offset, 1.0 + p.sensor.current.gain_error
+    side = ops.sign(drive.current_gain * reference + drive.current_offset)
+    return with_values(p, {
+        "drive.kp": drive.kp * scale, "drive.ki": drive.ki * scale, "drive.current_gain": drive.current_gain / scale,
+        "drive.current_offset": (drive.current_offset - offset) / scale,
+        "drive.current_limit": (drive.current_limit - side * offset) / scale})
+
+
+def angle(ops: Ops, p: Any, value: Value) -> Value:
+    """Return the angle [rad] that the encoder reads, without noise, at an angle [rad] of its shaft."""
+    e = p.sensor.encoder
+    return (value + e.once * (ops.sin(value + e.once_phase) - ops.sin(e.once_phase))
+            + e.twice * (ops.sin(2.0 * value + e.twice_phase) - ops.sin(e.twice_phase)))
+
+
+def slope(ops: Ops, p: Any, value: Value) -> Value:
+    """Return d/dx of :func:`angle` [1]."""
+    e = p.sensor.encoder
+    return 1.0 + e.once * ops.cos(value + e.once_phase) + 2.0 * e.twice * ops.cos(2.0 * value + e.twice_phase)
+
+
+def _next(ops: Ops, state: Value, multiplier: float, modulus: float) -> Value:
+    product = multiplier * state
+    return product - modulus * ops.floor(product / modulus)
+
+
+def noise(ops: Ops, p: Any, one: Value, other: Value) -> tuple[Value, Value, Value]:
+    """Return sigma z [rad] of a sample, and the states of both generators after it."""
+    total = 0.0
+    for sign in _SIGNS:
+        one, other = (_next(ops, *each) for each in zip((one, other), _MULTIPLIERS, MODULI, strict=True))
+        apart = one / MODULI[0] - other / MODULI[1]
+        total = total + sign * (apart - ops.floor(apart))
+    return sqrt(3.0) * p.sensor.encoder.noise * total, one, other

@@ -1,0 +1,148 @@
+"""Errors of the sensors: the drive's current sensor, and the encoder of position (:mod:`.control.sensor_errors`).
+
+The current sensor is in actuators whose drive has a current loop and a current limit. The encoder is that of position:
+of the motor, whose speed has the same error, or with `encoder.on_fin` of the fin; the motor's, which then measures the
+speed, is exact. Speed that is fed back without counts (`encoder.enabled` = false) has no noise. Steps follow from the
+parameters alone; `heat` takes the course of the current within a tick as that of a drive with an exact sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import pi
+from typing import Any
+
+from ..actuators import capabilities
+from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
+from ..control import command as bus
+from ..control import sensor_errors
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import kinematics
+from ..rules import rule, when
+from ..variables import in_group, integer_parameter, parameter
+from .declaration import Extension
+
+ENCODER = in_group(
+    "sensor.encoder",
+    *(each for name, times in (("once", "once"), ("twice", "twice")) for each in (
+        parameter(name, "rad", 0.0, 0.1, f"amplitude of the encoder's error that repeats {times} a turn of its shaft",
+                  sheet="encoder: accuracy as mounted, a peak value at its shaft"),
+        parameter(f"{name}_phase", "rad", -2.0 * pi, 2.0 * pi, "phase of that error at angle 0"))),
+    parameter("noise", "rad", 0.0, 0.1, "noise of the encoder at its shaft at a sample, rms",
+              sheet="encoder: noise, rms at its shaft"),
+    integer_parameter("seed", 1, 2_147_483_562, "which sequence of noise"))
+CURRENT = in_group(
+    "sensor.current",
+    parameter("offset", "A", -1e3, 1e3, "measured less motor current at a current of 0",
+              sheet="current sensor: offset, with its drift"),
+    parameter("gain_error", "1", -0.5, 0.5, "slope of the measured over the motor current, less 1",
+              sheet="current sensor: sensitivity error, with its drift"))
+OF_ENCODER = {"eccentricity of the encoder": {"sensor.encoder.once": 0.0, "sensor.encoder.twice": 0.0},
+              "noise of the encoder": {"sensor.encoder.noise": 0.0}}
+OF_CURRENT = {"current sensor": {"sensor.current.offset": 0.0, "sensor.current.gain_error": 0.0}}
+NOISE = (State("sensor_noise_1"), State("sensor_noise_2"))
+_KEPT = ("target", *bus.STATES)  # states of the controllers that follow from the command
+_NEEDED = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.DRIVE_STEP)
+
+
+def _measures_current(actuator: Actuator) -> bool:
+    return actuator.provides.issuperset(_NEEDED)
+
+
+def extend(actuator: Actuator) -> Actuator:
+    """Return the actuator with errors of its sensors."""
+    measures_current, geared = _measures_current(actuator), capabilities.SCREW_DRIVE in actuator.provides
+    angle_name, rate_name = actuator.encoder
+
+    def of_fin(ops: Ops, p: Any, position: Value) -> Value:
+        q = actuator.plant_parameters(ops, p)
+        return kinematics.fin_angle(ops, q, kinematics.lever_tangent(ops, q, position)) if geared else position
+
+    def read(ops: Ops, p: Any, position: Value, noise: Value) -> Value:
+        """Return the position [rad] that the encoder reads, referred to the motor like `position` [rad]."""
+        def on_motor() -> tuple[Value, ...]:
+            return (sensor_errors.angle(ops, p, position) + noise,)
+
+        def on_fin() -> tuple[Value, ...]:
+            seen = sensor_errors.angle(ops, p, of_fin(ops, p, position)) + noise
+            return (kinematics.motor_angle(ops, actuator.plant_parameters(ops, p), seen),)
+
+        return ops.branch(p.encoder.on_fin, on_fin, on_motor)[0] if geared else on_motor()[0]
+
+    def errs(ops: Ops, p: Any) -> Value:
+        e = p.sensor.encoder
+        return e.once + e.twice + e.noise > 0.0
+
+    def initial(ops: Ops, p: Any, start: Record) -> Values:
+        """Return the states at rest; those of the controllers follow from what the encoder reads, without noise."""
+        begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
+        position = actuator.position(ops, p, Record(**begun))
+        names = ("measured_fin_angle", *(s.name for s in actuator.controller_states if s.name not in _KEPT))
+
+        def as_read() -> tuple[Value, ...]:
+            seen = actuator.start(ops, p, of_fin(ops, p, read(ops, p, position, 0.0)), start.encoder_offset)
+            if geared:  # the motor's encoder is exact beside one on the fin
+                seen["motor_counts"] = ops.where(p.encoder.on_fin, begun["motor_counts"], seen["motor_counts"])
+            return tuple(seen[name] for name in names)
+
+        measured = ops.branch(errs(ops, p), as_read, lambda: tuple(begun[name] for name in names))
+        seeds = (p.sensor.encoder.seed, sensor_errors.SECOND)
+        return {**begun, **dict(zip(names, measured, strict=True)),
+                **{s.name: seed for s, seed in zip(NOISE, seeds, strict=True)}}
+
+    def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
+        """Return the result of a sample of the controllers with the measured position, speed and current."""
+        states = tuple(getattr(x, s.name) for s in NOISE)
+        noise, *states_after = ops.branch(p.sensor.encoder.noise > 0.0, lambda: sensor_errors.noise(ops, p, *states),
+                                          lambda: (0.0, *states))
+        before = (inputs.position, getattr(x, angle_name), getattr(x, rate_name))
+
+        def measured() -> tuple[Value, ...]:
+            position, turned, speed = before
+            seen = read(ops, p, position, noise)
+            faster = sensor_errors.slope(ops, p, turned) * speed
+            if not geared:
+                return seen, seen, faster
+            return seen, ops.where(p.encoder.on_fin, turned, seen), ops.where(p.encoder.on_fin, speed, faster)
+
+        position, turned, speed = ops.branch(errs(ops, p), measured, lambda: before)
+        changes = {angle_name: turned, rate_name: speed}
+        if measures_current:
+            changes["motor_current"] = sensor_errors.current(p, x.motor_current)
+        out = actuator.sample(ops, p, x.replace(**changes), inputs.replace(position=position))
+        return {**out, **{s.name: state for s, state in zip(NOISE, states_after, strict=True)}}
+
+    def with_sensor(equation: Callable[..., Any]) -> Callable[..., Any]:
+        """Return an equation of the plant whose drive controls the measured current."""
+        def sensed(ops: Ops, p: Any, x: Record, u: PlantInputs, *h: Value) -> Any:
+            return equation(ops, sensor_errors.of_drive(ops, p, u.reference), x, u, *h)
+
+        return sensed
+
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
+        """Return the outputs; the current's error is that of the measured current."""
+        out = with_sensor(actuator.output_values)(ops, p, x, u)
+        return {**out, "current_error": (1.0 + p.sensor.current.gain_error) * out["current_error"]}
+
+    plant: dict[str, Any] = {}
+    if measures_current:
+        plant = {"step": with_sensor(actuator.step), "output_values": output_values,
+                 "derivatives": with_sensor(actuator.rates) if actuator.derivatives else None}
+    return replace(actuator, initial=initial, sample=sample, controller_states=(*actuator.controller_states, *NOISE),
+                   **plant)
+
+
+
+@rule("sensor.current.offset = %.6g A must be within drive.current_limit = %.6g A: no reference removes a larger one")
+def _offset(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    offset, limit = p.sensor.current.offset, p.drive.current_limit
+    return when(ops, ops.fabs(offset) >= limit), offset, limit
+
+
+EXTENSION = Extension(
+    "sensors", "errors of current sensor and encoder", extend, needs=(capabilities.ENCODER,),
+    parameters=lambda actuator: ENCODER + CURRENT if _measures_current(actuator) else ENCODER,
+    rules=lambda actuator: (_offset,) if _measures_current(actuator) else (),
+    imperfections=lambda actuator: {**OF_ENCODER, **OF_CURRENT} if _measures_current(actuator) else OF_ENCODER)

@@ -1,0 +1,239 @@
+"""Errors of current sensor and encoder: closed forms, an independent integration, and the generator of noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi, radians, sin, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu import Batch
+from emcas_fmu.bench.measure import Test, measure
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.control import sensor_errors
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.physics import kinematics
+from emcas_fmu.reference.simulate import simulate as integrate
+from emcas_fmu.simulation import simulate
+from tests.extensions.sensors_reference import Noise, Sensed
+from tests.marks import others_slow
+
+MODEL = "nonlinear+sensors"
+CURRENT = {"sensor.current.offset": 1.5, "sensor.current.gain_error": 0.03}
+ECCENTRIC = {"sensor.encoder.once": radians(1.0), "sensor.encoder.once_phase": 0.7,
+             "sensor.encoder.twice": radians(0.5), "sensor.encoder.twice_phase": -2.0}
+NOISY = {"sensor.encoder.noise": radians(0.05), "sensor.encoder.seed": 7}
+# Nothing holds the fin away from where the loops move it.
+FREE = {**{f"friction.coulomb.{way}[{k}]": 0.0 for way in ("positive", "negative") for k in range(7)},
+        "compensation.gain": 0.0, "encoder.enabled": False, "drive.current_offset": 0.0}
+
+
+def parameters_of(*changes: Mapping[str, Any]) -> ParameterSet:
+    parameters = load_parameters(model=MODEL)
+    return parameters.with_values({key: value for each in changes for key, value in each.items()})
+
+
+def run(stop: float, *changes: Mapping[str, Any], kernel: str = "auto", **inputs: Any) -> Mapping[str, Any]:
+    return simulate(parameters_of(*changes).values, stop, model=MODEL, kernel=kernel, **inputs)
+
+
+# -- current ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("requested", [8.0, 300.0, -300.0])
+def test_a_held_motor_has_the_current_that_the_sensor_calls_the_reference(requested: float) -> None:
+    """R i = K_p (i_ref - (1 + g) i - i_0), within the limit of 60 A and at it."""
+    held = {"friction.coulomb.positive[0]": 10.0, "friction.coulomb.negative[0]": 10.0, "controller.position.kp": 0.0,
+            "controller.position.ki": 0.0, "controller.velocity.kp": 0.0, "compensation.gain": 0.0, "drive.ki": 0.0,
+            "drive.current_offset": requested}
+    found = run(0.05, held, CURRENT)
+    reference = max(min(requested, 60.0), -60.0)
+    current = 5.0 * (reference - 1.5) / (0.25 + 5.0 * 1.03)
+    assert found["motor_current"][-1] == pytest.approx(current, rel=1e-12)
+    assert found["current_error"][-1] == pytest.approx(reference - 1.03 * current - 1.5, rel=1e-12)
+    assert bool(found["saturated"][-1]) is (abs(requested) > 60.0)
+
+
+def test_an_offset_without_integrals_is_an_error_that_the_loops_hold() -> None:
+    """The motor rests without current, so that i_0 = K_v u = K_v K_p,vel K_p,pos e."""
+    loops = {"controller.position.ki": 0.0, "controller.position.setpoint_weight": 1.0, "drive.ki": 0.0}
+    found = run(2.0, FREE, loops, {"sensor.current.offset": 0.6})
+    error = -found["motor_angle"][-1]
+    # The slowest mode decays by exp(-40/s 2 s): rounding is left.
+    assert error == pytest.approx(0.6 / (8.19 * 0.0439 * 53.8), rel=1e-9)
+
+
+def test_an_integral_removes_an_offset() -> None:
+    found = run(4.0, FREE, {"drive.ki": 0.0, "sensor.current.offset": 0.6})
+    assert np.max(np.abs(found["fin_angle"][:1000])) > radians(0.01)
+    assert abs(found["fin_angle"][-1]) < radians(1e-5)  # a mode of 4.6/s is left: 1e-8 of it
+
+
+def test_a_gain_error_has_the_margins_of_another_current_loop() -> None:
+    """K_p, K_i times 1 + g, the reference's gain over it; noise does not change them."""
+    pytest.importorskip("control")
+    plain = load_parameters()
+    values = plain.values
+    same = plain.with_values({"drive.kp": 1.03 * values["drive.kp"], "drive.ki": 1.03 * values["drive.ki"],
+                              "drive.current_gain": values["drive.current_gain"] / 1.03})
+    figures = ("gain_margin", "phase_margin", "delay_margin")
+    one, other, none = (measure(Test("linear"), ParameterSubject(each), [{}], figures, ())[0] for each in (
+        parameters_of(CURRENT, NOISY, {"compensation.gain": 0.0, "sensor.current.offset": 0.0}),
+        same.with_values({"compensation.gain": 0.0}), plain.with_values({"compensation.gain": 0.0})))
+    assert one == pytest.approx(other, rel=1e-6)  # both are searched on a grid, and refined
+    assert np.max(np.abs(one / none - 1.0)) > 5e-3
+
+
+def test_an_offset_beyond_the_limit_is_refused() -> None:
+    with pytest.raises(EmcasError, match=r"sensor\.current\.offset = -70 A must be within drive\.current_limit = 60 A"):
+        parameters_of({"sensor.current.offset": -70.0})
+
+
+# -- encoder ---------------------------------------------------------------------
+
+
+def _error(x: float, e: Mapping[str, float] = ECCENTRIC) -> float:
+    return (e["sensor.encoder.once"] * (sin(x + 0.7) - sin(0.7))
+            + e["sensor.encoder.twice"] * (sin(2.0 * x - 2.0) - sin(-2.0)))
+
+
+@pytest.mark.parametrize("on_fin", [False, True])
+def test_the_fin_is_held_where_the_encoder_reads_the_command(on_fin: bool) -> None:
+    """x + e(x) is the command, at the motor or at the fin; the motor's error is divided by the ratio, 63."""
+    command = radians(14.0)
+    found = run(4.0, FREE, ECCENTRIC, {"encoder.on_fin": on_fin}, fin_command=command)
+    p = parameters_of().actuator.namespace(parameters_of().values)
+    motor, fin = found["motor_angle"][-1], found["fin_angle"][-1]
+    target = kinematics.motor_angle(FLOATS, p, command)
+    # The integral's mode of 4.6/s is left, 1e-8 of the step; rounding of the kinematics is less.
+    if on_fin:
+        assert fin + _error(fin) == pytest.approx(command, abs=1e-7)
+        assert abs(fin - command) > radians(0.1)
+    else:
+        assert motor + _error(motor) == pytest.approx(target, abs=1e-5)
+        ratio = kinematics.reduction_ratio(FLOATS, p, kinematics.lever_tangent(FLOATS, p, target))
+        assert command - fin == pytest.approx(_error(motor) / ratio, rel=2e-3)  # the ratio changes along the error
+
+
+@pytest.mark.parametrize("changes", [{}, {"encoder.on_fin": True}, {"encoder.enabled": False}])
+@pytest.mark.parametrize("start", [0.0, 12.0])
+def test_at_rest_no_speed_is_measured(start: float, changes: Mapping[str, Any]) -> None:
+    """The controllers start from what the encoder reads: a command there is not moved to."""
+    begun = run(0.05, ECCENTRIC, changes, {"fin.start_angle": radians(start)}, fin_command=radians(start))
+    seen = float(begun["measured_fin_angle"][0])
+    still = run(0.05, ECCENTRIC, changes, {"fin.start_angle": radians(start)}, fin_command=seen)
+    assert np.ptp(still["fin_angle"]) == 0.0
+    assert (abs(seen - radians(start)) > radians(0.01)) is (start > 0.0)
+
+
+def test_slope_of_the_reading() -> None:
+    p = parameters_of(ECCENTRIC)
+    q = p.actuator.namespace(p.values)
+    for x in np.linspace(-4.0, 4.0, 9).tolist():
+        central = (sensor_errors.angle(FLOATS, q, x + 1e-5) - sensor_errors.angle(FLOATS, q, x - 1e-5)) / 2e-5
+        assert sensor_errors.slope(FLOATS, q, x) == pytest.approx(central, abs=1e-9)  # rounding of the quotient
+
+
+# -- noise -----------------------------------------------------------------------
+
+
+def _drawn(seed: int, count: int) -> np.ndarray:
+    p = parameters_of({"sensor.encoder.noise": 1e-3, "sensor.encoder.seed": seed})
+    q, one, other, drawn = p.actuator.namespace(p.values), float(seed), sensor_errors.SECOND, []
+    for _ in range(count):
+        noise, one, other = sensor_errors.noise(FLOATS, q, one, other)
+        drawn.append(noise)
+    return np.array(drawn) / 1e-3
+
+
+@pytest.mark.parametrize("seed", [1, 2_147_483_562])
+def test_noise_is_that_of_whole_numbers(seed: int) -> None:
+    generator = Noise(seed)
+    # The scale rounds differently; the numbers are of order 1.
+    np.testing.assert_allclose(_drawn(seed, 2000), [generator.draw() for _ in range(2000)], rtol=0, atol=1e-14)
+
+
+def test_noise_is_white_and_independent_of_other_seeds() -> None:
+    count = 20_000
+    noises = np.array([_drawn(seed, count) for seed in (1, 2, 3)])
+    room = 4.5 / sqrt(count)  # a standard deviation of mean and correlation is 1/sqrt(n): one in 100,000 is beyond
+    assert np.max(np.abs(np.mean(noises, axis=1))) < room
+    assert np.max(np.abs(np.var(noises, axis=1) - 1.0)) < room * sqrt(2.0)
+    assert np.max(np.abs(np.corrcoef(noises) - np.eye(3))) < room
+    for lag in (1, 2, 7):
+        assert np.max(np.abs(np.mean(noises[:, lag:] * noises[:, :-lag], axis=1))) < room
+    assert 3.0 < np.max(np.abs(noises)) <= 2.0 * sqrt(3.0)
+
+
+def test_noise_does_not_depend_on_the_steps_of_the_host() -> None:
+    parameters = parameters_of(CURRENT, ECCENTRIC, NOISY)
+    angles = []
+    for size in (1e-3, 10e-3, 2.5e-3):
+        found = simulate(parameters.values, 0.3, size, model=MODEL, fin_command=0.1, aero_torque=-30.0)
+        angles.append(found["fin_angle"][::round(10e-3 / size)])
+    assert all(np.array_equal(each, angles[0]) for each in angles[1:])
+
+
+def test_several_at_once_have_the_bits_of_each() -> None:
+    parameters = parameters_of(CURRENT, ECCENTRIC, NOISY)
+    seeds, noise = np.array([1, 2, 3, 4, 5]), radians(0.05) * np.array([1.0, 0.0, 2.0, 1.0, 0.0])
+    batch = Batch(parameters, 5, varied={"sensor.encoder.seed": seeds, "sensor.encoder.noise": noise})
+    batch.run(0.0, fin_command=0.1)
+    angles = batch.run(0.25)["fin_angle"].copy()
+    each = [run(0.25, CURRENT, ECCENTRIC, {"sensor.encoder.seed": int(seed), "sensor.encoder.noise": float(rms)},
+                kernel=kernel, fin_command=0.1)["fin_angle"][-1]
+            for seed, rms, kernel in zip(seeds, noise, ("python", *["auto"] * 4), strict=True)]
+    assert np.array_equal(angles, each)
+    assert len({*angles.tolist()}) == 4  # without noise the seed has no effect
+
+
+# -- all -------------------------------------------------------------------------
+
+CASES: Mapping[str, Mapping[str, Any]] = {
+    "current": CURRENT, "current, observer": {**CURRENT, "controller.load_observer": 80.0},
+    "current at the limits": {**CURRENT, "drive.current_limit": 25.0, "drive.supply_voltage": 25.0},
+    "encoder on the motor": ECCENTRIC, "encoder on the fin": {**ECCENTRIC, "encoder.on_fin": True},
+    "noise": {**NOISY, "sensor.encoder.noise": radians(0.01)},
+    "all": {**CURRENT, **ECCENTRIC, **NOISY, "encoder.on_fin": True}}
+
+
+@pytest.mark.parametrize("case", others_slow(CASES, lambda case: case == "all"))
+def test_independent_integration_agrees(case: str) -> None:
+    values = parameters_of({"encoder.enabled": False, "fin.start_angle": radians(8.0)}, CASES[case]).values
+    time = np.arange(1101) * 1e-3
+    inputs = {"fin_command": np.radians(np.select([time < 0.05, time < 0.5], [8.0, 3.0], 8.0)),
+              "aero_torque": np.where((time > 0.3) & (time < 0.8), 100.0, -60.0),
+              "enable": np.where((time > 0.85) & (time < 0.95), 0.0, 1.0)}
+    ours = simulate(values, 1.1, 1e-3, model=MODEL, **inputs)
+    theirs = integrate(values, {"time": time, **inputs}, Sensed)
+    # What every case of the default tick is held to (tests/reference).
+    assert np.max(np.abs(np.degrees(ours["fin_angle"] - theirs["fin_angle"]))) < 0.002
+
+
+@pytest.mark.parametrize("model", others_slow(
+    ("clutch", "nonlinear", "elastic", "ristanovic"), lambda model: model in ("clutch", "nonlinear")))
+def test_both_kernels(model: str) -> None:
+    parameters = load_parameters(model=f"{model}+sensors")
+    changes = parameters.having({**CURRENT, **ECCENTRIC, **NOISY})
+    assert ("sensor.current.offset" in changes) is (model in ("nonlinear", "elastic"))
+    values = parameters.with_values(changes).values
+    one, other = (simulate(values, 0.1, model=f"{model}+sensors", kernel=kernel, aero_torque=-20.0,
+                           fin_command=lambda t: 0.1 * sin(20.0 * pi * t)) for kernel in ("compiled", "python"))
+    assert all(np.array_equal(one[name], other[name]) for name in one)
+
+
+def test_a_used_actuator_rests_like_a_fresh_one() -> None:
+    """Gain and eccentricity leave nothing behind, and an offset what one of the drive's reference leaves: a fresh
+    actuator has not removed it yet."""
+    cases = {"none": {}, "kept": {**ECCENTRIC, "sensor.current.gain_error": 0.03},
+             "offset": {"sensor.current.offset": 1.5}, "of drive": {"drive.current_offset": -0.015 - 1.5}}
+    error = {name: np.degrees(measure(Test("repeat", radians(15.0), torque=100.0), ParameterSubject(
+        parameters_of(changes)), [{}], ("repeat_error",), ("maximum",))[0, 0]) for name, changes in cases.items()}
+    # Within three counts, 0.0007 deg each.
+    assert error["kept"] == pytest.approx(error["none"], abs=0.002)
+    assert error["offset"] == pytest.approx(error["of drive"], abs=0.002)
+    assert error["offset"] > error["none"] + 0.01
