@@ -1,11 +1,12 @@
-"""Errors of sensors: offset and gain of the drive's current sensor; eccentricity and noise of the encoder of position.
+"""Errors of sensors: offset and gain of the current sensor; eccentricity and noise of the encoder of position.
 
     i_m = (1 + g) i + i_0
     x_m = x + a_1 (sin(x + p_1) - sin p_1) + a_2 (sin(2 x + p_2) - sin p_2) + sigma z
 
 x is the angle of the encoder's shaft. A scale that is off its axis by e, read at a radius r by one head, has a_1 = e/r;
-an elliptic one, or a shaft coupling at an angle, errs twice a turn. The encoder's zero is set at x = 0. Both the drive
-and the controllers read i_m. In the drive
+an elliptic one, or a shaft coupling at an angle, errs twice a turn. The encoder's zero is set at x = 0.
+
+Drive and controllers read i_m. In the drive
 
     K_p (i_ref - i_m) = (1 + g) K_p ((i_ref - i_0)/(1 + g) - i)         -I <= i_ref <= I
 
@@ -15,8 +16,8 @@ equation.
 z is drawn at every sample: of four numbers u, evenly between 0 and 1, z = sqrt(3) (u_1 + u_2 - u_3 - u_4) has a mean of
 0, a variance of 1 and no value beyond 2 sqrt(3). The numbers are those of L'Ecuyer, "Efficient and portable combined
 random number generators", Communications of the ACM 31 (1988) 742-751: two multiplicative generators, whose products
-double precision holds exactly. The seed starts the first one only. If it started both, a seed would give the numbers
-of seed 1 times itself, modulo 1; so those of different seeds are independent in pairs.
+double precision holds exactly. The seed starts the first one only. If it started both, a seed would give the numbers of
+seed 1 times itself, modulo 1; so those of different seeds are independent in pairs.
 """
 
 from __future__ import annotations
@@ -65,11 +66,11 @@ def _next(ops: Ops, state: Value, multiplier: float, modulus: float) -> Value:
     return product - modulus * ops.floor(product / modulus)
 
 
-def noise(ops: Ops, p: Any, one: Value, other: Value) -> tuple[Value, Value, Value]:
-    """Return sigma z [rad] of a sample, and the states of both generators after it."""
+def draw(ops: Ops, one: Value, other: Value) -> tuple[Value, Value, Value]:
+    """Return a number z [1], and the states of both generators after it."""
     total = 0.0
     for sign in _SIGNS:
         one, other = (_next(ops, *each) for each in zip((one, other), _MULTIPLIERS, MODULI, strict=True))
         apart = one / MODULI[0] - other / MODULI[1]
         total = total + sign * (apart - ops.floor(apart))
-    return sqrt(3.0) * p.sensor.encoder.noise * total, one, other
+    return sqrt(3.0) * total, one, other

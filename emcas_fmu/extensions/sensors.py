@@ -42,7 +42,8 @@ CURRENT = in_group(
 OF_ENCODER = {"eccentricity of the encoder": {"sensor.encoder.once": 0.0, "sensor.encoder.twice": 0.0},
               "noise of the encoder": {"sensor.encoder.noise": 0.0}}
 OF_CURRENT = {"current sensor": {"sensor.current.offset": 0.0, "sensor.current.gain_error": 0.0}}
-NOISE = (State("sensor_noise_1"), State("sensor_noise_2"))
+GENERATORS = (State("sensor_generator_1"), State("sensor_generator_2"))
+_MOTOR = "motor_counts"
 _KEPT = ("target", *bus.STATES)  # states of the controllers that follow from the command
 _NEEDED = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.DRIVE_STEP)
 
@@ -56,20 +57,23 @@ def extend(actuator: Actuator) -> Actuator:
     measures_current, geared = _measures_current(actuator), capabilities.SCREW_DRIVE in actuator.provides
     angle_name, rate_name = actuator.encoder
 
-    def of_fin(ops: Ops, p: Any, position: Value) -> Value:
-        q = actuator.plant_parameters(ops, p)
+    def of_fin(ops: Ops, q: Any, position: Value) -> Value:
         return kinematics.fin_angle(ops, q, kinematics.lever_tangent(ops, q, position)) if geared else position
+
+    def on_fin(ops: Ops, p: Any) -> Value:
+        return actuator.plant_parameters(ops, p).encoder.on_fin
 
     def read(ops: Ops, p: Any, position: Value, noise: Value) -> Value:
         """Return the position [rad] that the encoder reads, referred to the motor like `position` [rad]."""
-        def on_motor() -> tuple[Value, ...]:
+        q = actuator.plant_parameters(ops, p)
+
+        def of_motor() -> tuple[Value, ...]:
             return (sensor_errors.angle(ops, p, position) + noise,)
 
-        def on_fin() -> tuple[Value, ...]:
-            seen = sensor_errors.angle(ops, p, of_fin(ops, p, position)) + noise
-            return (kinematics.motor_angle(ops, actuator.plant_parameters(ops, p), seen),)
+        def of_hinge() -> tuple[Value, ...]:
+            return (kinematics.motor_angle(ops, q, sensor_errors.angle(ops, p, of_fin(ops, q, position)) + noise),)
 
-        return ops.branch(p.encoder.on_fin, on_fin, on_motor)[0] if geared else on_motor()[0]
+        return ops.branch(on_fin(ops, p), of_hinge, of_motor)[0] if geared else of_motor()[0]
 
     def errs(ops: Ops, p: Any) -> Value:
         e = p.sensor.encoder
@@ -82,37 +86,39 @@ def extend(actuator: Actuator) -> Actuator:
         names = ("measured_fin_angle", *(s.name for s in actuator.controller_states if s.name not in _KEPT))
 
         def as_read() -> tuple[Value, ...]:
-            seen = actuator.start(ops, p, of_fin(ops, p, read(ops, p, position, 0.0)), start.encoder_offset)
-            if geared:  # the motor's encoder is exact beside one on the fin
-                seen["motor_counts"] = ops.where(p.encoder.on_fin, begun["motor_counts"], seen["motor_counts"])
+            fin = of_fin(ops, actuator.plant_parameters(ops, p), read(ops, p, position, 0.0))
+            seen = actuator.start(ops, p, fin, start.encoder_offset)
+            if geared and _MOTOR in seen:  # the motor's encoder is exact beside one on the fin
+                seen[_MOTOR] = ops.where(on_fin(ops, p), begun[_MOTOR], seen[_MOTOR])
             return tuple(seen[name] for name in names)
 
         measured = ops.branch(errs(ops, p), as_read, lambda: tuple(begun[name] for name in names))
         seeds = (p.sensor.encoder.seed, sensor_errors.SECOND)
         return {**begun, **dict(zip(names, measured, strict=True)),
-                **{s.name: seed for s, seed in zip(NOISE, seeds, strict=True)}}
+                **{s.name: seed for s, seed in zip(GENERATORS, seeds, strict=True)}}
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         """Return the result of a sample of the controllers with the measured position, speed and current."""
-        states = tuple(getattr(x, s.name) for s in NOISE)
-        noise, *states_after = ops.branch(p.sensor.encoder.noise > 0.0, lambda: sensor_errors.noise(ops, p, *states),
-                                          lambda: (0.0, *states))
+        states = tuple(getattr(x, s.name) for s in GENERATORS)
+        z, *after = ops.branch(p.sensor.encoder.noise > 0.0, lambda: sensor_errors.draw(ops, *states),
+                               lambda: (0.0, *states))
         before = (inputs.position, getattr(x, angle_name), getattr(x, rate_name))
 
         def measured() -> tuple[Value, ...]:
             position, turned, speed = before
-            seen = read(ops, p, position, noise)
+            seen = read(ops, p, position, p.sensor.encoder.noise * z)
             faster = sensor_errors.slope(ops, p, turned) * speed
             if not geared:
                 return seen, seen, faster
-            return seen, ops.where(p.encoder.on_fin, turned, seen), ops.where(p.encoder.on_fin, speed, faster)
+            exact = on_fin(ops, p)
+            return seen, ops.where(exact, turned, seen), ops.where(exact, speed, faster)
 
         position, turned, speed = ops.branch(errs(ops, p), measured, lambda: before)
         changes = {angle_name: turned, rate_name: speed}
         if measures_current:
             changes["motor_current"] = sensor_errors.current(p, x.motor_current)
         out = actuator.sample(ops, p, x.replace(**changes), inputs.replace(position=position))
-        return {**out, **{s.name: state for s, state in zip(NOISE, states_after, strict=True)}}
+        return {**out, **{s.name: state for s, state in zip(GENERATORS, after, strict=True)}}
 
     def with_sensor(equation: Callable[..., Any]) -> Callable[..., Any]:
         """Return an equation of the plant whose drive controls the measured current."""
@@ -130,9 +136,8 @@ def extend(actuator: Actuator) -> Actuator:
     if measures_current:
         plant = {"step": with_sensor(actuator.step), "output_values": output_values,
                  "derivatives": with_sensor(actuator.rates) if actuator.derivatives else None}
-    return replace(actuator, initial=initial, sample=sample, controller_states=(*actuator.controller_states, *NOISE),
-                   **plant)
-
+    return replace(actuator, initial=initial, sample=sample,
+                   controller_states=(*actuator.controller_states, *GENERATORS), **plant)
 
 
 @rule("sensor.current.offset = %.6g A must be within drive.current_limit = %.6g A: no reference removes a larger one")

@@ -37,6 +37,7 @@ def tables() -> ModuleType:
     ("make_tables", "model/models.md"), ("make_tables", "model/elastic.md"), ("make_tables", "model/drive.md"),
     ("make_supply", "model/supply.md"), ("make_numerics", "model/numerics.md"),
     pytest.param("make_faults", "model/faults.md", marks=pytest.mark.slow),
+    pytest.param("make_sensors", "model/sensors.md", marks=pytest.mark.slow),
     pytest.param("make_campaigns", "tools/campaigns.md", marks=pytest.mark.slow),
 ])
 def test_not_stale(tables: ModuleType, maker: str, document: str) -> None:

@@ -30,6 +30,11 @@ class Noise:
         return math.sqrt(3.0) * (first + second - third - fourth)
 
 
+def measured(p: Mapping[str, float], current: float) -> float:
+    """Measured current [A] at a motor current [A]."""
+    return (1.0 + p["sensor.current.gain_error"]) * current + p["sensor.current.offset"]
+
+
 class Sensing(Controllers):
     """Controllers that read an encoder and a current with errors."""
 
@@ -70,8 +75,7 @@ class Sensing(Controllers):
 
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
         self.noise = self.p["sensor.encoder.noise"] * self.generator.draw()
-        measured = (1.0 + self.p["sensor.current.gain_error"]) * current + self.p["sensor.current.offset"]
-        return super().sample(delta, omega, command, enable, measured)
+        return super().sample(delta, omega, command, enable, measured(self.p, current))
 
 
 class Sensed(Plant):
@@ -87,7 +91,7 @@ class Sensed(Plant):
 
     def error(self, m: Motor, around: Surroundings) -> float:
         """Current reference less measured current [A]."""
-        return around.reference - self.scale * m.current - self.p["sensor.current.offset"]
+        return around.reference - measured(self.p, m.current)
 
     def demand(self, m: Motor, around: Surroundings) -> float:
         return self.p["drive.kp"] * self.error(m, around) + m.integral

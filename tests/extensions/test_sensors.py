@@ -142,18 +142,17 @@ def test_slope_of_the_reading() -> None:
 
 
 def _drawn(seed: int, count: int) -> np.ndarray:
-    p = parameters_of({"sensor.encoder.noise": 1e-3, "sensor.encoder.seed": seed})
-    q, one, other, drawn = p.actuator.namespace(p.values), float(seed), sensor_errors.SECOND, []
+    one, other, drawn = float(seed), sensor_errors.SECOND, []
     for _ in range(count):
-        noise, one, other = sensor_errors.noise(FLOATS, q, one, other)
-        drawn.append(noise)
-    return np.array(drawn) / 1e-3
+        z, one, other = sensor_errors.draw(FLOATS, one, other)
+        drawn.append(z)
+    return np.array(drawn)
 
 
 @pytest.mark.parametrize("seed", [1, 2_147_483_562])
 def test_noise_is_that_of_whole_numbers(seed: int) -> None:
     generator = Noise(seed)
-    # The scale rounds differently; the numbers are of order 1.
+    # The quotients round differently; the numbers are of order 1.
     np.testing.assert_allclose(_drawn(seed, 2000), [generator.draw() for _ in range(2000)], rtol=0, atol=1e-14)
 
 
@@ -197,7 +196,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "current": CURRENT, "current, observer": {**CURRENT, "controller.load_observer": 80.0},
     "current at the limits": {**CURRENT, "drive.current_limit": 25.0, "drive.supply_voltage": 25.0},
     "encoder on the motor": ECCENTRIC, "encoder on the fin": {**ECCENTRIC, "encoder.on_fin": True},
-    "noise": {**NOISY, "sensor.encoder.noise": radians(0.01)},
+    "noise": {**NOISY, "sensor.encoder.noise": radians(0.01), "controller.load_observer": 80.0},
     "all": {**CURRENT, **ECCENTRIC, **NOISY, "encoder.on_fin": True}}
 
 
