@@ -62,7 +62,7 @@ def _rows(subject: ParameterSubject, errors: Mapping[str, Mapping[str, float]]) 
              f"{degrees(held[k]):.2g}° / {degrees(loaded[k]):.2g}°",
              f"{degrees(rates[0][k]):.1f} / {degrees(rates[1][k]):.1f} deg/s",
              f"{bandwidths[0][k]:.1f} / {bandwidths[1][k]:.1f} Hz", f"{current[k]:.2f} A", f"{energy[k]:.0f} J",
-             f"{gain[k]:.1f} dB, {degrees(phase[k]):.1f}°"] for k, name in enumerate(("none", *errors))]
+             f"{gain[k]:.1f} dB, {degrees(phase[k]):.0f}°"] for k, name in enumerate(("none", *errors))]
 
 
 def effects() -> str:
