@@ -22,7 +22,8 @@ from emcas_fmu.parameters import load_parameters
 from ..fmu.built import both
 
 ROOT = Path(__file__).resolve().parents[2]
-MODELS = ["nonlinear+lugre+heat+homing+trajectory+supply+faults", "elastic+stribeck+efficiency+heat+homing+faults"]
+MODELS = ["nonlinear+lugre+heat+homing+trajectory+supply+faults",
+          "elastic+stribeck+efficiency+sensors+heat+homing+faults"]
 
 
 @pytest.fixture(scope="module", params=[MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
