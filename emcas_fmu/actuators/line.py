@@ -1,12 +1,12 @@
 """The supplies that several fins may share: a voltage bus, or a pressure line.
 
-A line has one scalar state. It is stepped every update time, its last parameter, and constant in between. If its first
-parameter is 0, it is stiff: it is not stepped, and each fin has the source's voltage or pressure.
+A line is stepped every update time, its last parameter, and constant in between. If its first parameter is 0, it is
+stiff: it is not stepped, and each fin has the source's voltage or pressure.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from types import ModuleType
@@ -22,9 +22,9 @@ from ..variables import Variable, parameter, real_input, real_output
 class Line:
     """A kind of line: its parameters, outputs and equations for several actuators.
 
-    `level(ops, source, state)` returns the actuators' voltage [V] or pressure [Pa]; `following(ops, p, source, state,
-    drawn, inverse_inductance)` returns the next state, from the line's parameters `p`, the current [A] or flow [m3/s]
-    that all actuators draw, and the sum of their :meth:`Supply.within`.
+    `level(ops, source, *states)` returns the actuators' voltage [V] or pressure [Pa]; `following(ops, p, source,
+    states, drawn, inverse_inductance)` returns the next states, from the line's parameters `p`, the current [A] or flow
+    [m3/s] that all actuators draw, and the sum of their :meth:`Supply.within`.
     """
 
     name: str  # in messages
@@ -35,10 +35,10 @@ class Line:
     outputs: tuple[Variable, Variable]  # the actuators' level, and their total current or flow
     parameters: tuple[Variable, ...]
     values: Mapping[str, float]  # defaults of the parameters
-    start: float  # of the state
-    sags: bool  # whether the level is the source's minus the state: a ramp of the source is a ramp of the level
-    level: Callable[[Ops, Value, Value], Value]
-    following: Callable[[Ops, Any, Value, Value, Value, Value], Value]
+    start: Mapping[str, float]  # of the states, by name
+    sags: bool  # whether the level is the source's minus the first state: it then follows a ramp of the source
+    level: Callable[..., Value]
+    following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value], tuple[Value, ...]]
     equations: ModuleType
 
 
@@ -59,14 +59,25 @@ BUS = Line(
     parameters=(
         parameter("bus.source_resistance", "Ohm", 0.0, 1.0,
                   "resistance between supply_voltage and the drives (0: stiff)"),
+        parameter("bus.charge", "A.s", 0.0, 1e7, "charge of the full battery (0: unlimited)"),
+        parameter("bus.charge_used", "A.s", 0.0, 1e7, "charge that has been drawn before the start"),
+        parameter("bus.polarisation", "V", 0.0, 100.0,
+                  "fall of the battery's open-circuit voltage where half of its charge is drawn"),
+        parameter("bus.capacitance", "F", 0.0, 10.0, "capacitance of the common DC link, behind a diode (0: none, the "
+                  "source absorbs returned power)"),
+        parameter("bus.chopper_voltage", "V", 1.0, 1e5,
+                  "voltage of the DC link above which its brake chopper conducts (out of reach: none)"),
+        parameter("bus.chopper_resistance", "Ohm", 1e-3, 1e6, "resistor of that chopper"),
         parameter("bus.update_time", "s", 1e-5, 1e-2, "interval at which the sag follows the drives' current",
                   display="ms")),
-    values={"bus.source_resistance": 0.0, "bus.update_time": 1e-4},
-    start=0.0,
+    # All but the resistance are estimates: of a battery that empties, of a link that overcharges.
+    values={"bus.source_resistance": 0.0, "bus.charge": 0.0, "bus.charge_used": 0.0, "bus.polarisation": 0.5,
+            "bus.capacitance": 0.0, "bus.chopper_voltage": 1e5, "bus.chopper_resistance": 1.0, "bus.update_time": 1e-4},
+    start={"sag": 0.0, "link": bus.NO_LINK, "drawn": 0.0},
     sags=True,
     level=bus.voltage,
-    following=lambda ops, p, source, sag, current, inverse_inductance: bus.next_sag(
-        ops, p.bus.source_resistance, sag, current, p.bus.update_time * inverse_inductance),
+    following=lambda ops, p, source, states, current, inverse_inductance: bus.following(
+        ops, p.bus, source, states, current, inverse_inductance),
     equations=bus,
 )
 PRESSURE_LINE = Line(
@@ -92,11 +103,11 @@ PRESSURE_LINE = Line(
     # Estimates: a precharge of 0.6 of 21 MPa; a pump of 9 l/min, all of it 1 MPa below its setting.
     values={"line.accumulator_volume": 0.0, "line.precharge_pressure": 12.6e6, "line.polytropic_exponent": 1.4,
             "line.pump_gain": 1.5e-10, "line.pump_flow": 1.5e-4, "line.update_time": 1e-4},
-    start=pressure_line.AT_SOURCE,
+    start={"pressure": pressure_line.AT_SOURCE},
     sags=False,
     level=pressure_line.pressure,
-    following=lambda ops, p, source, state, flow, inverse_inductance: pressure_line.next_pressure(
-        ops, p.line, source, state, flow),
+    following=lambda ops, p, source, states, flow, inverse_inductance: (pressure_line.next_pressure(
+        ops, p.line, source, states[0], flow),),
     equations=pressure_line,
 )
 LINES: Mapping[str, Line] = {"V": BUS, "Pa": PRESSURE_LINE}

@@ -1,26 +1,82 @@
-"""A supply bus with source resistance that several drives share.
+"""A supply bus that several drives share: a battery with resistance and charge, and a common DC link.
 
-    V = max(V_source - s, V_0)        I = sum P_i / V        s -> R I
+    V_b = V_source - U q/(Q - q)                    open-circuit voltage after a charge q of Q; U polarisation
+    V = max(V_b - R I, V_0)        I = sum P_i / V
+    with a link:  C dV/dt = max(V_b - V, 0)/R - I - max(V - V_c, 0)/R_c
 
-V is the voltage at the drives, s the sag. It follows the current at instants h apart; in between it is held.
-A drive at its voltage limit raises its current by about dV h/L in that time, so the new sag is where that line meets
-R I (one step of Newton's method): otherwise the sag would overshoot where R h/L is not small. V_0 is a millivolt, or
-the source's voltage if that is less: drives on a collapsed bus still switch their motors' currents onto it, and P/V
-limits I as long as V is not zero.
+V is the voltage at the drives; the sag s = V_source - V. The curve is that of Shepherd (1965), Journal of the
+Electrochemical Society 112 (7), 657-664, without its exponential: slow, then steep where the battery is empty.
+Without a link the battery takes back all returned power. With one a diode is in front of the battery, as of one that
+must not be charged: returned power raises V until drives or the chopper draw it.
+
+All is stepped at instants h apart; in between V is held. A drive at its voltage limit raises its current by about
+dV h/L in that time. Without a link the new sag is therefore where that line meets V_b and R I (one step of Newton's
+method): otherwise the sag would overshoot where R h/L is not small. A link follows its equation exactly under the
+held current I (:func:`emcas_fmu.physics.supply.moved`); since drives and link are stepped in turn, its oscillation
+with their inductances stays bounded if C >= h^2 sum 1/L_i, which C is raised to. V_0 is a millivolt, or the source's
+voltage if that is less: drives on a collapsed bus still switch their motors' currents onto it, and P/V limits I as long
+as V is not zero.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
+from ..namespace import namespace
 from ..ops.base import Ops, Value
+from . import supply
 
 LEAST = 1e-3  # V
+NO_LINK = -1.0  # V, state of a link that does not exist or has not been stepped yet
+EMPTY = 1e-6  # least share of the charge that the open-circuit voltage is computed for
 
 
-def voltage(ops: Ops, source: Value, sag: Value) -> Value:
-    """Return the voltage at the drives [V]; the source's without a sag."""
-    return ops.maximum(source - sag, ops.clip(source, 0.0, LEAST))
+def voltage(ops: Ops, source: Value, sag: Value, link: Value, _: Value) -> Value:
+    """Return the voltage at the drives [V]: that of the link; without one, the source's without the sag."""
+    least = ops.clip(source, 0.0, LEAST)
+    return ops.where(link < 0.0, ops.maximum(source - sag, least), ops.maximum(link, least))
 
 
-def next_sag(ops: Ops, resistance: Value, sag: Value, current: Value, admittance: Value) -> Value:
-    """Return the sag [V] after an instant of the bus, under a supply current [A]; `admittance` is sum h/L_i [1/Ohm]."""
-    return sag + (resistance * current - sag) / (1.0 + resistance * admittance)
+def fall(ops: Ops, p: Any, drawn: Value) -> Value:
+    """Return the fall [V] of the open-circuit voltage after a charge [A.s] from the start; 0 of an unlimited one."""
+    full = ops.where(p.charge > 0.0, p.charge, 1.0)
+    share = ops.where(p.charge > 0.0, ops.clip((drawn + p.charge_used) / full, 0.0, 1.0 - EMPTY), 0.0)
+    return p.polarisation * share / (1.0 - share)
+
+
+def next_sag(ops: Ops, resistance: Value, sag: Value, current: Value, admittance: Value, fallen: Value = 0.0) -> Value:
+    """Return the sag [V] after an instant of the bus, under a supply current [A]; `admittance` is sum h/L_i [1/Ohm].
+
+    `fallen` is that of the open-circuit voltage [V].
+    """
+    return sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
+
+
+def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current: Value, inverse_inductance: Value
+              ) -> tuple[Value, ...]:
+    """Return sag [V], voltage of the link [V] and charge drawn [A.s] after an instant of the bus.
+
+    The drives draw a `current` [A]; `inverse_inductance` is sum 1/L_i [1/H].
+    """
+    sag, link, drawn = states
+    h, fallen = p.update_time, fall(ops, p, drawn)
+
+    def linked() -> tuple[Value, ...]:
+        capacitance = ops.maximum(p.capacitance, h * h * inverse_inductance)
+        of_link = namespace({"supply.source_resistance": p.source_resistance, "supply.one_way": True,
+                             "supply.capacitance": capacitance, "supply.chopper_voltage": p.chopper_voltage,
+                             "supply.chopper_resistance": p.chopper_resistance})
+        before = voltage(ops, source, sag, link, drawn)
+        after = supply.moved(ops, of_link, before, ops.maximum(source - fallen, 0.0), current, h)
+        # The battery supplies what link, drives and chopper gain; the chopper's share is that of the mean of both ends.
+        braked = (ops.maximum(before - p.chopper_voltage, 0.0) + ops.maximum(after - p.chopper_voltage, 0.0)
+                  ) / p.chopper_resistance
+        charge = capacitance * (after - before) + (current + 0.5 * braked) * h
+        return sag, after, drawn + ops.maximum(charge, 0.0)
+
+    def direct() -> tuple[Value, ...]:
+        return (next_sag(ops, p.source_resistance, sag, current, h * inverse_inductance, fallen), link,
+                ops.maximum(drawn + current * h, 0.0))
+
+    return ops.branch(p.capacitance > 0.0, linked, direct)

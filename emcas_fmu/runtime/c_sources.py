@@ -81,7 +81,7 @@ def model_header(actuator: Actuator) -> str:
     names = [v.name for v in actuator.inputs]
     supply = names.index(actuator.supply.input.name) if actuator.supply else -1
     power, line = codegen.power_place(actuator), actuator.supply.line if actuator.supply else None
-    line_parameters = len(line.parameters) if line else 0
+    line_parameters, start = len(line.parameters) if line else 0, codegen.line_start(actuator)
     states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
     return header(
@@ -97,10 +97,12 @@ def model_header(actuator: Actuator) -> str:
         f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
         "/* Index of the supply among the inputs, and of its power among the outputs; -1 if there is none. */\n"
         f"#define MODEL_SUPPLY ({supply})\n#define MODEL_SUPPLY_POWER ({-1 if power is None else power})\n"
-        "/* The line that feeds several fins: its parameters, its initial state, whether the state is a sag. */\n"
+        "/* The line that feeds several fins: its parameters and states, whether the first of these is a sag. */\n"
         f"#define MODEL_LINE_PARAMETERS {line_parameters}\n"
         f"#define MODEL_LINE_OF(line) {listed('(line)', line_parameters)}\n"
-        f"#define MODEL_LINE_START {c_number(codegen.line_start(actuator))}\n"
+        f"#define MODEL_LINE_STATES {max(len(start), 1)}\n"
+        f"#define MODEL_LINE_START {', '.join(map(c_number, start)) or 0.0}\n"
+        f"#define MODEL_LINE_STATES_OF(states) {listed('(states)', len(start))}\n"
         f"#define MODEL_LINE_SAGS {int(line is not None and line.sags)}\n"
         f"/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
         f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"

@@ -52,17 +52,19 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
 def _of_line(supply: Supply) -> tuple[Traced, ...]:
     """Return the functions of the line that several fins share."""
     line, names = supply.line, [v.name for v in supply.line.parameters]
+    states = [f"line_{name}" for name in line.start]
 
     def following(ops: Ops, p: Any, *arguments: Value) -> tuple[Value, ...]:
         count = len(names)
         of_line = namespace(dict(zip(names, arguments[:count], strict=True)))
-        return (line.following(ops, of_line, *arguments[count:]),)
+        source, *state, current, inverse_inductance = arguments[count:]
+        return line.following(ops, of_line, source, state, current, inverse_inductance)
 
     return (
-        ("line_level", ("source", "state"), lambda ops, p, source, state: (line.level(ops, source, state),)),
+        ("line_level", ("source", *states), lambda ops, p, source, *state: (line.level(ops, source, *state),)),
         ("line_drawn", ("power", "level"), lambda ops, p, power, level: (drawn(ops, power, level),)),
         ("line_following",
-         (*map(positional.identifier, names), "source", "state", "drawn", "inverse_inductance"), following),
+         (*map(positional.identifier, names), "source", *states, "drawn", "inverse_inductance"), following),
         ("inverse_inductance", ("interval",),
          lambda ops, p, interval: (supply.within(ops, p, interval),)))
 
@@ -223,9 +225,9 @@ def power_place(actuator: Actuator) -> int | None:
     return None if actuator.supply is None else [v.name for v in actuator.outputs].index(actuator.supply.power.name)
 
 
-def line_start(actuator: Actuator) -> float:
-    """Return the initial state of the line of several fins; 0 for fins without a supply."""
-    return 0.0 if actuator.supply is None else actuator.supply.line.start
+def line_start(actuator: Actuator) -> tuple[float, ...]:
+    """Return the initial states of the line of several fins; none for fins without a supply."""
+    return () if actuator.supply is None else tuple(actuator.supply.line.start.values())
 
 
 def sizes(actuator: Actuator) -> Sizes:

@@ -24,10 +24,10 @@ typedef struct {
     double slack, latest;
 } multi_fin;
 
-/* Everything that changes while running: the fins, the line's state and the number of its next instant. */
+/* Everything that changes while running: the fins, the line's states and the number of its next instant. */
 typedef struct {
     core_state core[FINS];
-    double line;
+    double line[MODEL_LINE_STATES];
     int64_t instant;
 } multi_fin_state;
 
@@ -47,7 +47,7 @@ static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 
 static void multi_fin_start(const multi_fin *m, multi_fin_state *s)
 {
-    *s = (multi_fin_state){.line = MODEL_LINE_START, .instant = 1};
+    *s = (multi_fin_state){.line = {MODEL_LINE_START}, .instant = 1};
     for (size_t fin = 0; fin < FINS; ++fin) core_start(m->p[fin], m->c[fin], &s->core[fin]);
 }
 
@@ -76,28 +76,28 @@ static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, c
 #endif
 }
 
-/* The level at the fins with this source and state of the line. */
-static double line_level(const multi_fin *m, double source, double state)
+/* The level at the fins with this source and these states of the line. */
+static double line_level(const multi_fin *m, double source, const double *states)
 {
     double level = source;
 #if MULTI_FIN_LINE
-    kernel_line_level(m->p[0], m->c[0], source, state, &level);
+    kernel_line_level(m->p[0], m->c[0], source MODEL_LINE_STATES_OF(states), &level);
 #else
-    (void)m, (void)state;
+    (void)m, (void)states;
 #endif
     return level;
 }
 
 /* The outputs of the line, from those of the fins behind them. */
-static void line_shared(const multi_fin *m, double source, double state, double *out)
+static void line_shared(const multi_fin *m, double source, const double *states, double *out)
 {
 #if MULTI_FIN_LINE
-    out[0] = line_level(m, source, state);
+    out[0] = line_level(m, source, states);
     out[2] = 0.0;
     for (size_t fin = 0; fin < FINS; ++fin) out[2] += out[LINE_OUTPUTS + fin * MODEL_OUTPUTS + MODEL_SUPPLY_POWER];
     kernel_line_drawn(m->p[0], m->c[0], out[2], out[0], &out[1]);
 #else
-    (void)m, (void)source, (void)state, (void)out;
+    (void)m, (void)source, (void)states, (void)out;
 #endif
 }
 
@@ -139,17 +139,17 @@ static double source_at(const core_inputs *in, const core_ramp *ramp, double tim
 static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from, double until, const core_inputs *in,
                             const core_ramp *ramp, double *out)
 {
-    const double state = s->line, sag = MODEL_LINE_SAGS ? state : 0.0;
+    const double *states = s->line, sag = MODEL_LINE_SAGS ? states[0] : 0.0;
     for (size_t fin = 0; fin < FINS; ++fin) {
         core_inputs acting = in[fin];
         core_ramp rising;
-        acting.supply = line_level(m, acting.supply, state);
+        acting.supply = line_level(m, acting.supply, states);
         if (ramp) {
             const double first = source_at(&in[fin], &ramp[fin], from), last = source_at(&in[fin], &ramp[fin], until);
             rising = ramp[fin];
             acting.supply = in[fin].supply - sag;
-            if (line_level(m, first, state) != first - sag || line_level(m, last, state) != last - sag) {
-                acting.supply = line_level(m, 0.5 * (first + last), state);
+            if (line_level(m, first, states) != first - sag || line_level(m, last, states) != last - sag) {
+                acting.supply = line_level(m, 0.5 * (first + last), states);
                 rising.supply = 0.0;
             }
         }
@@ -161,17 +161,17 @@ static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from,
 }
 
 #if MULTI_FIN_LINE
-/* The line's state after an instant at which the fins consume `drawn`. */
-static double line_following(const multi_fin *m, double source, double state, double drawn)
+/* Write the line's states after an instant at which the fins consume `drawn` to `next`. */
+static void line_following(const multi_fin *m, double source, const double *states, double drawn, double *next)
 {
-    double inductances = 0.0, next;
+    double inductances = 0.0;
     for (size_t fin = 0; fin < FINS; ++fin) {
         double inverse;
         kernel_inverse_inductance(m->p[fin], m->c[fin], multi_fin_interval(m), &inverse);
         inductances += inverse;
     }
-    kernel_line_following(m->p[0], m->c[0] MODEL_LINE_OF(m->line), source, state, drawn, inductances, &next);
-    return next;
+    kernel_line_following(m->p[0], m->c[0] MODEL_LINE_OF(m->line), source MODEL_LINE_STATES_OF(states), drawn,
+                          inductances, next);
 }
 #endif
 
@@ -192,8 +192,10 @@ static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, dou
         if (reached != CORE_DONE) return reached;
         const double source = source_at(in, ramp, until);
         line_shared(m, source, s.line, outputs);
-        s.line = line_following(m, source, s.line, outputs[1]);
-        if (!core_finite(s.line)) return CORE_NOT_FINITE;
+        double following[MODEL_LINE_STATES];
+        line_following(m, source, s.line, outputs[1], following);
+        if (!core_all_finite(following, MODEL_LINE_STATES)) return CORE_NOT_FINITE;
+        memcpy(s.line, following, sizeof following);
         from = until;
     }
 #endif

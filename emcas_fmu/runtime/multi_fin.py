@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, finite, inputs_of
+from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, alike, finite, inputs_of
 
 _CORE = 7  # functions that a core needs; mixing and the functions of the line follow
 
@@ -21,14 +21,14 @@ class MultiFin:
     `functions` are the kernel's, bound to each fin's parameters. The inputs are a tuple for each fin, with the source's
     supply. The outputs are those of the line (level at the fins, what the fins consume, power [W]), then those of the
     fins one by one. `line` are the line's parameters: the first is 0 if the line is stiff, the last is its update time
-    [s]. `start` is the line's initial state. `power` is the index of the supply power among a fin's outputs, None for
+    [s]. `start` are the line's initial states. `power` is the index of the supply power among a fin's outputs, None for
     fins without a supply, which have no line. `sizes` are those of a core.
     """
 
     __slots__ = ("_functions", "_instant", "_line", "_motion", "_of_line", "_power", "_supply", "cores")
 
-    def __init__(self, functions: Sequence[Functions], line: Sequence[float], start: float, power: int | None,
-                 sizes: Sizes) -> None:
+    def __init__(self, functions: Sequence[Functions], line: Sequence[float], start: tuple[float, ...],
+                 power: int | None, sizes: Sizes) -> None:
         self.cores = [Core(f[:_CORE], sizes) for f in functions]
         self._functions = list(functions)
         self._line, self._power = tuple(line), power
@@ -73,7 +73,7 @@ class MultiFin:
         if problem := next(filter(None, (core.unsound(one, now, inputs)
                                          for core, one in zip(self.cores, states, strict=True))), ""):
             return problem
-        if not finite(of_line):
+        if not alike(of_line, self._of_line):
             return "state of the supply's line"
         placed = type(instant) is int and instant >= 1 and finite(instant)
         if placed and self._line and self._line[0] > 0.0:
@@ -120,7 +120,7 @@ class MultiFin:
         while not stiff and (following := self._instant * interval) <= last:
             _, drawn, _ = self._shared(source, self._run_fins(min(following, end), inputs))
             state = self._following(source, drawn)
-            if state - state != 0.0:
+            if any(value - value != 0.0 for value in state):
                 raise ArithmeticError("the state is no longer finite")
             self._of_line = state
             self._instant += 1
@@ -136,7 +136,7 @@ class MultiFin:
         return (*inputs[:self._supply], self._level(inputs[self._supply]), *inputs[self._supply + 1:])
 
     def _level(self, source: float) -> float:
-        (level,) = self._functions[0][_CORE + 1](source, self._of_line)
+        (level,) = self._functions[0][_CORE + 1](source, *self._of_line)
         return level  # type: ignore[no-any-return]
 
     def _shared(self, source: float, each: Outputs) -> tuple[float, float, float]:
@@ -148,13 +148,12 @@ class MultiFin:
         (drawn,) = self._functions[0][_CORE + 2](power, level)
         return level, drawn, power
 
-    def _following(self, source: float, drawn: float) -> float:
+    def _following(self, source: float, drawn: float) -> tuple[float, ...]:
         inductances = 0.0
         for f in self._functions:
             (inverse,) = f[-1](self._line[-1])
             inductances += inverse
-        (state,) = self._functions[0][_CORE + 3](*self._line, source, self._of_line, drawn, inductances)
-        return state  # type: ignore[no-any-return]
+        return self._functions[0][_CORE + 3](*self._line, source, *self._of_line, drawn, inductances)
 
     def _put_out(self, source: float, each: Outputs) -> tuple[Any, ...]:
         fins = tuple(x for outputs in each for x in outputs)

@@ -43,7 +43,7 @@ class Slave(ReportingSlave):
     fin_inputs: ClassVar[tuple[tuple[int, ...], ...]]  # value references of each fin's inputs
     mixing: ClassVar[tuple[int, ...]]  # and of the mixing inputs of several fins
     of_fin: ClassVar[str]  # prefix of a fin's messages; empty for a single fin
-    line_start: ClassVar[float]  # initial state of the supply's line
+    line_start: ClassVar[tuple[float, ...]]  # initial states of the supply's line
     # Derived from the rows once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
     _output_slice: ClassVar[slice]

@@ -1,0 +1,249 @@
+"""A battery with charge and a common DC link on the bus: closed forms, energy, and SciPy's integration of four fins."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from emcas_fmu.actuators import get
+from emcas_fmu.actuators.line import BUS
+from emcas_fmu.fmi.interface import FmuInterface, fin_sets
+from emcas_fmu.namespace import namespace
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.physics import bus
+from emcas_fmu.simulation import simulate, simulate_fins
+from tests.fmu.built import both, slave_class
+from tests.fmu.host import OK, Fmu, Instance
+
+MODEL = str(Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py")
+VALUES = load_parameters(model=MODEL).values
+RESISTANCE, LINK, CHARGE = "bus.source_resistance", "bus.capacitance", "bus.charge"
+BATTERY = {RESISTANCE: 0.1, CHARGE: 30.0, "bus.charge_used": 24.0}
+WITH_LINK = {**BATTERY, LINK: 2e-3, "bus.chopper_voltage": 42.0, "bus.chopper_resistance": 0.5}
+TIME = np.arange(91) * 1e-3
+COMMANDS = np.array([[0.3], [0.3], [-0.2], [0.25]]) * np.sign(np.sin(2.0 * np.pi * 8.0 * TIME + 0.1))
+
+
+def line(**changes: float) -> Any:
+    """Return the bus's parameters."""
+    return namespace({**BUS.values, **{f"bus.{name}": value for name, value in changes.items()}}).bus
+
+
+def fins(values: Mapping[str, Any], commands: Any, parameters: Mapping[str, float]) -> Any:
+    given: dict[str, Any] = {f"fin[{k}].fin_command": commands[k - 1] for k in range(1, 5)}
+    return simulate_fins([values] * 4, (commands.shape[1] - 1) * 1e-3, 1e-3, MODEL, parameters, **given)
+
+
+def angles(run: Any) -> Any:
+    return np.array([run[f"fin[{k}].fin_angle"] for k in range(1, 5)])
+
+
+# -- the bus alone --------------------------------------------------------------
+
+def test_without_charge_and_link_it_is_the_bus_with_a_resistance() -> None:
+    """To the bit, whatever the other parameters; without a resistance it is stiff, whatever charge and link."""
+    plain = fins(VALUES, COMMANDS[:, :61], {RESISTANCE: 0.1})
+    others = fins(VALUES, COMMANDS[:, :61], {RESISTANCE: 0.1, "bus.polarisation": 7.0, "bus.charge_used": 5.0,
+                                             "bus.chopper_voltage": 20.0, "bus.chopper_resistance": 0.1})
+    assert all(np.array_equal(plain[name], others[name]) for name in plain)
+    stiff = fins(VALUES, COMMANDS[:, :61], {**WITH_LINK, RESISTANCE: 0.0})
+    for k in range(1, 5):
+        alone = simulate(VALUES, 0.06, kernel="python", model=MODEL, fin_command=COMMANDS[k - 1, :61])
+        assert all(np.array_equal(stiff[f"fin[{k}].{v.name}"], alone[v.name]) for v in get(MODEL).outputs)
+
+
+def test_the_open_circuit_voltage_is_shepherds() -> None:
+    """The polarisation where half is drawn, nine times as much at 0.9; bounded where it is empty."""
+    p = line(charge=100.0, charge_used=20.0, polarisation=0.4)
+    assert [bus.fall(FLOATS, p, drawn) for drawn in (-20.0, 30.0, 70.0)] == pytest.approx([0.0, 0.4, 3.6], rel=1e-12)
+    assert bus.fall(FLOATS, p, 80.0) == bus.fall(FLOATS, p, 1e9) == pytest.approx(0.4 / bus.EMPTY, rel=1e-5)
+    assert bus.fall(FLOATS, line(polarisation=5.0, charge_used=3.0), 1e9) == 0.0  # unlimited
+
+
+@pytest.mark.parametrize("update", [1e-5, 1e-3, 1e-2])
+def test_a_link_charges_by_the_exponential(update: float) -> None:
+    """Under a constant current, for any update time: V = V_b - R I (1 - exp(-t/RC)), charge that of its (V_b - V)/R."""
+    p, states = line(source_resistance=0.1, capacitance=5e-3, update_time=update), (0.0, bus.NO_LINK, 0.0)
+    count = round(0.02 / update)
+    for _ in range(count):
+        states = bus.following(FLOATS, p, 39.0, states, 40.0, 0.0)
+    decay = np.exp(-0.02 / 5e-4)
+    assert states[1] == pytest.approx(39.0 - 4.0 * (1.0 - decay), rel=1e-12)
+    # A difference of charges 1e-4 of their sum: rounding of some 1e-16 of 39 V 5e-3 F in each of 2000 updates.
+    assert states[2] == pytest.approx(40.0 * 0.02 - 5e-3 * 4.0 * (1.0 - decay), rel=1e-10)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(1e-3, 1.0), st.floats(1e-4, 1e-1), st.floats(0.0, 99.0), st.floats(1.0, 80.0),
+       st.floats(-300.0, 300.0), st.floats(20.0, 60.0), st.floats(0.01, 10.0))
+def test_no_update_of_the_link_creates_energy(resistance: float, capacitance: float, used: float, link: float,
+                                              current: float, chopper: float, chopper_resistance: float) -> None:
+    """The battery's energy is at least what the drives draw and the link stores, over an update of 1 ms."""
+    fine = line(source_resistance=resistance, capacitance=capacitance, charge=100.0, charge_used=used,
+                chopper_voltage=chopper, chopper_resistance=chopper_resistance, update_time=1e-3 / 64)
+    voltages, states = [link], (0.0, link, 0.0)
+    open_circuit = max(39.0 - bus.fall(FLOATS, fine, 0.0), 0.0)
+    for _ in range(64):
+        states = bus.following(FLOATS, fine, 39.0, states, current, 0.0)
+        voltages.append(states[1])
+    assert states[2] >= 0.0  # the diode
+    drawn = current * float(np.trapezoid(voltages, dx=1e-3 / 64))
+    stored = 0.5 * capacitance * (voltages[-1] ** 2 - link**2)
+    # The trapezoids of the drives' energy and of the chopper's charge: a share of the fastest update's change.
+    steps = np.abs(np.diff(voltages))
+    missed = (abs(current) + open_circuit / chopper_resistance) * float(steps.sum()) * 1e-3 / 64
+    assert open_circuit * states[2] - drawn - stored > -missed - 1e-9
+
+
+# -- four fins -------------------------------------------------------------------
+
+def integrated(parameters: Mapping[str, float], commands: Any, linked: bool) -> tuple[Any, Any, Any]:
+    """Return angles [rad], voltage [V] and charge [A.s] at the samples: fins and bus in one system, written anew.
+
+    Without a link V is the root of V^2 - V_b V + R P = 0, where P follows from V at drives within their limit.
+    """
+    def p(name: str) -> float:
+        return float(VALUES[name])
+
+    inertia = p("inertia.fin") + p("inertia.shaft") + p("inertia.fork") + p("motor.inertia")
+    resistance, full = parameters[RESISTANCE], parameters[CHARGE]
+
+    def drives(y: Any, reference: Any, level: float) -> Any:
+        return np.clip(reference, -level, level) * y[8:12]
+
+    def battery(charge: float) -> float:
+        used = min((charge + parameters["bus.charge_used"]) / full, 1.0 - 1e-9)
+        return 39.0 - 0.5 * used / (1.0 - used)
+
+    def level_of(y: Any, reference: Any) -> float:
+        if linked:
+            return float(y[12])
+        # The fixed point of V = V_b - R P(V)/V, a falling function of V but for regeneration, by bisection.
+        low, high = 1e-3, 200.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            if battery(y[13]) - resistance * drives(y, reference, middle).sum() / middle > middle:
+                low = middle
+            else:
+                high = middle
+        return 0.5 * (low + high)
+
+    def slope(_: float, y: Any, reference: Any) -> Any:
+        level = level_of(y, reference)
+        voltage = np.clip(reference, -level, level)
+        rates = y[4:8]
+        torque = (p("motor.torque_constant") * y[8:12] - p("spring.stiffness") * y[:4] - p("hinge.damping") * rates)
+        rise = voltage - p("motor.resistance") * y[8:12] - p("motor.back_emf_constant") * rates
+        drawn = (voltage * y[8:12]).sum() / level
+        source = drawn
+        change = 0.0
+        if linked:
+            source = max(battery(y[13]) - level, 0.0) / resistance
+            brake = max(level - parameters["bus.chopper_voltage"], 0.0) / parameters["bus.chopper_resistance"]
+            change = (source - drawn - brake) / parameters[LINK]
+        return np.r_[rates, torque / inertia, rise / p("motor.inductance"), change, source]
+
+    y, integral, reference, rows = np.r_[np.zeros(12), 39.0, 0.0], np.zeros(4), np.zeros(4), []
+    for k in range(commands.shape[1] - 1):
+        rows.append([*y[:4], level_of(y, reference), y[13]])
+        level = rows[-1][4] if k else 39.0
+        error = commands[:, k] - y[:4]
+        demand = p("controller.kp") * (p("controller.setpoint_weight") * commands[:, k] - y[:4]) + integral
+        reference = np.clip(demand, -level, level)
+        integral = integral + np.where(np.abs(demand) > level, 0.0,
+                                       p("controller.sample_time") * p("controller.ki") * error)
+        y = solve_ivp(slope, (0.0, 1e-3), y, args=(reference,), rtol=1e-8, atol=1e-8).y[:, -1]
+    rows.append([*y[:4], level_of(y, reference), y[13]])
+    table = np.array(rows)
+    return table[:, :4].T, table[:, 4], table[:, 5]
+
+
+@pytest.mark.parametrize("parameters", [BATTERY, WITH_LINK], ids=["battery", "link"])
+def test_four_fins_converge_to_an_independent_integration(parameters: Mapping[str, float]) -> None:
+    """Of first order in the update time, through sag, regeneration, diode and chopper, and a battery that empties."""
+    exact = integrated(parameters, COMMANDS, LINK in parameters)
+    errors = []
+    for update in (2e-4, 1e-4, 5e-5):
+        run = fins({**VALUES, "solver.max_tick": 2e-5}, COMMANDS, {**parameters, "bus.update_time": update})
+        errors.append((np.abs(angles(run) - exact[0]).max(), np.abs(run["bus_voltage"] - exact[1])[1:].max()))
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert np.abs(orders - 1.0).max() < 0.25, errors  # one; smaller terms of second order are a quarter at 0.2 ms
+    assert np.degrees(errors[1][0]) < 0.02  # of 17 deg, at the default update time: 0.011 and 0.019 deg
+    assert exact[1].min() < 25.0
+    assert bool(exact[1].max() > 45.0) is (LINK in parameters)  # the chopper conducts
+    assert exact[2][-1] > 0.9  # of the 6 that are left: 2.5 V of polarisation
+
+
+def test_the_failures_of_a_battery() -> None:
+    """Nearly empty, it browns out; behind a diode, braking fins overcharge a link, which a chopper limits."""
+    full, empty = ({RESISTANCE: 0.1, CHARGE: 100.0, "bus.charge_used": used} for used in (0.0, 99.0))
+    moved = {used: fins(VALUES, np.full((4, 81), 0.3), parameters) for used, parameters in (("full", full),
+                                                                                            ("empty", empty))}
+    assert moved["full"]["fin[1].fin_angle"][-1] == pytest.approx(0.3, abs=0.01)
+    assert moved["empty"]["fin[1].fin_angle"][-1] < 0.2
+    assert moved["empty"]["bus_voltage"][-1] < 0.1 * moved["full"]["bus_voltage"][-1]
+    highest = [fins(VALUES, COMMANDS, {RESISTANCE: 0.1, LINK: 1e-3, **chopper})["bus_voltage"].max()
+               for chopper in ({}, {"bus.chopper_voltage": 42.0, "bus.chopper_resistance": 0.2})]
+    assert highest[0] > 100.0
+    assert 42.0 < highest[1] < 50.0
+
+
+# -- the FMUs -------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+    return both(load_parameters(model=MODEL), tmp_path_factory.mktemp("battery"), fins=4)
+
+
+@pytest.mark.fmu
+@pytest.mark.slow
+def test_both_back_ends_are_one_model(built: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory) -> None:
+    """In lockstep under changing inputs, with the states restored on the way: the same bits; fresh ones start anew."""
+    four = FmuInterface(4, MODEL)
+    sets = [each.values for each in fin_sets(load_parameters(model=MODEL), 4, "cross", {})]
+    folder = tmp_path_factory.mktemp("unpacked")
+    shutil.unpack_archive(built["native"], folder, "zip")
+    python, unit = slave_class(four, sets)(instance_name="fins"), Instance(Fmu(str(folder)))
+    rng, time = np.random.default_rng(11), 0.0
+    python.setup_experiment(0.0)
+    python.enter_initialization_mode()
+    assert [unit.setup(), unit.enter()] == [OK, OK]
+
+    def put(name: str, value: float) -> None:
+        python.set_real([four.reference[name]], [value])
+        assert unit.set(name, value) == OK
+
+    for name, value in WITH_LINK.items():
+        put(name, value)
+    python.exit_initialization_mode()
+    assert unit.call("ExitInitializationMode") == OK
+    real = [v.name for v in four.outputs if v.kind == "Real"]
+    levels = []
+    for _ in range(8):
+        put(f"fin[{rng.integers(1, 5)}].fin_command", rng.uniform(-0.4, 0.4))
+        put("supply_voltage", rng.uniform(20.0, 42.0))
+        kept, here = (python._get_fmu_state(), unit.serialize(unit.save())), time
+        for size in (1e-3, 3.7e-4):
+            python._set_fmu_state(kept[0])
+            assert unit.restore(kept[1]) == OK
+            time = here
+            for _ in range(8):
+                assert python.do_step(time, size)
+                assert unit.step(time, size) == OK
+                time += size
+            assert python.get_real([four.reference[name] for name in real]) == [unit.get(name) for name in real]
+            levels.append(unit.get("bus_voltage"))
+    assert min(levels) < 30.0
+    spoiled = bytearray(unit.serialize(unit.save()))
+    spoiled[-9] ^= 64
+    assert unit.restore(bytes(spoiled)) != OK
+    unit.free()
