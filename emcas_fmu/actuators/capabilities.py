@@ -35,6 +35,9 @@ VOLTAGE_LIMIT = _capability("a supply that limits the motor voltage", "supply_vo
 RETURNS_POWER = _capability("a motor that returns power to its supply", "motor_current", "motor_voltage")
 COULOMB_FRICTION = _capability("Coulomb friction at the motor", "friction.coulomb.positive[0]",
                                "friction.coulomb.negative[0]")
+DRY_FRICTION = _capability("dry friction at motor and hinge", "friction.coulomb.positive[0]",
+                           "friction.table.coulomb[0]", "friction.fin_coulomb", "motor_speed",
+                           states=("motor_angle", "motor_speed"))
 RIGID_DRIVE_LINE = _capability("a rigid drive line", "motor_angle", "motor_speed", states=("motor_angle",))
 BACKLASH = _capability("backlash", "drive_line.backlash")
 SCREW_LOAD = _capability("a screw without losses", "screw.lead", "motor_speed", "motor_torque", shared=_MECHANICS)

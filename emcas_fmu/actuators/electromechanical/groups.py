@@ -72,7 +72,8 @@ COULOMB = Group((
       for way in ("positive", "negative") for power in range(7)),
     *array("friction.table.coulomb", TABLE_POINTS, "1", 0.0, 100.0,
            "Coulomb friction there over that at 24 degC")),
-    rules=rules.FRICTION_RULES, provides=(capabilities.COULOMB_FRICTION,), deviations=(as_built.COULOMB,))
+    rules=rules.FRICTION_RULES, provides=(capabilities.COULOMB_FRICTION, capabilities.DRY_FRICTION),
+    deviations=(as_built.COULOMB,))
 
 # -- motor and drive ---------------------------------------------------------------
 

@@ -1,0 +1,60 @@
+"""Dry friction that grows with the load of the fin's bearings, and varies over a revolution of the motor.
+
+    C_f -> C_f + s |T_a|          C_m -> C_m (1 + a cos(theta - theta_0))
+
+C_f is the Coulomb friction about the hinge and C_m that at the motor (:mod:`emcas_fmu.physics.mechanics`), T_a the
+aerodynamic hinge moment, theta the motor's angle. A bearing of the bore d under a radial force F has the friction
+mu F d/2 (JTEKT, "Frictional coefficient", table 8-1); a fin's lift at the distance e from the hinge loads its
+two bearings with k = 1 + 2 b/c times the lift, b outside and c between them: s = mu k d/(2 e). Lift is not an
+input: it is taken as |T_a|/e. The variation is that of a screw or gear that runs out, once a revolution.
+
+Friction of a step is that at the angle predicted for mid-step: of second order in the tick. At rest it is exact. Nothing
+else changes: friction with a > -1, a < 1 and s >= 0 is never below 0, and no step creates energy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi
+from typing import Any
+
+from ..actuators import capabilities
+from ..actuators.declaration import Actuator, PlantInputs, Values
+from ..namespace import Record, with_values
+from ..ops.base import Ops, Value
+from ..variables import in_group, parameter
+from .declaration import Extension
+
+PARAMETERS = in_group(
+    "uneven",
+    parameter("load_share", "1", 0.0, 1.0, "friction about the hinge over the aerodynamic hinge moment, s",
+              sheet="bearings: friction coefficient, bore and spacing, and the distance of the lift from the hinge"),
+    parameter("ripple", "1", 0.0, 0.9, "variation of Coulomb friction at the motor over a revolution, a",
+              sheet="screw: fluctuation of its torque"),
+    parameter("phase", "rad", -pi, pi, "motor angle at which that friction is largest"),
+)
+
+
+def varied(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Any:
+    """Return the parameters with the friction in the middle of a step of `h` [s]."""
+    angle = x.motor_angle + 0.5 * h * x.motor_speed
+    factor = 1.0 + p.uneven.ripple * ops.cos(angle - p.uneven.phase)
+    return with_values(p, {
+        "friction.fin_coulomb": p.friction.fin_coulomb + p.uneven.load_share * ops.fabs(u.aero_torque),
+        "friction.table.coulomb": tuple(factor * ratio for ratio in p.friction.table.coulomb)})
+
+
+def extend(actuator: Actuator) -> Actuator:
+    """Return the actuator with this friction."""
+    def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
+        return actuator.step(ops, varied(ops, p, x, u, h), x, u, h)
+
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
+        return actuator.output_values(ops, varied(ops, p, x, u, 0.0), x, u)
+
+    return replace(actuator, step=step, output_values=output_values)
+
+
+EXTENSION = Extension(
+    "uneven", "friction that grows with the fin's load and varies over a revolution of the motor", extend,
+    needs=(capabilities.DRY_FRICTION,), parameters=lambda actuator: PARAMETERS)
