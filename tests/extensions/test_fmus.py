@@ -22,7 +22,7 @@ from emcas_fmu.parameters import load_parameters
 from ..fmu.built import both
 
 ROOT = Path(__file__).resolve().parents[2]
-MODELS = ["nonlinear+lugre+heat+homing+trajectory+supply+faults",
+MODELS = ["nonlinear+lugre+uneven+heat+homing+trajectory+supply+faults",
           "elastic+stribeck+efficiency+sensors+heat+homing+faults"]
 
 
