@@ -8,8 +8,8 @@ mu F d/2 (JTEKT, "Frictional coefficient", table 8-1); a fin's lift at the dista
 two bearings with k = 1 + 2 b/c times the lift, b outside and c between them: s = mu k d/(2 e). Lift is not an
 input: it is taken as |T_a|/e. The variation is that of a screw or gear that runs out, once a revolution.
 
-Friction of a step is that at the angle predicted for mid-step: of second order in the tick. At rest it is exact. Nothing
-else changes: friction with a > -1, a < 1 and s >= 0 is never below 0, and no step creates energy.
+Friction of a step is that at the angle predicted for mid-step: of second order in the tick. At rest it is exact. It is
+never below 0, since a is below 1 and s not below 0: no step creates energy.
 """
 
 from __future__ import annotations
