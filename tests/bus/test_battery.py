@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +196,14 @@ def test_the_failures_of_a_battery() -> None:
                for chopper in ({}, {"bus.chopper_voltage": 42.0, "bus.chopper_resistance": 0.2})]
     assert highest[0] > 100.0
     assert 42.0 < highest[1] < 50.0
+
+
+def test_a_small_link_does_not_ring() -> None:
+    """Far below h^2 sum 1/L, 8 mF at 1 ms: fins and voltage are near those at 0.1 ms, not 3 deg and 130 V off."""
+    parameters = {RESISTANCE: 0.1, LINK: 1e-5, "bus.chopper_voltage": 42.0}
+    coarse, fine = (fins(VALUES, COMMANDS, {**parameters, "bus.update_time": update}) for update in (1e-3, 1e-4))
+    assert np.abs(angles(coarse) - angles(fine)).max() < radians(0.3)
+    assert max(run["bus_voltage"].max() for run in (coarse, fine)) < 60.0
 
 
 # -- the FMUs -------------------------------------------------------------------
