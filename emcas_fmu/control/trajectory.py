@@ -61,9 +61,9 @@ def move(ops: Ops, p: Any, angle: Value, rate: Value, before: Value, command: Va
     slope = 2.0 * t.damping / ops.maximum(t.natural_frequency, _LEAST)
     near = _BRAKING * most * slope * slope
     distance = ops.fabs(error)
-    size = ops.where(distance > near, ops.sqrt(2.0 * _BRAKING * most * ops.maximum(distance - 0.5 * near, 0.0)),
-                     distance / slope)
-    wanted = ops.clip(ops.where(error < 0.0, -size, size), -t.rate_limit, t.rate_limit)
+    braking = ops.sqrt(2.0 * _BRAKING * most * ops.maximum(distance - 0.5 * near, 0.0))
+    wanted = ops.where(distance > near, ops.where(error < 0.0, -braking, braking), error / slope)
+    wanted = ops.clip(wanted, -t.rate_limit, t.rate_limit)
     acceleration = ops.clip(2.0 * t.damping * t.natural_frequency * (wanted - rate), -most, most)
     acceleration = ops.clip(acceleration, before - step, before + step)
     after = rate + period * acceleration

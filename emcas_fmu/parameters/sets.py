@@ -159,25 +159,32 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
                     model: str = NONLINEAR) -> ParameterSet:
     """Return the default set of an actuator, or `base`, overridden by `files`: one file, or several in their order.
 
-    A file may be the name of a shipped set (see `parameter_file`). The set must be sound after each file. The defaults
-    come from ``models/emcas.toml``, as far as the actuator has these parameters, then from the files of the actuator
-    and of its extensions. Two parameters may be equal in SI units, such as torque and back-EMF constant; if a file
-    sets only one of them, the other follows.
+    A file may be the name of a shipped set (see `parameter_file`), whose values for an actuator may be in
+    ``models/sets/NAME/ACTUATOR.toml``. The set must be sound after each file. The defaults come from
+    ``models/emcas.toml``, as far as the actuator has these parameters, then from the files of the actuator and of its
+    extensions. Two parameters may be equal in SI units, such as torque and back-EMF constant; if a file sets only one
+    of them, the other follows.
 
     Raises ParameterError with all problems of a file, FileNotFoundError if the default set is missing.
     """
     chosen = base if base is not None else _defaults(full_name(model))
     for name in [files] if isinstance(files, (str, Path)) else files or ():
-        path = parameter_file(name)
+        given = parameter_file(name)
+        path = shipped_file(f"sets/{given.stem}", chosen.model) if _is_shipped_set(given) else given
+        file = path.name if path == given else f"{given.stem}/{path.name}"
         document = _document(path)
         chosen = _extended(chosen, _names(document, EXTENDS, path), path)
         _require_made_for(_names(document, MADE_FOR, path), path, chosen.model)
-        chosen = _overridden(chosen, document, str(path), path.name)
+        chosen = _overridden(chosen, document, str(path), file)
         content = path.read_bytes()
         chosen = dataclass_replace(
-            chosen, files=(*chosen.files, (as_given(path), hashlib.sha256(content).hexdigest())),
-            records=(*chosen.records, *measured_records(path.name, content)))
+            chosen, files=(*chosen.files, (as_given(given), hashlib.sha256(content).hexdigest())),
+            records=(*chosen.records, *measured_records(file, content)))
     return chosen
+
+
+def _is_shipped_set(path: Path) -> bool:
+    return named_sets().get(path.stem) == path
 
 
 def _names(document: dict[str, Any], key: str, path: Path) -> tuple[str, ...]:
@@ -212,7 +219,10 @@ def _require_made_for(made_for: tuple[str, ...], path: Path, model: str) -> None
         return
     actuator, extensions = parts(model)
     if is_shipped(model) and not {actuator, *(f"+{each}" for each in extensions)} & set(made_for):
-        name = path.stem if named_sets().get(path.stem) == path else str(path)
+        name = str(path)
+        if _is_shipped_set(path):
+            name = path.stem
+            made_for = (*made_for, *(each.stem for each in sorted(path.with_suffix("").glob("*.toml"))))
         raise ParameterError(f"{name}: is made for {', '.join(made_for)} ({MADE_FOR}) and not for {model}, where its "
                              "values have no meaning or were measured or tuned for another actuator: leave it out, or "
                              "choose such a model")

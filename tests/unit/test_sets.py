@@ -70,14 +70,15 @@ def test_a_set_made_for_another_actuator_is_refused(name: str, model: str) -> No
 
 
 MADE_FOR = [(name, model if model[0] != "+" else f"nonlinear{model}") for name, path in SETS.items()
-            for model in tomllib.loads(path.read_text(encoding="utf-8"))["made_for"]]
+            for file in (path, *path.with_suffix("").glob("*.toml"))
+            for model in tomllib.loads(file.read_text(encoding="utf-8"))["made_for"]]
 
 
 @pytest.mark.parametrize(("name", "model"), [
     *MADE_FOR, ("robust", "elastic+faults"), ("heat-published-motor", "ristanovic+heat")])
 def test_a_set_is_taken_by_what_it_is_made_for(name: str, model: str) -> None:
     found = load_parameters(name, model=model)
-    assert any(e.file == f"{name}.toml" for e in found.entries)
+    assert any(e.file in (f"{name}.toml", f"{name}/{model}.toml") for e in found.entries)
     assert not found.unused
 
 

@@ -24,11 +24,12 @@ from ...bench.requirements import (
     variable_of,
 )
 from ...bench.subject import ParameterSubject
-from ...errors import EmcasError
+from ...errors import EmcasError, hint
 from ...parameters import ParameterSet, load_parameters, shipped_file
 from ...parameters.schema import In, Quantity, Table, document, each, read
 from ...support import extras
 
+_OVER, _WITHOUT = "over", "without"  # keys of a study that differs from another one
 _AT_BOUND = 0.01  # of the range searched, on its logarithmic scale
 
 
@@ -137,10 +138,37 @@ def shipped_cases(base: ParameterSet) -> list[Case]:
 
 def _read(kind: type[_Read], path: Path, base: ParameterSet) -> _Read:
     """Return a study's file; without cases of its own it has those of the actuator's without extensions."""
-    contents = document(path, StudyError)[1]
+    contents = _over_another(document(path, StudyError)[1], path)
     if "cases" not in contents and is_shipped(base.model):
         contents["cases"] = document(shipped_file("tuning", parts(base.model)[0]), StudyError)[1]["cases"]
     return read(kind, contents, path, StudyError, base)
+
+
+def _over_another(contents: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return a study with what it takes over from the study that it is `over`, a file in the same folder.
+
+    Its tunables and cases replace the other's as a whole, its requirements those of the same name; those named by
+    `without` are left out. Raises StudyError.
+    """
+    other, without = contents.pop(_OVER, None), contents.pop(_WITHOUT, [])
+    if other is None and not without:
+        return contents
+    if not isinstance(other, str) or not isinstance(without, list):
+        raise StudyError(f'{path}: {_OVER} = {other!r} with {_WITHOUT} = {without!r}: expected the file of a study, '
+                         'such as "nonlinear+trajectory.toml", and a list of names of its requirements')
+    file = path.with_name(other)
+    below = document(file, StudyError)[1]
+    named = {**_by_name(below, file), **_by_name(contents, path)}
+    if unknown := [each for each in without if each not in named]:
+        raise StudyError(f"{path}: {_WITHOUT}: {other} has no requirement {unknown[0]}{hint(str(unknown[0]), named)}")
+    return {**below, **contents, "requirements": [each for name, each in named.items() if name not in without]}
+
+
+def _by_name(contents: dict[str, Any], path: Path) -> dict[str, Any]:
+    entries = contents.get("requirements", [])
+    if not isinstance(entries, list) or not all(isinstance(each, dict) and "name" in each for each in entries):
+        raise StudyError(f"{path}: requirements: expected tables [[requirements]], each with a name")
+    return {str(each["name"]): each for each in entries}
 
 
 def has_shipped_study(base: ParameterSet) -> bool:

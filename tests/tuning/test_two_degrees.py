@@ -1,0 +1,127 @@
+"""The set `two-degrees-of-freedom` of every actuator with a feed-forward, judged by its study; studies over others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu.actuators import NAMES, NONLINEAR, get
+from emcas_fmu.actuators.capabilities import POSITION_LOOP
+from emcas_fmu.bench.measure import Test, measure
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.studies.tuning.evaluate import evaluate
+from emcas_fmu.studies.tuning.study import Study, StudyError, load_study, shipped_study
+from emcas_fmu.support.files import models_directory, named_sets
+from tests.marks import others_slow, slow
+
+SET = "two-degrees-of-freedom"
+FOLLOWING = [name for name in NAMES if POSITION_LOOP in get(name).provides]
+FED_FORWARD = [name for name in FOLLOWING if get(name).feed_forward is not None]
+STUDIES = models_directory() / "tuning"
+
+
+def _missed(study: Study) -> list[str]:
+    """The requirements that the study's set misses, with case and figure."""
+    (evaluation,) = evaluate(study, [{}])
+    return [f"{j.requirement} in {j.case}: {j.measured:.4g}" for j in evaluation.judgements if not j.met]
+
+
+@pytest.mark.parametrize("kind", others_slow(FED_FORWARD, lambda name: name in (NONLINEAR, "electrohydraulic")))
+def test_the_nominal_actuator_meets_its_study(kind: str) -> None:
+    study = shipped_study(load_parameters(SET, model=kind))
+    assert not _missed(replace(study, cases=study.cases[:1], requirements=tuple(
+        r for r in study.requirements if r.cases is None or "nominal" in r.cases)))
+
+
+@pytest.mark.parametrize("kind", slow(*FED_FORWARD))
+def test_every_case_meets_its_study(kind: str) -> None:
+    study = shipped_study(load_parameters(SET, model=kind))
+    assert len(study.cases) >= 5
+    assert not _missed(study)
+
+
+@pytest.mark.parametrize("kind", FED_FORWARD)
+def test_a_set_is_within_its_study_and_that_asks_for_margins(kind: str) -> None:
+    """A search that goes on from the set begins within its bounds; 45 deg and 8 dB are those of a robust loop."""
+    parameters = load_parameters(SET, model=kind)
+    study = shipped_study(parameters)
+    assert all(t.lower <= float(parameters.values[t.name]) <= t.upper for t in study.tunables)
+    limits = {r.name: r.limit for r in study.requirements}
+    assert limits["phase_margin"] >= 0.785
+    assert limits["gain_margin"] >= 8.0
+
+
+@pytest.mark.parametrize("kind", FOLLOWING)
+def test_a_kind_has_the_set_or_is_told_which_have(kind: str) -> None:
+    if kind in FED_FORWARD:
+        found = load_parameters(SET, model=kind)
+        assert found.model == f"{kind}+trajectory"
+        assert [name for name, _ in found.files] == [SET]
+        assert not found.unused
+        return
+    with pytest.raises(ParameterError, match=rf"^{SET}: is made for nonlinear, .*servo.* and not for {kind}"):
+        load_parameters(SET, model=kind)
+
+
+def test_no_file_of_a_kind_is_left_over() -> None:
+    folders = [path.with_suffix("") for path in named_sets().values()]
+    assert {file.stem for folder in folders for file in folder.glob("*.toml")} <= {*FED_FORWARD}
+    assert {path.name for path in (models_directory() / "sets").iterdir() if path.is_dir()} <= {*named_sets()}
+
+
+@pytest.mark.parametrize("kind", others_slow(FED_FORWARD, lambda name: name in (
+    NONLINEAR, "electrohydraulic", "servo")))
+def test_a_motion_changes_no_margin(kind: str) -> None:
+    """The generator is outside the loop that is opened at the reference; 1e-9: two linearisations of one loop."""
+    plain, moved = (measure(Test("linear"), ParameterSubject(load_parameters(model=f"{kind}+trajectory").with_values(
+        {"trajectory.natural_frequency": frequency})), [{}], ("gain_margin", "phase_margin"), ("minimum",) * 2)[0]
+        for frequency in (0.0, 60.0))
+    assert moved == pytest.approx(plain, rel=1e-9)
+
+
+BELOW = """
+[tunables]
+"controller.position.kp" = { lower = "40 1/s", upper = "54 1/s" }
+[cases.nominal]
+[[requirements]]
+name = "first"
+test = { kind = "step", amplitude = "1 deg", duration = "1 s" }
+figure = "overshoot"
+maximum = "3 %"
+source = "estimate"
+[[requirements]]
+name = "second"
+test = { kind = "step", amplitude = "5 deg", duration = "1 s" }
+figure = "overshoot"
+maximum = "3 %"
+source = "estimate"
+"""
+
+
+def _over(folder: Path, text: str) -> Study:
+    (folder / "below.toml").write_text(BELOW, encoding="utf-8")
+    (folder / "mine.toml").write_text(text, encoding="utf-8")
+    return load_study(folder / "mine.toml", load_parameters())
+
+
+def test_a_study_over_another_has_its_requirements_but_those_it_names(tmp_path: Path) -> None:
+    mine = 'over = "below.toml"\nwithout = ["second"]\n' + BELOW.split("[cases.nominal]")[1].split(
+        "[[requirements]]\nname = \"second\"")[0].replace("3 %", "4 %")
+    study = _over(tmp_path, mine)
+    assert [(r.name, r.limit) for r in study.requirements] == [("first", 0.04)]
+    assert [t.name for t in study.tunables] == ["controller.position.kp"]
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ('over = "below.toml"\nwithout = ["secnd"]', r"below\.toml has no requirement secnd.*did you mean second\?"),
+    ("over = 1", "over = 1 .*expected the file of a study"),
+    ('without = ["second"]', "over = None .*expected the file of a study"),
+    ('over = "below.toml"\nrequirements = [1]', "expected tables"),
+    ('over = "none.toml"', r"none\.toml: cannot be read"),
+])
+def test_a_study_over_another_that_cannot_be(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(StudyError, match=words):
+        _over(tmp_path, text)
