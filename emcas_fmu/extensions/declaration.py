@@ -24,7 +24,9 @@ class Extension:
     It `needs` capabilities of the actuator (:mod:`emcas_fmu.actuators.capabilities`); those that it `replaces` are not
     available to later extensions. `extend(actuator)` returns the actuator with further states and other equations, to
     which `parameters(actuator)`, `outputs`, `rules(actuator)` and `imperfections(actuator)` are appended. `references`
-    are the independent integrations of actuators that integrate the extension, too.
+    are the independent integrations of actuators that integrate the extension, too. While the parameter
+    `sized_for_default` is above zero, a warning names its defaults that are of the default actuator's size and not of
+    another's.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Extension:
     rules: Callable[[Actuator], tuple[Rule, ...]] = lambda actuator: ()
     imperfections: Callable[[Actuator], Mapping[str, Mapping[str, Any]]] = lambda actuator: {}
     references: tuple[str, ...] = ()
+    sized_for_default: str = ""
 
     def over(self, actuator: Actuator) -> Actuator:
         """Return the extended actuator."""

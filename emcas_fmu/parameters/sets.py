@@ -16,7 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators import NONLINEAR, default_files, extension_inputs, fin_port, full_name, get, is_shipped, parts
+from ..actuators import (
+    NONLINEAR,
+    default_files,
+    extension_inputs,
+    fin_port,
+    full_name,
+    get,
+    get_extension,
+    is_shipped,
+    parts,
+)
 from ..actuators.declaration import Actuator
 from ..actuators.external import refusal
 from ..errors import EmcasError, declared_in, hint
@@ -108,9 +118,19 @@ class ParameterSet:
         warnings = [_apart(entries[name], entries[other]) for name, other in self.actuator.equal_parameters]
         warnings += check_combinations(self.values, self.actuator, warnings=True)
         warnings += _messages(self.actuator.supply_rules, self.nested(), warnings=True).values()
+        warnings += map(self._of_another_size, parts(self.model)[1])
         if self.unused:
             warnings.append(f"the {self.actuator.name} actuator has no {', '.join(self.unused)}: not used")
         return tuple(filter(None, warnings))
+
+    def _of_another_size(self, extension: str) -> str:
+        """Return a warning if an extension in use has defaults of the default actuator's size; otherwise nothing."""
+        switch, actuator = get_extension(extension).sized_for_default, parts(self.model)[0]
+        if not switch or actuator == NONLINEAR or not float(self.values[switch]) > 0.0:
+            return ""
+        left = [e.variable.name for e in self.entries if e.default and e.variable.name.startswith(f"{extension}.")]
+        return (f"{', '.join(left)}: still those of the default actuator, {actuator} may be slower or faster; set "
+                "them, or begin with a set that is made for it (emcas parameters --sets)") if left else ""
 
     def with_values(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
         """Return a new checked set with some values replaced.

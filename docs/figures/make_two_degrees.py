@@ -1,0 +1,119 @@
+"""Compare shipped gains with two degrees of freedom for every kind of actuator, and draw the default one's choice.
+
+Writes the table of kinds in docs/model/control.md, and two_degrees_front.png.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from make_control import GAINS, LINEAR, LOAD, PAGE, lag, respond, step
+
+from emcas_fmu.actuators import NAMES, capabilities, get
+from emcas_fmu.bench.measure import Test, measure
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.figures import plots
+from emcas_fmu.parameters import ParameterSet, load_parameters
+
+SET = "two-degrees-of-freedom"
+KINDS = [name for name in NAMES if get(name).feed_forward is not None and (
+    capabilities.POSITION_LOOP in get(name).provides)]
+RATED = {"servo": 5.0}  # N.m of hinge moment, where it is not Table 2's
+RATES = (0.0, 50.0, 100.0, 150.0, 250.0)  # 1/s, of the load observer
+FACTORS = np.linspace(0.8, 1.3, 11)  # of the crossover: kp and velocity.kp in proportion, ki with its square
+LIMITS = {"phase_margin": 45.0, "gain_margin": 8.0, "peak_angle": 0.35, "bandwidth_3db": 18.0}
+
+
+def of(parameters: ParameterSet, test: Test, name: str, variants: Any = ({},), sense: str = "maximum") -> list[float]:
+    """Measure a figure of a set, or of variants of it; angles in degrees."""
+    values = measure(test, ParameterSubject(parameters), list(variants), (name,), (sense,))[:, 0]
+    return [float(v) for v in (np.degrees(values) if name in ("phase_margin", "peak_angle") else values)]
+
+
+def settled(parameters: ParameterSet, torque: float) -> float:
+    """Return the time [ms] after a load step until the fin is within 0.05 deg for good; inf if it never is."""
+    run = respond(parameters, aero_torque=lambda t: torque if t >= 0.1 else 0.0)
+    away = np.flatnonzero(np.abs(np.degrees(run["fin_angle"])) > 0.05)
+    if not len(away):
+        return 0.0
+    return float(run["time"][away[-1]] - 0.1) * 1e3 if away[-1] + 1 < len(run["time"]) else float("inf")
+
+
+def figures(parameters: ParameterSet, torque: float) -> dict[str, float]:
+    """Measure the figures of the table of kinds."""
+    load = Test("load", duration=1.0, torque=torque)
+    return {
+        "phase margin / °": of(parameters, LINEAR, "phase_margin", sense="minimum")[0],
+        "gain margin / dB": of(parameters, LINEAR, "gain_margin", sense="minimum")[0],
+        "−3 dB at 1° / Hz": of(parameters, Test("sine", float(np.radians(1.0))), "bandwidth_3db", sense="minimum")[0],
+        "lag at 5 Hz / °": lag(parameters),
+        "settling of 1° / ms": 1e3 * of(parameters, step(1.0), "settling_time")[0],
+        "largest overshoot of 1, 5, 10° / %": 100.0 * max(
+            of(parameters, step(size), "overshoot")[0] for size in (1.0, 5.0, 10.0)),
+        "20° within 0.2° after / ms": 1e3 * of(parameters, step(20.0), "time_to_accuracy")[0],
+        "load step / °": of(parameters, load, "peak_angle")[0],
+        "back within 0.05° after / ms": settled(parameters, torque)}
+
+
+def table() -> None:
+    """Write the table of kinds: shipped gains → two degrees of freedom."""
+    def text(value: float) -> str:
+        return f"{value:.{0 if value >= 1000.0 else 3}{'f' if value >= 1000.0 else 'g'}}" if isfinite(value) else "–"
+
+    rows: dict[str, Mapping[str, str]] = {}
+    for kind in KINDS:
+        torque = RATED.get(kind, 100.0)
+        shipped, two = (figures(each, torque) for each in (load_parameters(model=kind),
+                                                           load_parameters(SET, model=kind)))
+        rows[kind] = {name: f"{text(shipped[name])} → {text(two[name])}" for name in shipped}
+    header = ["", *next(iter(rows.values()))]
+    lines = [header, ["---"] * len(header), *([f"`{kind}`", *row.values()] for kind, row in rows.items())]
+    before, rest = PAGE.read_text(encoding="utf-8").split("<!-- begin kinds -->")
+    after = rest.split("<!-- end kinds -->")[1]
+    written = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    PAGE.write_text(f"{before}<!-- begin kinds -->\n{written}\n<!-- end kinds -->{after}", encoding="utf-8")
+
+
+def front() -> None:
+    """Draw load step and bandwidth against the margins, over gains and the observer's bandwidth."""
+    base = load_parameters(SET)
+    panels = (("phase_margin", "peak_angle", "phase margin [deg]", "deviation under 100 N·m [deg]"),
+              ("gain_margin", "peak_angle", "gain margin [dB]", "deviation under 100 N·m [deg]"),
+              ("phase_margin", "bandwidth_3db", "phase margin [deg]", "−3 dB at 1 deg [Hz]"))
+    tests = {"phase_margin": LINEAR, "gain_margin": LINEAR, "peak_angle": LOAD,
+             "bandwidth_3db": Test("sine", float(np.radians(1.0)))}
+    senses = {"peak_angle": "maximum"}
+
+    def measured(variants: list[dict[str, float]]) -> dict[str, list[float]]:
+        return {name: of(base, test, name, variants, senses.get(name, "minimum")) for name, test in tests.items()}
+
+    def scaled(factor: float, observer: float) -> dict[str, float]:
+        powers = {"controller.position.ki": 2.0}
+        return {**{name: float(base.values[name]) * factor ** powers.get(name, 1.0) for name in GAINS},
+                "controller.load_observer": observer}
+
+    curves = {rate: measured([scaled(float(f), rate) for f in FACTORS]) for rate in RATES}
+    chosen = measured([{}])
+    with plots.style():
+        drawn, (row,) = plots.figure(1, len(panels), height=2.9, width=9.5)
+        shades = np.linspace(0.85, 0.2, len(RATES))
+        for axes, (x, y, across, up) in zip(row, panels, strict=True):
+            for (rate, curve), shade in zip(curves.items(), shades, strict=True):
+                axes.plot(curve[x], curve[y], color=(1.0 - 0.9 * (1 - shade), 0.75 * shade, 0.25 + 0.5 * shade),
+                          label=f"observer {rate:g} 1/s" if rate else "no observer")
+            axes.plot(chosen[x], chosen[y], "o", color="#222222", label="the set")
+            axes.axvline(LIMITS[x], color="#888888", linestyle="--", linewidth=0.8)
+            axes.axhline(LIMITS[y], color="#888888", linestyle="--", linewidth=0.8)
+            axes.set(xlabel=across, ylabel=up)
+        plots.legend_above(drawn)
+    drawn.savefig(Path(__file__).parent / "two_degrees_front.png", dpi=150, facecolor="white",
+                  metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    table()
+    front()
