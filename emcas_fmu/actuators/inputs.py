@@ -31,7 +31,9 @@ class SampleInputs(Record):
     - ``position`` [rad]: the state of angle that the encoder reads
     - ``encoder_offset`` [counts]: error of the encoder's zero, None if that is the fin's
     - ``ahead``: what is fed forward of a motion (:class:`emcas_fmu.control.trajectory.Ahead`), None without one
+    - ``observer``: what estimates the motor's speed from the measurement (:func:`emcas_fmu.control.filters.observed`),
+      None without one
     """
 
     def __init__(self, **values: Any) -> None:
-        super().__init__(**{"encoder_offset": None, "ahead": None, **values})
+        super().__init__(**{"encoder_offset": None, "ahead": None, "observer": None, **values})

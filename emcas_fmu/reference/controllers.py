@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from . import filters
 from .events import Value
 from .screw import Screw
 from .vehicle import clip
@@ -50,6 +51,7 @@ class Controllers:
         delta = self.p["fin.start_angle"]
         self.counts = self._counts(delta)
         self.update_samples = max(1, whole_samples(self.p, "command.update_time"))
+        self.observer, self.notch = filters.of(self.p)
         self._reset(*self._measure(delta, 0.0), delta)
 
     def _reset(self, fin: float, motor: float, speed: float, command: float) -> None:
@@ -60,6 +62,8 @@ class Controllers:
         weight = self.p["controller.position.setpoint_weight"]
         self.integral = self.p["controller.position.kp"] * motor * (1.0 - weight)  # rad/s
         self.velocity_integral = 0.0  # V
+        if self.notch:
+            self.notch.reset()
         self.target = self._target(command)  # rad, of the motor, lagged
         self.momentum = self._inertia(fin) * speed  # N.m.s, of the load observer
 
@@ -103,6 +107,8 @@ class Controllers:
         p = self.p
         fin, motor, speed = self._measure(delta, omega)
         self.measured = fin
+        if self.observer:
+            speed = self.observer.speed(speed, p["motor.torque_constant"] * current, self._inertia(fin))
         if not enable:
             self._reset(fin, motor, speed, command)
             return 0.0
@@ -143,4 +149,4 @@ class Controllers:
             integral_time = (gain or 1.0) / velocity_integral_gain  # s
             tracking = 1.0 / max(1.0 / tracking, integral_time) if tracking else 0.0
             self.velocity_integral += self.period * (velocity_integral_gain * (reference - speed) + tracking * excess)
-        return limited
+        return self.notch.filtered(limited, p["drive.reference_limit"]) if self.notch else limited

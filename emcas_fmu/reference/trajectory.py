@@ -28,6 +28,9 @@ class Following(Controllers):
         super().__init__(plant, nominal)
         p = self.p
         lag = p["motor.inductance"] / (p["motor.resistance"] + p["drive.kp"])  # s, of the current
+        frequency = p.get("filters.notch_frequency", 0.0)
+        if frequency:
+            lag += 2.0 * (p["filters.notch_pole_damping"] - p["filters.notch_zero_damping"]) / frequency
         self.late = (p["drive.transport_delay"] + lag) / self.period  # samples
         self._rest(self.nominal.fin_angle(self._measure(p["fin.start_angle"], 0.0)[1]))
 

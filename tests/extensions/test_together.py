@@ -25,6 +25,7 @@ NEUTRAL: Mapping[str, Mapping[str, Any]] = {
     "uneven": {"uneven.load_share": 0.0, "uneven.ripple": 0.0},
     "efficiency": {"efficiency.forward": 1.0, "efficiency.backward": 1.0},
     "heat": {"heat.resistance_coefficient": 0.0, "heat.torque_coefficient": 0.0, "heat.peak_time": 1e3},
+    "filters": {"filters.speed_bandwidth": 0.0},
     "homing": {"homing.required": False},
     "sensors": {},
     "trajectory": {"trajectory.natural_frequency": 0.0},

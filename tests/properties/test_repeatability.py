@@ -111,6 +111,15 @@ def test_a_generated_motion_remembers_no_use() -> None:
     compare(chosen.model, chosen.values, list(HISTORIES))
 
 
+@pytest.mark.parametrize("bandwidth", [150.0, 800.0])
+def test_filters_remember_no_use(bandwidth: float) -> None:
+    model = "nonlinear+filters"
+    values = load_parameters(model=model).with_values({
+        "filters.speed_bandwidth": bandwidth, "filters.notch_frequency": 380.0, "filters.notch_zero_damping": 0.05,
+        "filters.notch_pole_damping": 0.2}).values
+    compare(model, values, list(HISTORIES))
+
+
 @pytest.mark.parametrize("model", EVERY + EXTENDED)
 def test_no_actuator_remembers_use(model: str) -> None:
     compare(model, load_parameters(model=model).values, list(HISTORIES))

@@ -34,6 +34,10 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the reference and states of the controllers after a sample; a disabled drive holds them in reset."""
     measured = sensors.measure(ops, p, as_built(ops, p), inputs.position, x.motor_angle, x.motor_speed, x.motor_counts,
                                inputs.encoder_offset)
+    observed: Values = {}
+    if inputs.observer is not None:
+        speed, states = inputs.observer(ops, p, x, measured, x.motor_current)
+        measured, observed = measured._replace(motor_speed=speed), states._asdict()
     loops = controllers.Loops(x.integral, x.velocity_integral, x.target, x.momentum)
 
     def running() -> tuple[Value, ...]:
@@ -43,7 +47,8 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     reference, limited, *kept = ops.branch(
         inputs.enable, running, lambda: (0.0, 0.0, *controllers.at_rest(ops, p, measured, inputs.command)))
     return {"reference": reference, "counts": measured.counts, "motor_counts": measured.motor_counts,
-            "measured_fin_angle": measured.fin_angle, "limited": limited, **controllers.Loops(*kept)._asdict()}
+            "measured_fin_angle": measured.fin_angle, "limited": limited, **controllers.Loops(*kept)._asdict(),
+            **observed}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:

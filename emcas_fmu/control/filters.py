@@ -1,0 +1,83 @@
+"""Filters of the sampled controllers: an observer of the motor's speed, and a notch in the drive's reference.
+
+The difference of two counts is the mean speed d of the last sample, half a sample old. The observer continues the speed
+w with the measured current's torque and a load T_d, which d corrects with both poles at z = exp(-b T_s)
+(Franklin, Powell & Workman, "Digital Control of Dynamic Systems", 3rd ed., section 8.2):
+
+    w'  = w + T_s/J (K_t i + T_d)                           e  = d - (w + w')/2             q = exp(-b T_s)
+    w+  = w' + (1 - q)(3 + q)/2 e                           T_d+ = T_d + (1 - q)^2 J/T_s e
+
+Hence w is exact under any constant acceleration, and 0 at rest under any load. T_d contains errors of the model, too. The
+observer goes on while the drive is disabled. True speeds (encoder off) are not estimated.
+
+The notch is that of s (ibid., section 6.1; bilinear transformation, prewarped: exact at W), with a gain of 1 at rest:
+
+    (s^2 + 2 z_0 W s + W^2)/(s^2 + 2 z_p W s + W^2)         s = W/tan(W T_s/2) (z - 1)/(z + 1)
+
+At W its gain is z_0/z_p, and well below W it delays the reference by 2 (z_p - z_0)/W.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import drive, mechanics
+from .sensors import Measurement
+
+
+class Observed(NamedTuple):
+    """States of the observer: motor speed [rad/s] and load at the motor [N.m]."""
+
+    observed_speed: Value
+    observed_load: Value
+
+
+class Notched(NamedTuple):
+    """States of the notch [V], in the transposed direct form II."""
+
+    notch_1: Value
+    notch_2: Value
+
+
+def observed(ops: Ops, p: Any, x: Record, measured: Measurement, current: Value) -> tuple[Value, Observed]:
+    """Return the motor speed [rad/s] for the controllers at a motor current [A], and the observer's states.
+
+    Without a bandwidth, or encoder, it is the measured one.
+    """
+    def estimated() -> tuple[Value, ...]:
+        forgotten = ops.exp(-p.filters.speed_bandwidth * p.controller.sample_time)
+        rise = p.controller.sample_time / mechanics.coefficients(ops, p, measured.motor_angle).inertia
+        ahead = x.observed_speed + rise * (drive.torque(p, current) + x.observed_load)
+        error = measured.motor_speed - 0.5 * (x.observed_speed + ahead)
+        speed = ahead + 0.5 * (1.0 - forgotten) * (3.0 + forgotten) * error
+        return speed, speed, x.observed_load + (1.0 - forgotten) * (1.0 - forgotten) / rise * error
+
+    speed, *states = ops.branch(ops.both(p.encoder.enabled, p.filters.speed_bandwidth > 0.0), estimated,
+                                lambda: (measured.motor_speed, 0.0, 0.0))
+    return speed, Observed(*states)
+
+
+def notched(ops: Ops, p: Any, x: Record, reference: Value) -> tuple[Value, Notched]:
+    """Return the drive's reference [V] behind the notch, within its limits, and the notch's states."""
+    def filtered() -> tuple[Value, ...]:
+        f, limit = p.filters, p.drive.reference_limit
+        warped = ops.tan(0.5 * f.notch_frequency * p.controller.sample_time)
+        square = 1.0 + warped * warped
+        zero, pole = 2.0 * f.notch_zero_damping * warped, 2.0 * f.notch_pole_damping * warped
+        middle, scale = 2.0 * (warped * warped - 1.0), square + pole
+        out = (square + zero) / scale * reference + x.notch_1
+        return (ops.clip(out, -limit, limit), middle / scale * (reference - out) + x.notch_2,
+                ((square - zero) * reference - (square - pole) * out) / scale)
+
+    out, *states = ops.branch(p.filters.notch_frequency > 0.0, filtered, lambda: (reference, 0.0, 0.0))
+    return out, Notched(*states)
+
+
+def delay(ops: Ops, p: Any) -> Value:
+    """Return the time [s] by which the notch delays slow references."""
+    f = p.filters
+    on = f.notch_frequency > 0.0
+    return ops.where(on, 2.0 * (f.notch_pole_damping - f.notch_zero_damping) / ops.where(on, f.notch_frequency, 1.0),
+                     0.0)
