@@ -7,8 +7,8 @@ w with the measured current's torque and a load T_d, which d corrects with both 
     w'  = w + T_s/J (K_t i + T_d)                           e  = d - (w + w')/2             q = exp(-b T_s)
     w+  = w' + (1 - q)(3 + q)/2 e                           T_d+ = T_d + (1 - q)^2 J/T_s e
 
-Hence w is exact under any constant acceleration, and 0 at rest under any load. T_d contains errors of the model, too. The
-observer goes on while the drive is disabled. True speeds (encoder off) are not estimated.
+Hence w is exact under any constant acceleration, and 0 at rest under any load. T_d contains errors of the model, too.
+The observer goes on while the drive is disabled. True speeds (encoder off) are not estimated.
 
 The notch is that of s (ibid., section 6.1; bilinear transformation, prewarped: exact at W), with a gain of 1 at rest:
 
@@ -24,7 +24,9 @@ from typing import Any, NamedTuple
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, mechanics
+from . import controllers
 from .sensors import Measurement
+from .trajectory import Ahead
 
 
 class Observed(NamedTuple):
@@ -41,6 +43,10 @@ class Notched(NamedTuple):
     notch_2: Value
 
 
+def _observes(ops: Ops, p: Any) -> Value:
+    return ops.both(p.encoder.enabled, p.filters.speed_bandwidth > 0.0)
+
+
 def observed(ops: Ops, p: Any, x: Record, measured: Measurement, current: Value) -> tuple[Value, Observed]:
     """Return the motor speed [rad/s] for the controllers at a motor current [A], and the observer's states.
 
@@ -54,9 +60,20 @@ def observed(ops: Ops, p: Any, x: Record, measured: Measurement, current: Value)
         speed = ahead + 0.5 * (1.0 - forgotten) * (3.0 + forgotten) * error
         return speed, speed, x.observed_load + (1.0 - forgotten) * (1.0 - forgotten) / rise * error
 
-    speed, *states = ops.branch(ops.both(p.encoder.enabled, p.filters.speed_bandwidth > 0.0), estimated,
-                                lambda: (measured.motor_speed, 0.0, 0.0))
+    speed, *states = ops.branch(_observes(ops, p), estimated, lambda: (measured.motor_speed, 0.0, 0.0))
     return speed, Observed(*states)
+
+
+def rate_led(ops: Ops, p: Any, x: Record, command: Value, ahead: Ahead) -> tuple[Ahead, Value]:
+    """Return what is fed forward of a motion to a `command` [rad] with the rate that the observed speed has.
+
+    The loops feed forward the mean rate of the last sample, to which the difference of counts belongs. The observed
+    speed is half a sample younger. The second value is that mean rate [rad/s], which the next sample reads.
+    """
+    rate = (controllers.target_angle(ops, p, command) - x.target) / p.controller.sample_time
+    younger = p.controller.velocity.kp * 0.5 * (rate - x.target_rate)
+    reference = ahead.reference + ops.where(_observes(ops, p), younger, 0.0)
+    return ahead._replace(reference=reference), rate
 
 
 def notched(ops: Ops, p: Any, x: Record, reference: Value) -> tuple[Value, Notched]:

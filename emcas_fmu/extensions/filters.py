@@ -34,6 +34,7 @@ PARAMETERS = in_group(
 )
 _OBSERVER = (State("observed_speed", "rad/s", "motor speed, of its observer"),
              State("observed_load", "N.m", "load at the motor, of the observer of its speed"))
+_RATE = State("target_rate", "rad/s", "rate of the motion that the controllers followed at the last sample")
 _NOTCH = tuple(map(State, filters.Notched._fields))
 
 
@@ -42,10 +43,14 @@ def extend(actuator: Actuator) -> Actuator:
     observing = replace(actuator, controller_states=(*actuator.controller_states, *_OBSERVER))
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
+        rate = 0.0
+        if inputs.ahead is not None:
+            ahead, rate = filters.rate_led(ops, actuator.equation_parameters(ops, p), x, inputs.command, inputs.ahead)
+            inputs = inputs.replace(ahead=ahead)
         out = observing.sampled(ops, p, x, inputs.replace(observer=filters.observed))
         reference, states = filters.notched(ops, p, x, out["reference"])
         kept = {name: ops.where(inputs.enable, value, 0.0)
-                for name, value in {"reference": reference, **states._asdict()}.items()}
+                for name, value in {"reference": reference, _RATE.name: rate, **states._asdict()}.items()}
         return {**out, **kept}
 
     def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
@@ -53,7 +58,7 @@ def extend(actuator: Actuator) -> Actuator:
         ahead, memory, time = actuator.feed_forward(ops, p, motion, memory)  # type: ignore[misc]  # not None
         return ahead, memory, time + filters.delay(ops, p)
 
-    return replace(observing, sample=sample, controller_states=(*observing.controller_states, *_NOTCH),
+    return replace(observing, sample=sample, controller_states=(*observing.controller_states, _RATE, *_NOTCH),
                    feed_forward=None if actuator.feed_forward is None else feed_forward)
 
 

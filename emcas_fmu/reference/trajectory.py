@@ -39,6 +39,7 @@ class Following(Controllers):
         self.rate = self.acceleration = self.integral_of_drive = 0.0
         self.lost = 0.0  # share of the last sample's motion
         self.ahead: tuple[float, float] = 0.0, 0.0
+        self.rate_before = 0.0  # rad/s, of the motor, of the motion that was followed at the last sample
 
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
         """Return the DAC value [V] of a sample; see :meth:`Controllers.sample`."""
@@ -50,11 +51,17 @@ class Following(Controllers):
         whole, share = math.floor(self.late), self.late % 1.0
         followed = clip((1.0 - share) * self.history[whole] + share * self.history[whole + 1], self.p["command.limit"])
         self.own.update(zip(_INTEGRALS, (0.0, 0.0) if 0.0 < self.lost < 0.5 else self.gains, strict=True))
+        # The mean rate of the last sample, which is fed forward, is half a sample older than an observed speed.
+        mean = (self._target(followed) - self.target) / self.period
+        if self.observer:
+            speed, reference = self.ahead
+            self.ahead = speed, reference + self.p["controller.velocity.kp"] * (mean - self.rate_before) / 2.0
         reference = super().sample(delta, omega, followed, enable, current)
         fin = self.measured
         if not enable:
             self._rest(fin)
             return reference
+        self.rate_before = mean
         # A fin that stays behind slows the motion down, at most to a standstill.
         behind, limit, way = followed - fin, self.p["trajectory.tracking_limit"], self.period * after
         lost = math.copysign(min(max(abs(behind) - limit, 0.0), abs(way)), way) if behind * way > 0.0 else 0.0

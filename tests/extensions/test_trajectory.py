@@ -24,7 +24,7 @@ from emcas_fmu.simulation import simulate
 from tests.marks import others_slow, slow
 
 SET = "two-degrees-of-freedom"
-MODEL = "nonlinear+trajectory"
+MODEL = "nonlinear+filters+trajectory"
 TWO = load_parameters(SET)
 FOLLOWING = [name for name in NAMES if POSITION_LOOP in get(name).provides]
 FED_FORWARD = [name for name in FOLLOWING if get(name).feed_forward is not None]
@@ -72,7 +72,7 @@ def test_no_motion_is_beyond_its_limits_and_every_one_arrives(
 def test_a_motion_arrives_without_more_overshoot_than_its_damping_has(angle: float) -> None:
     """exp(-pi z/sqrt(1 - z^2)) of a linear system of second order; a braking that was late would overshoot by more."""
     moved = _motion(TWO.values, [radians(angle)] * 400)
-    linear = np.exp(-pi * 0.8 / 0.6)
+    linear = np.exp(-pi * 0.85 / np.sqrt(1.0 - 0.85**2))
     assert max(m.next_angle for m in moved) < radians(angle) * (1.0 + linear)
 
 
@@ -182,7 +182,7 @@ def test_a_command_at_its_limit_is_no_saturation() -> None:
 
 
 @pytest.mark.parametrize(("changes", "words"), [
-    ({"trajectory.jerk_limit": 5e4}, r"jerk_limit = 50000 .*at least 1\.5.*= 63360"),
+    ({"trajectory.jerk_limit": 5e4}, r"jerk_limit = 50000 .*at least 1\.5.*= 67680"),
     ({"trajectory.natural_frequency": 700.0, "trajectory.jerk_limit": 1e6}, "too fast for samples"),
 ])
 def test_a_motion_that_could_not_brake_in_time_is_refused(changes: Mapping[str, float], words: str) -> None:
@@ -211,9 +211,8 @@ def test_enabling_begins_where_the_fin_is(base: str) -> None:
 
 
 def test_after_homing_the_motion_begins_where_the_fin_is() -> None:
-    model = "nonlinear+homing+trajectory"
-    parameters = load_parameters(SET, model=model)
-    run = simulate(parameters.values, 6.0, model=model, home=True, fin_command=radians(5.0))
+    parameters = load_parameters(SET, model="nonlinear+homing")
+    run = simulate(parameters.values, 6.0, model=parameters.model, home=True, fin_command=radians(5.0))
     ready = int(np.argmax(run["homed"]))
     assert ready
     rates = np.diff(run["fin_angle"][ready:]) / 1e-3
@@ -239,7 +238,7 @@ def test_a_delay_of_too_many_samples_is_refused() -> None:
 
 def test_a_set_brings_its_extension(tmp_path: Path) -> None:
     assert TWO.model == MODEL
-    assert load_parameters(SET, model="elastic+faults").model == "elastic+trajectory+faults"
+    assert load_parameters(SET, model="elastic+faults").model == "elastic+filters+trajectory+faults"
     before = load_parameters().with_values({"fin.start_angle": 0.1})
     assert load_parameters(SET, before).values["fin.start_angle"] == 0.1
     for text in ('extends = "+heat"', "extends = []", "extends = [1]"):
