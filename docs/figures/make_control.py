@@ -1,4 +1,4 @@
-"""Draw what margins and feed-forward give, and write the table of docs/model/control.md."""
+"""Draw what margins and feed-forward give, and write the tables of docs/model/control.md."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from emcas_fmu.bench.linear.actuator import LinearActuator
+from emcas_fmu.bench.linear.frequency import continuous_poles, margins
 from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.figures import plots
@@ -20,8 +22,10 @@ THESIS = {"controller.position.setpoint_weight": 1.0}
 SETS: Mapping[str, ParameterSet] = {
     "shipped": load_parameters(),
     "shipped, setpoint weight 1": load_parameters().with_values(THESIS),
+    "shipped with a speed observer": load_parameters("speed-observer"),
     "robust": load_parameters("robust"),
     "shipped with a load observer": load_parameters("load-observer"),
+    "shipped with both observers": load_parameters(["load-observer", "speed-observer"]),
     "robust with a load observer": load_parameters(["robust", "load-observer"]),
     "two degrees of freedom": load_parameters("two-degrees-of-freedom"),
 }
@@ -60,6 +64,68 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
         **{f"settling of {size}° / ms": 1e3 * settling for size, (_, settling) in zip((1, 5, 10), moves, strict=True)},
         "20° within 0.2° after / ms": 1e3 * of(step(20.0), "time_to_accuracy")[0], "lag at 5 Hz / °": lag(parameters),
     }
+
+
+BANDWIDTH, NOTCH = "filters.speed_bandwidth", "filters.notch_frequency"
+INERTIAS = ("inertia.motor", "inertia.screw", "inertia.fin", "inertia.shaft", "inertia.fork", "mass.nut")
+# 10 kN.m/rad without damping behind the screw, and a notch without damping of its zeros.
+HINGE = {"drive_line.shaft_stiffness": 1e4, "drive_line.fork_stiffness": 0.0, "drive_line.structure_stiffness": 0.0,
+         "drive_line.hinge_damping": 0.0, "filters.notch_zero_damping": 0.0, "filters.notch_pole_damping": 0.2}
+
+
+def filtered(name: str, model: str, changes: Mapping[str, float]) -> ParameterSet:
+    """Return a set of SETS for a model with filters, with changed values."""
+    own = [] if name == "shipped" else [name.replace(" ", "-")]
+    return load_parameters(own, model=f"{model}+filters").with_values(changes)
+
+
+def of_inertia(parameters: ParameterSet, share: float) -> str:
+    """Return the margins [deg, dB] of controllers that know the nominal inertia, on a `share` of it."""
+    values = parameters.values
+    loops, built = (LinearActuator({**values, **{name: values[name] * scale for name in INERTIAS}},
+                                   model=parameters.model) for scale in (1.0, share))
+    loops.plant = built.plant
+    found = margins(loops.loop("reference"))
+    return f"{degrees(found.phase):.1f}° / {found.gain_db:.1f} dB" if loops.stable else "unstable"
+
+
+def observing() -> list[list[str]]:
+    """Return the table of the speed observer's bandwidths: margins over inertia, and the load step [deg]."""
+    rows = [["", "bandwidth / 1/s", "inertia −25 %", "nominal inertia", "inertia +25 %", "100 N·m load step / °"]]
+    for name in ("shipped", "load observer", "two degrees of freedom"):
+        for bandwidth in (0.0, 150.0, 300.0, 800.0):
+            parameters = filtered(name, "nonlinear", {BANDWIDTH: bandwidth})
+            ((angle,),) = measure(LOAD, ParameterSubject(parameters), [{}], ("peak_angle",), ("maximum",))
+            rows.append([name, f"{bandwidth:g}", *(of_inertia(parameters, share) for share in (0.75, 1.0, 1.25)),
+                         f"{degrees(angle):.3f}"])
+    return rows
+
+
+def swinging() -> list[list[str]]:
+    """Return the table of notches for a soft hinge: margins, damping of its mode, and what a push leaves."""
+    rows = [["", "notch", "margins", "damping of the mode", "swing 1.1 s after a push / °"]]
+    for name in ("shipped", "two degrees of freedom"):
+        for notch, changes in (("none", {}), *((f"{hertz:g} Hz", {NOTCH: 2.0 * np.pi * hertz})
+                                               for hertz in (65.0, 60.0, 55.0)),
+                               ("none, hinge damped by 0.5 N·m·s/rad", {"drive_line.hinge_damping": 0.5})):
+            parameters = filtered(name, "elastic", {**HINGE, **changes})
+            linear = LinearActuator(parameters.values, model=parameters.model)
+            found, poles = margins(linear.loop("reference")), continuous_poles(linear.closed)
+            modes = poles[np.abs(np.abs(poles.imag) / (2.0 * np.pi) - 65.0) < 2.0]
+            run = simulate(parameters.values, 1.5, model=parameters.model,
+                           aero_torque=lambda t: 300.0 if 0.1 < t < 0.2 else 0.0)
+            swing = np.degrees(np.ptp(run["fin_angle"][run["time"] > 1.3]))
+            rows.append([name, notch, f"{degrees(found.phase):.1f}° / {found.gain_db:.1f} dB" if linear.stable
+                         else "unstable", f"{np.min(-modes.real / np.abs(modes)):.4f}", f"{swing:.2g}"])
+    return rows
+
+
+def written(text: str, name: str, rows: list[list[str]]) -> str:
+    """Return a page with a table between its marks."""
+    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+    before, after = text.split(begin)[0], text.split(end)[1]
+    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+    return f"{before}{begin}\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + f"\n{end}{after}"
 
 
 def respond(parameters: ParameterSet, **inputs: Any) -> Mapping[str, Any]:
@@ -111,12 +177,10 @@ def main() -> None:
     measured = {name: figures(parameters) for name, parameters in SETS.items()}
     header = ["", *next(iter(measured.values()))]
     rows = [[name, *(f"{value:.3g}" for value in row.values())] for name, row in measured.items()]
-    lines = [header, ["---"] * len(header), *rows]
     text = PAGE.read_text(encoding="utf-8")
-    begin, end = "<!-- begin margins -->", "<!-- end margins -->"
-    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    before, after = text.split(begin)[0], text.split(end)[1]
-    PAGE.write_text(f"{before}{begin}\n{table}\n{end}{after}", encoding="utf-8")
+    for name, table in (("margins", [header, *rows]), ("observers", observing()), ("notches", swinging())):
+        text = written(text, name, table)
+    PAGE.write_text(text, encoding="utf-8")
 
     with plots.style():
         drawn, ((axes,),) = plots.figure(1, height=3.4, width=6.4)
