@@ -21,6 +21,8 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference import files
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.tuning.evaluate import evaluate
+from emcas_fmu.studies.tuning.study import shipped_study
 from tests.marks import others_slow, slow
 
 SET = "two-degrees-of-freedom"
@@ -259,3 +261,11 @@ def test_what_the_shipped_set_gives() -> None:
     angle = np.abs(np.degrees(load["fin_angle"]))
     assert np.max(angle) <= 0.35
     assert load["time"][angle > 0.05][-1] - 0.1 <= 0.150
+
+
+@pytest.mark.slow
+def test_the_shipped_set_meets_its_study_in_every_case() -> None:
+    study = shipped_study(TWO)
+    (found,) = evaluate(study, [{t.name: TWO.values[t.name] for t in study.tunables}])
+    assert len(study.cases) == 8
+    assert {(j.requirement, j.case): j.measured for j in found.judgements if j.share > 1.0} == {}
