@@ -58,7 +58,7 @@ def test_a_set_is_within_its_study_and_that_asks_for_margins(kind: str) -> None:
 def test_a_kind_has_the_set_or_is_told_which_have(kind: str) -> None:
     if kind in FED_FORWARD:
         found = load_parameters(SET, model=kind)
-        assert found.model == f"{kind}+trajectory"
+        assert found.model in (f"{kind}+trajectory", f"{kind}+filters+trajectory")
         assert [name for name, _ in found.files] == [SET]
         assert not found.unused
         return
