@@ -293,6 +293,17 @@ def test_a_second_order_actuator_follows_its_equation_exactly(damping: float) ->
     assert at_end == pytest.approx({"fin_angle": command + error, "fin_rate": speed}, rel=1e-9)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_second_order_actuator_rests_at_its_stop_until_it_turns_back(side: float) -> None:
+    actuator, values = get("second-order"), load_parameters(model="second-order").values
+    p, stop = actuator.namespace(values), values["fin.stop_angle"]
+    out, back = (actuator.step(FLOATS, p, Record(fin_angle=side * begin, fin_rate=side * rate),
+                               Record(enabled=True, reference=side * reference), 1e-3)[0]
+                 for begin, rate, reference in ((stop - 1e-3, 3.0, stop), (stop + 1e-3, -0.1, 0.0)))
+    assert out == {"fin_angle": side * stop, "fin_rate": 0.0}
+    assert side * back["fin_rate"] < 0.0
+
+
 @pytest.mark.parametrize("felt", [1.0, -0.5])
 def test_the_margin_of_a_clutched_screw_s_load_is_the_load(felt: float) -> None:
     """It is negative where the load is not that of its e: the screw drives it, or it drives the screw."""
