@@ -14,7 +14,7 @@ from . import common
 EPILOG = common.examples(
     "build", "", "--parameters my_actuator.toml --output MyActuator.fmu", "--backend native",
     "--backend native --platform linux64 --platform win64", "--backend native --cc gcc", "--fmi 3", "--fmi 3 --scalars",
-    "--backend native --names flat", "--backend native --inputs minimal",
+    "--backend native --names flat", "--backend native --inputs minimal", "--backend native --identifier Rudder",
     "--model second-order", "--part controller", "--part plant --backend native",
     "--fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
@@ -45,13 +45,17 @@ def build(
     inputs: Annotated[str, common.value(
         "Inputs of the FMU: all, or minimal, fin_command and aero_torque alone. The others are parameters then, for "
         "tools in which every input must be connected or begins at 0.", "all|minimal")] = "all",
+    identifier: Annotated[str | None, common.value(
+        "Model identifier, a C identifier: the name of library and header, and before the names of C functions where "
+        "several FMUs are compiled into one program; default: the model's name.", "NAME")] = None,
     part: Annotated[str | None, common.value(
         "Only the controllers (measured angle in, reference out), or only the plant (reference in): hardware replaces "
         "the other.", "controller|plant")] = None,
     references: Annotated[bool, typer.Option(
         help="Include responses that any host can repeat; for new parameters they need a second or more "
              "to integrate. None of a part.")] = True,
-    output: Annotated[Path | None, common.value("FMU to write; default: EMCAS.fmu, or EMCAS4.fmu with --fins 4.",
+    output: Annotated[Path | None, common.value("FMU to write; default: EMCAS.fmu, or EMCAS4.fmu with --fins 4, or the "
+                                                "identifier.",
                                                 "FILE", "--output", "-o")] = None,
 ) -> None:
     """Build the FMU of a parameter set."""
@@ -60,13 +64,14 @@ def build(
     from ..parameters import load_parameters
     from ..studies.overview import in_words, remaining_estimates
 
-    target = output or Path(f"{FmuInterface(fins, half(model, part) if part else model).model}.fmu")
+    unit = FmuInterface(fins, half(model, part) if part else model, own_identifier=identifier)
+    target = output or Path(f"{unit.identifier}.fmu")
     placement, files = common.placed(fins, layout, fin)
     common.check_outputs(target, inputs=(parameters, files.values()))
     chosen = load_parameters(parameters, model=model)
     with common.work("build") as step:
         built = build_fmu(chosen, target, backend, platform, cc, step, fins, placement, files, fmi, references,
-                          clock, names, part, scalars, inputs)
+                          clock, names, part, scalars, inputs, identifier)
     common.warn(built.warnings)
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")

@@ -122,15 +122,14 @@ def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, 
     `experiments` are the references inside it.
     """
     credibility = _card(interface, sets, guid, backend, fmi, platforms, experiments)
-    others = {
-        "python": "pythonfmu-license.txt is that of PythonFMU: of the binaries, and of pythonfmu in resources.",
-        "native": "In sources, the headers whose names begin with fmi are the FMI standard's; each has its licence."}
+    others = ("pythonfmu-license.txt is that of PythonFMU: of the binaries, and of pythonfmu in resources.\n"
+              if backend == "python" else "")
     texts = {
         "index.html": _page(interface, sets, guid, backend, fmi, platforms, credibility),
         Path(FILE).name: interface.respelt(json.dumps(credibility.as_dict(), indent=1, ensure_ascii=False)) + "\n",
         # Prescribed by FMI 2.0.5, section 2.3; it refers to the others.
         "licenses/license.txt": f"{interface.model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, "
-                                f"{__license__} licence, as below.\n{others[backend]}\n\n{_license('emcas-fmu')}"}
+                                f"{__license__} licence, as below.\n{others}\n{_license('emcas-fmu')}"}
     if backend == "python":
         texts |= {"externalDependencies.txt": _EXTERNAL, "licenses/pythonfmu-license.txt": _license("pythonfmu")}
     picture = Path(__file__).with_name("icon.png").read_bytes()

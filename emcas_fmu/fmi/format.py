@@ -10,23 +10,9 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from ..errors import BuildError
 from .fmi3.absent import absent_header
 from .fmi3.arrays import CLOCK, TIME, Array, arrays
 from .interface import FmuInterface
-
-# fmpy's copy of the standard's header lacks the prefix that several FMUs linked into one program need.
-_NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
-_PREFIX = """FMI2_FUNCTION_PREFIX, if defined, goes before each name.
-*/
-#if defined(FMI2_FUNCTION_PREFIX)
-#define fmi2Paste(a, b) a ## b
-#define fmi2PasteB(a, b) fmi2Paste(a, b)
-#define fmi2FullName(name) fmi2PasteB(FMI2_FUNCTION_PREFIX, name)
-#else
-#define fmi2FullName(name) name
-#endif
-"""
 
 
 @dataclass(frozen=True)
@@ -61,26 +47,29 @@ class Format:
         return self.is_3 and not self.scalars
 
     @property
+    def prefix(self) -> str:
+        """The standard's macro with the prefix of the functions' names."""
+        return f"FMI{self.version}_FUNCTION_PREFIX"
+
+    @property
+    def no_prefix(self) -> str:
+        """The standard's macro that is defined for a shared library, whose functions have no prefix."""
+        return f"FMI{self.version}_OVERRIDE_FUNCTION_PREFIX"
+
+    @property
     def token(self) -> str:
         """The word for the identification of the interface, in the header for hosts."""
         return "TOKEN" if self.is_3 else "GUID"
 
     def standard_headers(self) -> dict[str, str]:
-        """Return the headers of the FMI standard, as fmpy ships them, and those derived from them.
-
-        Raises BuildError if the headers of the installed fmpy are not known.
-        """
+        """Return the headers of the FMI standard, as fmpy ships them: its FMI 2.0 never has a prefix."""
         folder = Path(fmpy.__file__).parent / "c-code"
         names = [f"fmi{self.version}{name}.h" for name in self.headers]
-        texts = {name: (folder / name).read_text(encoding="utf-8") for name in names}
-        if self.is_3:
-            texts["absent.h"] = absent_header(texts["fmi3FunctionTypes.h"])
-        else:
-            if _NO_PREFIX not in texts[names[0]]:
-                raise BuildError(f"{names[0]} of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are "
-                                 "known")
-            texts[names[0]] = texts[names[0]].replace(_NO_PREFIX, _PREFIX)
-        return texts
+        return {name: (folder / name).read_text(encoding="utf-8") for name in names}
+
+    def generated(self) -> dict[str, str]:
+        """Return the sources that are made of the standard's headers."""
+        return {"absent.h": absent_header(self.standard_headers()["fmi3FunctionTypes.h"])} if self.is_3 else {}
 
     def variables(self, interface: FmuInterface) -> tuple[Array, ...]:
         """Return the inputs, outputs and parameters that a host sees, in the order of their value references."""

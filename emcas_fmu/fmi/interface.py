@@ -33,6 +33,7 @@ MINIMAL = (fin_port.COMMAND.name, fin_port.AERO_TORQUE.name)
 AZIMUTH = "mounting.azimuth"
 FINS = "fins."
 """Prefix of the name of an array with an element for each fin (FMI 3.0)."""
+_IDENTIFIER = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
 # In texts: a name, or the prefix of a group as in heat.*; and the prefix of a fin.
 _NAME = re.compile(r"(?<!\w)[a-z_]\w*(?:\.[a-z_]\w*)*(?:\[\w\]|\.(?=\*))?")
 _OF_FIN = re.compile(r"\bfin\[\d\]\.?")
@@ -65,14 +66,16 @@ class FmuInterface:
     """`fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`) in one FMU.
 
     Names here are structured; the FMU's have the `spelling` (:data:`SPELLINGS`). `connected` inputs are inputs of the
-    FMU (:data:`INPUTS`). A variable's value reference is its index in `variables`: inputs, outputs, parameters; each
-    group begins with the shared variables, followed by those of each fin in the actuator's order.
+    FMU (:data:`INPUTS`). An `own_identifier` replaces the model's name as model identifier. A variable's value
+    reference is its index in `variables`: inputs, outputs, parameters; each group begins with the shared variables,
+    followed by those of each fin in the actuator's order.
     """
 
     fins: int
     kind: str = NONLINEAR
     spelling: str = SPELLINGS[0]
     connected: str = INPUTS[0]
+    own_identifier: str | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
@@ -81,6 +84,9 @@ class FmuInterface:
             raise EmcasError(f"names {self.spelling}: there is {' and '.join(SPELLINGS)}")
         if self.connected not in INPUTS:
             raise EmcasError(f"inputs {self.connected}: there is {' and '.join(INPUTS)}")
+        if not _IDENTIFIER.fullmatch(self.identifier):
+            raise EmcasError(f"identifier {self.identifier!r}: it is not a C identifier, which names functions and "
+                             "library: take 1 to 64 letters, digits and _, not beginning with a digit")
         spelt: dict[str, str] = {}
         for name in self.reference if self.spelling == "flat" else ():
             if spelt.setdefault(flat(name), name) != name:
@@ -91,6 +97,11 @@ class FmuInterface:
     def model(self) -> str:
         """The name of the model (:func:`model_name`)."""
         return model_name(self.actuator.name, self.fins)
+
+    @property
+    def identifier(self) -> str:
+        """The model identifier, which names the library and, in a program with the sources, the functions."""
+        return self.model if self.own_identifier is None else self.own_identifier
 
     @property
     def actuator(self) -> Actuator:

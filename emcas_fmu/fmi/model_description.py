@@ -41,7 +41,7 @@ def model_description(fmi: Format, interface: FmuInterface, starts: Sequence[Any
         "fmiVersion": f"{fmi.version}.0", "modelName": interface.model,
         "instantiationToken" if fmi.is_3 else "guid": guid, "description": describe(interface),
         "version": __version__, **about, "variableNamingConvention": interface.spelling}, [
-            element("CoSimulation", {"modelIdentifier": interface.model, **options}, files),
+            element("CoSimulation", {"modelIdentifier": interface.identifier, **options}, files),
             unit_definitions(interface),
             element("TypeDefinitions", {}, (_type(fmi, name, v) for name, v in types(interface).items())),
             element("LogCategories", {}, (

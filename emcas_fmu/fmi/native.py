@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -10,6 +11,7 @@ from xml.etree.ElementTree import Element
 from pythonfmu import Fmi2Slave
 
 from .. import rules
+from ..errors import BuildError
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
 from ..runtime.compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform, universal
 from ..support.progress import LOG, Progress
@@ -38,6 +40,8 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
     arrays = _arrays(interface, fmi) if fmi.is_3 else ""
     return header(
         "interface", "The interface: variables, their indices, identity", "#include <math.h>\n\n"
+        f"/* Of the functions' names, unless the compiler has another. */\n#ifndef {fmi.prefix}\n"
+        f"#define {fmi.prefix} {interface.identifier}_\n#endif\n\n"
         f"#define MODEL_NAME {c_text(interface.model)}\n#define MODEL_GUID {c_text(guid)}\n"
         f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
         f"#define FINS {interface.fins}\n/* Prefix of a fin's messages. */\n"
@@ -100,31 +104,38 @@ def _about(array: Array, fmi: Format) -> str:
 
 
 def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
-    """Return MODEL.h, for a host in C: model identifier, GUID and every variable's value reference as macros.
+    """Return IDENTIFIER.h, for a host in C: model identifier, GUID and every variable's value reference as macros.
 
     ``fin_command`` of EMCAS is ``EMCAS_VR_FIN_COMMAND``, ``fin[2].fin_angle`` of EMCAS4 ``EMCAS4_VR_FIN_2_FIN_ANGLE``.
     """
-    prefix = enumerator(interface.model)
-    lines = [f"#define {prefix}_MODEL {c_text(interface.model)}", f"#define {prefix}_{fmi.token} {c_text(guid)}"]
+    prefix = enumerator(interface.identifier)
+    lines = [f"#define {prefix}_MODEL {c_text(interface.identifier)}", f"#define {prefix}_{fmi.token} {c_text(guid)}"]
     used: set[str] = set()
     for reference, array in fmi.references(interface):
         spelt, name = interface.spelt(array.variable.name), enumerator(array.variable.name)
         name = f"{name}_{reference}" if name in used else name  # a.b_c and a_b.c are two variables
         used.add(name)
         lines.append(f"#define {prefix}_VR_{name} {reference}u /* {spelt}: {_about(array, fmi)} */")
-    title = f"{interface.model}: model identifier, {fmi.token} and value references for a host"
-    return header(f"{interface.model}_names", title, "\n".join(lines) + "\n")
+    title = f"{interface.identifier}: model identifier, {fmi.token} and value references for a host"
+    return header(f"{interface.identifier}_names", title, "\n".join(lines) + "\n")
 
 
 def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Format = FORMATS["2"]) -> dict[str, str]:
-    """Return all source files by name. The format's `main`, which includes the others, is compiled."""
+    """Return all source files by name. The format's `main`, which includes the others, is compiled.
+
+    The standard's headers are the importer's. Raises BuildError if the model identifier names a file that is included.
+    """
     code = {**{name: handwritten(name, f"emcas_fmu.fmi.fmi{fmi.version}") for name in (fmi.main, *fmi.written)},
             **{name: handwritten(name, "emcas_fmu.fmi.common") for name in _COMMON},
             "multi_fin.h": handwritten("multi_fin.h"),
-            **core_sources(interface.fins > 1, interface.kind, interface.respelt)}
+            **core_sources(interface.fins > 1, interface.kind, interface.respelt), **fmi.generated()}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
-    return {**code, **fmi.standard_headers(), "interface.h": interface_header(interface, starts, guid, digest, fmi),
-            f"{interface.model}.h": names_header(interface, guid, fmi)}
+    code["interface.h"] = interface_header(interface, starts, guid, digest, fmi)
+    included = {name.lower() for text in code.values() for name in re.findall(r'#include ["<](.+)[">]', text)}
+    names = f"{interface.identifier}.h"
+    if names.lower() in included:
+        raise BuildError(f"identifier {interface.identifier}: {names} is one of the sources' headers; take another")
+    return {**code, names: names_header(interface, guid, fmi)}
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
@@ -147,35 +158,39 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
     return [PLATFORMS[name] for name in names]
 
 
-def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
+def binaries(identifier: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
              progress: Progress | None = None, fmi: Format = FORMATS["2"]) -> dict[str, bytes]:
     """Return libraries for the platforms by archive name.
 
     Raises CompilerError if there is no compiler or it fails.
     """
     compiler: Compiler = find(cc)
-    LOG.info(f"compiling {model} for {', '.join(p.name for p in platforms)} (the first time up to a minute each) ...")
+    LOG.info(f"compiling {identifier} for {', '.join(p.name for p in platforms)} "
+             "(the first time up to a minute each) ...")
     libraries: dict[str, bytes] = {}
+    files = {**files, **fmi.standard_headers()}
     for i, target in enumerate(platforms):
         if progress:
             progress(target.name, i, len(platforms))
-        made = compiler.libraries(files, fmi.main, target, model)
+        made = compiler.libraries(files, fmi.main, target, identifier, (f"-D{fmi.no_prefix}",))
         if not fmi.is_3:  # one folder for both kinds of Mac; other importers look for that of Apple's processors
             made = {target.name: universal(list(made.values()))} | {
                 machine: library for machine, library in made.items() if machine == "aarch64-darwin"}
-        libraries |= {f"binaries/{folder}/{model}{target.suffix}": library for folder, library in made.items()}
+        libraries |= {f"binaries/{folder}/{identifier}{target.suffix}": library for folder, library in made.items()}
     if progress:
         progress("", len(platforms), len(platforms))
     return libraries
 
 
-def build_description(model: str, fmi: Format) -> Element:
-    """Return buildDescription.xml (FMI 3.0's file) of the sources.
+def build_description(identifier: str, fmi: Format) -> Element:
+    """Return buildDescription.xml (FMI 3.0's file) of the sources, for Windows and, without a platform, for all others.
 
-    It has no prefix of the functions, though the sources support one: tools would use it when they build a library.
+    The definition by which the functions have no prefix is optional: tools that build a library need it, others do not.
     """
+    no_prefix = element("PreprocessorDefinition", {
+        "name": fmi.no_prefix, "optional": "true", "description": "for a shared library: functions without prefix"})
     return element("fmiBuildDescription", {"fmiVersion": "3.0"}, (
-        element("BuildConfiguration", {"modelIdentifier": model, "platform": platform}, [
-            element("SourceFileSet", {"language": "C11"}, [element("SourceFile", {"name": fmi.main})]),
-            *([] if platform.endswith("windows") else [element("Library", {"name": "m", "external": "true"})])])
-        for p in PLATFORMS.values() for platform in p.targets))
+        element("BuildConfiguration", {"modelIdentifier": identifier, "platform": platform}, [
+            element("SourceFileSet", {"language": "C99"}, [element("SourceFile", {"name": fmi.main}), no_prefix]),
+            *([] if platform else [element("Library", {"name": "m", "external": "true"})])])
+        for platform in (None, "x86_64-windows", "x86-windows")))

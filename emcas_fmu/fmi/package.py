@@ -57,9 +57,9 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
     tool = f"emcas-fmu {__version__}"
     if backend == "native":
         files, options = native.sources(interface, starts, guid, fmi), fmi.options
-        contents = native.binaries(interface.model, files, native.chosen(platforms, cc), cc, progress, fmi)
+        contents = native.binaries(interface.identifier, files, native.chosen(platforms, cc), cc, progress, fmi)
         contents |= {f"sources/{name}": text.encode() for name, text in files.items()}
-        contents["sources/buildDescription.xml"] = to_bytes(native.build_description(interface.model, fmi))
+        contents["sources/buildDescription.xml"] = to_bytes(native.build_description(interface.identifier, fmi))
     else:
         contents, options = python.exported(interface, starts, guid), python.OPTIONS
         tool += f" with {python.TOOL}"
@@ -78,14 +78,15 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
           fins: int = 1, layout: str = "cross", files: Mapping[int, Path | str] | None = None, fmi: str | int = "2",
           references: bool = True, clock: bool = False, names: str = SPELLINGS[0], part: str | None = None,
-          scalars: bool = False, inputs: str = INPUTS[0]) -> Built:
+          scalars: bool = False, inputs: str = INPUTS[0], identifier: str | None = None) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python`` (FMI 2.0 only; its default) or ``native``, the default for `fmi` ``3``. The native back end
     builds for `platforms` (default: all) with zig, or with the system compiler `cc` for this platform only. With
     `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no arrays. With `inputs`
     ``minimal`` only command and load are inputs, the others are tunable parameters. `names` of variables are
-    ``structured``, or ``flat``: without dots and brackets. Several `fins` share a supply and are in the `layout`
+    ``structured``, or ``flat``: without dots and brackets. The `identifier`, by default the model's name, names library
+    and C functions. Several `fins` share a supply and are in the `layout`
     ``plus`` or ``cross``; `files` are parameter files of single fins, by number from 1, that override `parameters`.
     With `references` the FMU contains responses to compare with (:mod:`.references`). A `part` is the ``controller`` or
     the ``plant`` alone (:mod:`emcas_fmu.extensions.halves`), without references. Raises EmcasError for invalid
@@ -112,7 +113,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     if part:
         parameters = replace(parameters, model=half(parameters.model, part))
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    interface = FmuInterface(fins, parameters.model, names, inputs)
+    interface = FmuInterface(fins, parameters.model, names, inputs, identifier)
     chosen = replace(FORMATS[fmi], clock=clock, scalars=scalars)
     contents, guid, built_for, doubts = _contents(interface, sets, backend, platforms, cc, progress, chosen,
                                                   references and not interface.actuator.hidden)

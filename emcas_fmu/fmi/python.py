@@ -74,9 +74,9 @@ def _sources(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dic
     return files
 
 
-def _libraries(model: str) -> dict[str, bytes]:
+def _libraries(identifier: str) -> dict[str, bytes]:
     """Return pythonfmu's wrappers, which load the slave, by archive name."""
-    return {f"binaries/{path.parent.name}/{model}{path.suffix}": path.read_bytes()
+    return {f"binaries/{path.parent.name}/{identifier}{path.suffix}": path.read_bytes()
             for path in sorted((_PYTHONFMU / "resources" / "binaries").glob("*/*"))
             if path.suffix in (".dll", ".so", ".dylib")}
 
@@ -91,7 +91,7 @@ def exported(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dic
              "keep(globals())\n")
     resources = {**{f"{package}/{name}": text for name, text in files.items()}, f"{script}.py": entry,
                  "slavemodule.txt": script}
-    libraries = _libraries(model)
+    libraries = _libraries(interface.identifier)
     if not libraries:
         raise BuildError(f"{_PYTHONFMU}: pythonfmu has no libraries there: this version of it is not supported")
     return {**libraries, **{f"resources/{name}": text.encode() for name, text in resources.items()}}

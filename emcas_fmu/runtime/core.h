@@ -22,6 +22,9 @@
 #endif
 #include "model.h"
 
+/* A condition without which it does not compile; C99 has no static assertions. */
+#define CORE_REQUIRE(what, condition) typedef char core_required_##what[(condition) ? 1 : -1]
+
 /* The plant's states. Those of one lane are followed by the duration of the last step, which writes both in place: a copy
  * would be read in wider words than those just written, for which a processor waits. */
 typedef struct {
@@ -64,14 +67,14 @@ typedef struct {
     lanes line[CORE_LINE];
 } core_state;
 
-_Static_assert(offsetof(core_inputs, supply) == (1 + CORE_LOADS) * sizeof(lanes)
-               && offsetof(core_inputs, further) == (3 + CORE_LOADS) * sizeof(lanes)
-               && offsetof(core_ramp, supply) == (2 + CORE_LOADS) * sizeof(lanes)
-               && offsetof(core_ramp, further) == (3 + CORE_LOADS) * sizeof(lanes),
-               "inputs and ramps have the order of core.py's");
-_Static_assert(offsetof(core_state, time) == sizeof(core_part)
-               && offsetof(core_state, line) == sizeof(core_state) - CORE_LINE * sizeof(lanes),
-               "a state begins with the part and ends with the line, of which core_keep copies what is in use");
+/* Inputs and ramps have the order of core.py's. */
+CORE_REQUIRE(order_of_inputs, offsetof(core_inputs, supply) == (1 + CORE_LOADS) * sizeof(lanes)
+                              && offsetof(core_inputs, further) == (3 + CORE_LOADS) * sizeof(lanes)
+                              && offsetof(core_ramp, supply) == (2 + CORE_LOADS) * sizeof(lanes)
+                              && offsetof(core_ramp, further) == (3 + CORE_LOADS) * sizeof(lanes));
+/* A state begins with the part and ends with the line, of which core_keep copies what is in use. */
+CORE_REQUIRE(order_of_state, offsetof(core_state, time) == sizeof(core_part)
+                             && offsetof(core_state, line) == sizeof(core_state) - CORE_LINE * sizeof(lanes));
 
 typedef enum { CORE_DONE, CORE_NOT_FINITE, CORE_TOO_MANY_EVENTS, CORE_TOO_MANY_TICKS } core_result;
 

@@ -31,6 +31,12 @@ typedef struct {
     int64_t instant;
 } multi_fin_state;
 
+/* fmin is not used: a host may not have it. */
+static double lesser(double a, double b)
+{
+    return a < b ? a : b;
+}
+
 /* Use these parameters: those of the line, and those of the fins one after the other. */
 static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 {
@@ -40,8 +46,8 @@ static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
         m->p[fin] = p + fin * MODEL_PARAMETERS;
         kernel_prepare(m->p[fin], m->c[fin]);
         const core_schedule plan = core_scheduled(m->p[fin], m->c[fin]);
-        m->slack = fmin(m->slack, plan.slack);
-        m->latest = fmin(m->latest, CORE_LATEST * fmin(plan.h_before, plan.h_after));
+        m->slack = lesser(m->slack, plan.slack);
+        m->latest = lesser(m->latest, CORE_LATEST * lesser(plan.h_before, plan.h_after));
     }
 }
 

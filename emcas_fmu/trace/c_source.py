@@ -1,4 +1,4 @@
-"""Printer of traced programs as C11: the operations of the Python source in the same order, so the same bits."""
+"""Printer of traced programs as C99: the operations of the Python source in the same order, so the same bits."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
 /* Runs the native FMU: a step of the fin command under a restoring hinge moment, printed as CSV.
  *
  *     unzip -qo EMCAS.fmu -d emcas
- *     cc -std=c11 -I emcas/sources host.c -o host -ldl
+ *     cc -std=c11 -I headers host.c -o host -ldl
  *     ./host emcas > response.csv
  *
- * The argument is the unpacked FMU. C11 and POSIX; on Windows LoadLibrary takes the place of dlopen. The headers are in
- * the FMU's sources/. C++ compiles it as well, with -x c++.
+ * The argument is the unpacked FMU. C11 and POSIX; on Windows LoadLibrary takes the place of dlopen. The headers are those
+ * of FMI 2.0, from fmi-standard.org or from fmpy's folder c-code. C++ compiles it as well, with -x c++.
  */
 #define _DEFAULT_SOURCE /* realpath */
 #include <dlfcn.h>

@@ -18,7 +18,7 @@ from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.fmu_subject import open_subject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-from tests.hosts.host import missing, tool
+from tests.hosts.host import missing, standard_headers, tool
 
 from .recipes import ROOT, recipes
 
@@ -29,8 +29,9 @@ BLOCKS = recipes("use/hosts.md")
 
 @pytest.fixture(scope="module")
 def place(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with EMCAS.fmu, EMCAS3.fmu, EMCAS4.fmu and host.c, as a reader has them."""
+    """A folder with EMCAS.fmu, EMCAS3.fmu, EMCAS4.fmu, host.c and FMI's headers, as a reader has them."""
     folder = tmp_path_factory.mktemp("recipes")
+    standard_headers(folder / "headers")
     for name, options in (("EMCAS", {}), ("EMCAS3", {"fmi": "3"}), ("EMCAS4", {"fins": 4})):
         shutil.copy(shipped_unit(**options), folder / f"{name}.fmu")
     shutil.copy(ROOT / "examples/c_host/host.c", folder)
@@ -116,8 +117,8 @@ def test_c_loop_is_clean(loop: Path, tmp_path: Path) -> None:
     program = tool("gcc", "gcc")
     shutil.unpack_archive(loop / "EMCAS.fmu", tmp_path, "zip")
     for language in (["-std=c11"], ["-x", "c++"]):
-        made = subprocess.run([program, *language, "-pedantic", "-Wall", "-Wextra", "-Werror", f"-I{tmp_path}/sources",
-                               "-fsyntax-only", loop / "loop.c"], capture_output=True, text=True)
+        made = subprocess.run([program, *language, "-pedantic", "-Wall", "-Wextra", "-Werror", f"-I{loop}/headers",
+                               f"-I{tmp_path}/sources", "-fsyntax-only", loop / "loop.c"], capture_output=True, text=True)
         assert made.returncode == 0, made.stderr
 
 
@@ -142,8 +143,7 @@ def test_c_host(place: Path) -> None:
 @pytest.mark.parametrize("compiler", [["gcc", "-std=c11"], ["g++", "-x", "c++"]], ids=["C", "C++"])
 def test_c_host_is_clean(place: Path, tmp_path: Path, compiler: list[str]) -> None:
     program = tool(compiler[0], compiler[0])
-    shutil.unpack_archive(place / "EMCAS.fmu", tmp_path, "zip")
-    made = subprocess.run([program, *compiler[1:], "-pedantic", "-Wall", "-Wextra", "-Werror", f"-I{tmp_path}/sources",
+    made = subprocess.run([program, *compiler[1:], "-pedantic", "-Wall", "-Wextra", "-Werror", f"-I{place}/headers",
                            ROOT / "examples/c_host/host.c", "-o", tmp_path / "host", "-ldl"], capture_output=True,
                           text=True)
     assert made.returncode == 0, made.stderr

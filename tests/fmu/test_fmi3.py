@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes as ct
 import random
-import subprocess
 import zipfile
 from collections.abc import Mapping
 from math import inf, nan, radians
@@ -432,22 +431,6 @@ def test_built_twice_the_same_bytes(native3: Path, tmp_path: Path) -> None:
     assert local is not None
     again = build(load_parameters(), tmp_path / "3.fmu", "native", [local.name], fmi="3").path
     assert again.read_bytes() == native3.read_bytes()
-
-
-@pytest.mark.slow
-def test_two_units_linked_into_one_program(native3: Path, tmp_path: Path) -> None:
-    """By the prefix the standard has for it; nothing of theirs meets."""
-    with zipfile.ZipFile(native3) as archive:
-        archive.extractall(tmp_path)
-    sources = tmp_path / "sources"
-    (sources / "main.c").write_text(
-        "const char *A_fmi3GetVersion(void), *B_fmi3GetVersion(void);\n"
-        "int main(void) { return A_fmi3GetVersion()[0] != B_fmi3GetVersion()[0]; }\n", encoding="utf-8")
-    for prefix in ("A_", "B_"):
-        subprocess.run(["cc", "-std=c11", "-c", f"-DFMI3_FUNCTION_PREFIX={prefix}", "fmi3.c", "-o", f"{prefix}.o"],
-                       cwd=sources, check=True)
-    subprocess.run(["cc", "main.c", "A_.o", "B_.o", "-o", "two", "-lm"], cwd=sources, check=True)
-    subprocess.run([sources / "two"], check=True)
 
 
 @pytest.mark.parametrize(("wanted", "said"), [

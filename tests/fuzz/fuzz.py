@@ -32,7 +32,7 @@ def compiled(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 
     unit = FmuInterface(fins)
     chosen = replace(FORMATS[fmi], clock=fmi == "3")
     starts = start_values(unit, [load_parameters().values] * fins)
-    for name, text in native.sources(unit, starts, GUID, chosen).items():
+    for name, text in {**native.sources(unit, starts, GUID, chosen), **chosen.standard_headers()}.items():
         (folder / name).write_text(text, encoding="utf-8")
     (folder / "unit.c").write_text(f'#include "{chosen.main}"\n', encoding="utf-8")
     shutil.copy(HERE / "fuzz.c", folder)

@@ -18,6 +18,15 @@ HERE = Path(__file__).parent
 FMI_HEADERS = Path(fmpy.__file__).parent / "c-code"
 STRICT = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror")
 Trajectory = dict[str, list[float]]
+_NO_PREFIX = "#define fmi2FullName(name) name\n"
+_PREFIX = """#if !defined(FMI2_OVERRIDE_FUNCTION_PREFIX) && defined(FMI2_FUNCTION_PREFIX)
+#define fmi2Paste(a, b) a ## b
+#define fmi2PasteB(a, b) fmi2Paste(a, b)
+#define fmi2FullName(name) fmi2PasteB(FMI2_FUNCTION_PREFIX, name)
+#else
+#define fmi2FullName(name) name
+#endif
+"""
 
 
 def missing(what: str) -> None:
@@ -33,6 +42,16 @@ def tool(name: str, package: str, folder: str = "") -> str:
     if found is None:
         missing(f"there is no {name} (Debian: apt-get install {package})")
     return str(found)
+
+
+def standard_headers(folder: Path) -> Path:
+    """A folder with the headers of FMI 2.0.5 and 3.0: fmpy's, in which that of 2.0 has no prefix."""
+    shutil.copytree(FMI_HEADERS, folder)
+    functions = folder / "fmi2Functions.h"
+    text = functions.read_text(encoding="utf-8")
+    assert text.count(_NO_PREFIX) == 1
+    functions.write_text(text.replace(_NO_PREFIX, _PREFIX), encoding="utf-8")
+    return folder
 
 
 def header(description: Path) -> str:
@@ -78,7 +97,7 @@ def compile_host(compiler: Sequence[str], unpacked: Path, target: Path, flags: S
         assert names, "the FMU names no source files"
         sources += [str(folder / name) for name in names]
         includes.append(f"-I{folder}")
-        flags = [*flags, "-DSTATIC_FMU"]
+        flags = [*flags, "-DSTATIC_FMU", "-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI3_OVERRIDE_FUNCTION_PREFIX"]
     libraries = () if target.suffix == ".exe" else ("-ldl", "-lm", "-pthread")
     done = subprocess.run([*compiler, *STRICT, "-O0", "-g", *flags, *includes, *sources, "-o", str(target), *libraries],
                           capture_output=True, text=True)

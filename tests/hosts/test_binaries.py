@@ -36,9 +36,9 @@ FUNCTIONS_3 = set(re.findall(r"FMI3_Export\s+\w+\s+(fmi3\w+);",
 LINKER = {"__mh_dylib_header", "___dso_handle"}  # zig's linker adds them to every dylib
 SYSTEM = re.compile(r"lib[cm]\.so\.6|kernel32\.dll|api-ms-win-crt-[a-z]+-l1-1-0\.dll|/usr/lib/libSystem\.B\.dylib",
                     re.IGNORECASE)
-# Functions of C11 that compute, compare, copy, format and allocate; none opens a file, asks for the time or ends the
+# Functions of C99 that compute, compare, copy, format and allocate; none opens a file, asks for the time or ends the
 # host.
-C = {"floor", "fmin",
+C = {"floor",
      "calloc", "free", "memcmp", "memcpy", "memmove", "memset", "strcmp", "strlen", "strncat", "vsnprintf"}
 # What compilers and C libraries make of these, and what the loader and a library's start need.
 FURTHER = {

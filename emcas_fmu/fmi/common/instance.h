@@ -27,9 +27,9 @@ enum {
     PARAMETER_BEGIN = FMU_INPUTS + FMU_OUTPUTS,
     MESSAGE = 1024
 };
-_Static_assert((int)FMU_OUTPUTS == (int)MULTI_FIN_OUTPUTS, "the outputs of the FMU are those of the line and of the fins");
-_Static_assert((int)FIN_PARAMETER_BEGIN == (int)PARAMETER_BEGIN + (MULTI_FIN_LINE ? MODEL_LINE_PARAMETERS : 0),
-               "the parameters of the FMU are those of the line and of the fins");
+CORE_REQUIRE(outputs_are_those_of_line_and_fins, (int)FMU_OUTPUTS == (int)MULTI_FIN_OUTPUTS);
+CORE_REQUIRE(parameters_are_those_of_line_and_fins,
+             (int)FIN_PARAMETER_BEGIN == (int)PARAMETER_BEGIN + (MULTI_FIN_LINE ? MODEL_LINE_PARAMETERS : 0));
 
 /* Everything that reset and the FMU state functions copy. */
 typedef struct {

@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
+#include "interface.h"
 #include "fmi2Functions.h"
 
 #ifdef __GNUC__ /* functions of the standard have parameters that the FMU does not need */

@@ -36,13 +36,13 @@ static double next_look(const instance *m, double *shortest)
         const core_schedule plan = core_scheduled(m->fins.p[fin], m->fins.c[fin]);
         const double h = core->time.position < (int32_t)plan.before ? plan.h_before : plan.h_after;
         const double begin = core_begun(core, &plan), end = begin + h;
-        next = fmin(next, m->s.now <= begin + slack ? begin + just_after
-                          : m->s.now < end - slack  ? end
-                                                    : end + just_after);
-        *shortest = fmin(*shortest, fmin(plan.h_before, plan.h_after));
+        next = lesser(next, m->s.now <= begin + slack ? begin + just_after
+                            : m->s.now < end - slack  ? end
+                                                      : end + just_after);
+        *shortest = lesser(*shortest, lesser(plan.h_before, plan.h_after));
     }
 #if MULTI_FIN_LINE
-    if (!multi_fin_stiff(&m->fins)) next = fmin(next, (double)m->s.fins.instant * multi_fin_interval(&m->fins));
+    if (!multi_fin_stiff(&m->fins)) next = lesser(next, (double)m->s.fins.instant * multi_fin_interval(&m->fins));
 #endif
     return next;
 }

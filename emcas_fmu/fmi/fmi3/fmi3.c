@@ -10,6 +10,7 @@
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #pragma GCC diagnostic ignored "-Wstrict-prototypes"
 #endif
+#include "interface.h"
 #include "fmi3Functions.h"
 
 /* The name of a function or type. */
