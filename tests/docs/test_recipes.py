@@ -118,7 +118,8 @@ def test_c_loop_is_clean(loop: Path, tmp_path: Path) -> None:
     shutil.unpack_archive(loop / "EMCAS.fmu", tmp_path, "zip")
     for language in (["-std=c11"], ["-x", "c++"]):
         made = subprocess.run([program, *language, "-pedantic", "-Wall", "-Wextra", "-Werror", f"-I{loop}/headers",
-                               f"-I{tmp_path}/sources", "-fsyntax-only", loop / "loop.c"], capture_output=True, text=True)
+                               f"-I{tmp_path}/sources", "-fsyntax-only", loop / "loop.c"],
+                              capture_output=True, text=True)
         assert made.returncode == 0, made.stderr
 
 

@@ -106,11 +106,11 @@ def test_the_compiler_chooses_the_prefix(place: Path, fmi: str, flag: str) -> No
 @pytest.mark.parametrize(("backend", "fmi"), [("python", "2"), ("native", "2"), ("native", "3")])
 def test_the_identifier_names_library_and_header(tmp_path: Path, backend: str, fmi: str) -> None:
     """The model keeps its name, by which tools know it."""
-    path, options = tmp_path / "unit.fmu", {"fmi": fmi, "identifier": "Rudder_2"}
+    path = tmp_path / "unit.fmu"
     if backend == "native":
-        lean(load_parameters(), path, **options)
+        lean(load_parameters(), path, fmi=fmi, identifier="Rudder_2")
     else:
-        build(load_parameters(), path, backend, references=False, **options)
+        build(load_parameters(), path, backend, references=False, identifier="Rudder_2")
     assert validate_fmu(str(path)) == []
     description = fmpy.read_model_description(str(path))
     assert (description.coSimulation.modelIdentifier, description.modelName) == ("Rudder_2", "EMCAS")

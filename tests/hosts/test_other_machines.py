@@ -1,4 +1,5 @@
-"""Libraries for other machines in hosts for these: Windows through Wine, Linux on arm64 through QEMU."""
+"""Libraries for other machines in hosts for these: Windows through Wine, Linux on arm64 through QEMU; on 32-bit ARM the
+sources, compiled into the host."""
 
 from __future__ import annotations
 
@@ -56,6 +57,19 @@ def qemu(unpacked: Path, folder: Path) -> Iterator[Host]:
                   [tool("qemu-aarch64", "qemu-user"), "-L", ARM_LIBRARIES], {})
 
 
+def arm(unpacked: Path, folder: Path) -> Iterator[Host]:
+    """The host for Linux on 32-bit ARM with the FMU's sources, for a processor that has fused multiply-add."""
+    compiler = [tool("arm-linux-gnueabihf-gcc", "gcc-arm-linux-gnueabihf"), "-static"]
+    flags = ("-O2", "-mfpu=vfpv4", "-ffp-contract=off")
+    emulator = tool("qemu-arm", "qemu-user")
+    made = compile_host(compiler, unpacked, folder / "host", flags, static=True)
+
+    def call(*arguments: str) -> str:
+        return run([emulator, made, "-", UNUSED, *arguments])
+
+    yield call
+
+
 @pytest.fixture(scope="module", params=["2", "3"])
 def fmi(request: pytest.FixtureRequest) -> str:
     """A version of FMI."""
@@ -63,11 +77,12 @@ def fmi(request: pytest.FixtureRequest) -> str:
     return found
 
 
-@pytest.fixture(scope="module", params=[wine, qemu], ids=["win64", "aarch64-linux"])
+@pytest.fixture(scope="module", params=[wine, qemu, arm], ids=["win64", "aarch64-linux", "arm"])
 def machine(request: pytest.FixtureRequest, fmi: str, tmp_path_factory: pytest.TempPathFactory, linux: None
             ) -> Iterator[Host]:
-    """Runs the host for another machine with the FMU's library for that."""
-    unpacked = request.getfixturevalue("every_platform" if fmi == "2" else "every_machine")
+    """Runs the host for another machine with the FMU's library or sources for that."""
+    built = ("native", "unpacked3") if request.param is arm else ("every_platform", "every_machine")
+    unpacked = request.getfixturevalue(built[fmi == "3"])
     yield from request.param(unpacked, tmp_path_factory.mktemp("machine"))
 
 
