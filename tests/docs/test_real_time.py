@@ -1,0 +1,93 @@
+"""docs/use/real_time.md: two units in one program as printed there, and the memory that the page says they need."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+from tests.fmu.built import lean
+from tests.hosts.host import standard_headers, tool
+
+from .recipes import ROOT, recipes
+
+pytestmark = pytest.mark.fmu
+PAGE = "use/real_time.md"
+BLOCKS = recipes(PAGE)
+SIZE = '#include <stdio.h>\n#include "fmi2.c"\nint main(void) { printf("%d", (int)sizeof(instance)); return 0; }\n'
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Iheaders", "-IEMCAS/sources")
+
+
+@pytest.fixture(scope="module")
+def place(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the page's two FMUs, its loop.c and FMI's headers."""
+    folder = tmp_path_factory.mktemp("real_time")
+    (folder / "tuned.toml").write_text('controller.position.kp = "40 1/s"\n', encoding="utf-8")
+    shutil.copy(shipped_unit(), folder / "EMCAS.fmu")
+    lean(load_parameters(folder / "tuned.toml"), folder / "Tuned.fmu", identifier="Tuned")
+    standard_headers(folder / "headers")
+    (folder / "loop.c").write_text(BLOCKS["loop"][1], encoding="utf-8")
+    (folder / "size.c").write_text(SIZE, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_two_units_in_one_program(place: Path, compiler: str) -> None:
+    """Each has the response of the Python kernel for its parameters and the same hinge moments.
+
+    1e-9 rad is room for constants that a compiler folds, grown over 0.3 s (here nothing differs).
+    """
+    tool("unzip", "unzip")
+    done = subprocess.run(["sh", "-euc", BLOCKS["build"][1]], cwd=place, capture_output=True, text=True, timeout=300,
+                          env={**os.environ, "CC": tool(compiler, compiler)})
+    assert (done.returncode, done.stderr) == (0, "")
+    rows = np.loadtxt(place / "loop.txt")
+    assert rows.shape == (300, 3)
+    for column, file in ((1, None), (2, place / "tuned.toml")):
+        angle = np.concatenate([[0.0], rows[:, column]])
+        found = simulate(load_parameters(file).values, 0.3, kernel="python", fin_command=0.2,
+                         aero_torque=-200.0 * angle)
+        assert np.abs(found["fin_angle"] - angle).max() < 1e-9
+    assert np.abs(rows[:, 1] - rows[:, 2]).max() > 0.01
+
+
+def deepest(graph: str, entry: str) -> int:
+    """The bytes of stack on the deepest path of calls from a function, of a call graph that gcc has written."""
+    nodes = re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes', graph)
+    frames = {name: int(size) for name, size in nodes}
+    calls: Mapping[str, set[str]] = {name: set() for name in frames}
+    for caller, called in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', graph):
+        calls[caller].add(called)
+    rules = {name for name in frames if "rules_check" in name}  # which are called by their address
+
+    def depth(name: str, path: tuple[str, ...] = ()) -> int:
+        assert name not in path, "recursion"
+        inner = calls.get(name, set()) | (rules if "__indirect_call" in calls.get(name, ()) else set())
+        return frames.get(name, 0) + max((depth(each, (*path, name)) for each in inner), default=0)
+
+    (found,) = (name for name in frames if name.endswith(entry))
+    return depth(found)
+
+
+@pytest.mark.slow  # the whole optimised
+def test_memory_by_count(place: Path) -> None:
+    """The page's instance is exact; frames differ between compilers' versions by less than the page promises."""
+    gcc, page = tool("gcc", "gcc"), (ROOT / "docs" / PAGE).read_text(encoding="utf-8")
+    shutil.unpack_archive(place / "EMCAS.fmu", place / "EMCAS", "zip")
+    subprocess.run([gcc, *FLAGS, "-O0", "size.c", "-o", "size", "-lm"], cwd=place, check=True)
+    size = subprocess.run([place / "size"], capture_output=True, text=True, check=True).stdout
+    assert f"| an instance [bytes] | {size} |" in page
+    made = subprocess.run([gcc, *FLAGS, "-fcallgraph-info=su", "-c", "EMCAS/sources/fmi2.c", "-o", "frames.o"],
+                          cwd=place, capture_output=True, text=True)
+    assert made.returncode == 0, made.stderr
+    graph = (place / "frames.ci").read_text(encoding="utf-8")
+    assert 1000 < deepest(graph, "EMCAS_fmi2DoStep") < 4096
+    assert deepest(graph, "EMCAS_fmi2DoStep") < deepest(graph, "EMCAS_fmi2Instantiate") < 10_000
