@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import fromstring
 
+import fmpy
 from fmpy import extract
 
 from emcas_fmu.actuators import NONLINEAR, get
@@ -28,6 +29,7 @@ FLAGS = ("-O2", "-std=c11", "-ffp-contract=off", "-Wall", "-Wextra")
 SHARED = ("-fPIC", "-shared", "-fvisibility=default")
 YARDSTICK = "yardstick"
 _FOLDER = Path(__file__).parent / "native"
+_HEADERS = Path(fmpy.__file__).parent / "c-code"  # of FMI
 
 
 def _identifier(name: str) -> str:
@@ -115,5 +117,5 @@ class Unpacked:
 
     def compiled(self) -> Path:
         """The library of its sources/fmi2.c."""
-        sources = self.folder / "sources"
-        return compile_c(sources / "fmi2.c", self.folder / f"{self.identifier}.so", *SHARED, includes=(sources,))
+        return compile_c(self.folder / "sources/fmi2.c", self.folder / f"{self.identifier}.so", *SHARED,
+                         "-DFMI2_OVERRIDE_FUNCTION_PREFIX", includes=(_HEADERS,))

@@ -28,9 +28,9 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Iheaders", "-IEMCAS/sources")
 
 @pytest.fixture(scope="module")
 def place(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the page's two FMUs, its loop.c and FMI's headers."""
+    """A folder with the page's two FMUs, its files and FMI's headers."""
     folder = tmp_path_factory.mktemp("real_time")
-    (folder / "tuned.toml").write_text('controller.position.kp = "40 1/s"\n', encoding="utf-8")
+    (folder / "tuned.toml").write_text(BLOCKS["tuned"][1], encoding="utf-8")
     shutil.copy(shipped_unit(), folder / "EMCAS.fmu")
     lean(load_parameters(folder / "tuned.toml"), folder / "Tuned.fmu", identifier="Tuned")
     standard_headers(folder / "headers")
