@@ -84,8 +84,8 @@ class FmuInterface:
             raise EmcasError(f"names {self.spelling}: there is {' and '.join(SPELLINGS)}")
         if self.connected not in INPUTS:
             raise EmcasError(f"inputs {self.connected}: there is {' and '.join(INPUTS)}")
-        if not _IDENTIFIER.fullmatch(self.identifier):
-            raise EmcasError(f"identifier {self.identifier!r}: it is not a C identifier, which names functions and "
+        if self.own_identifier is not None and not _IDENTIFIER.fullmatch(self.own_identifier):
+            raise EmcasError(f"identifier {self.own_identifier!r}: it is not a C identifier, which names functions and "
                              "library: take 1 to 64 letters, digits and _, not beginning with a digit")
         spelt: dict[str, str] = {}
         for name in self.reference if self.spelling == "flat" else ():
