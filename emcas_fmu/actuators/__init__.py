@@ -44,6 +44,10 @@ EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "uneven", "efficiency", "sen
                                "trajectory", "supply", "faults")
 HALVES: tuple[str, ...] = ("controller", "plant")
 """An actuator's controllers or plant alone (:mod:`emcas_fmu.extensions.halves`), named behind its extensions."""
+TORQUE = "torque"
+"""The interface with which the host has the fin (:mod:`emcas_fmu.extensions.torque`), named behind the extensions."""
+FMU_ONLY = (*HALVES, TORQUE)
+"""What only FMUs are built of, not simulated: these names follow those of the extensions."""
 _SEPARATOR = "+"
 _NAME = re.compile(r"(.*\.py|[^+]*)((?:\+[^+]*)*)", re.DOTALL)
 
@@ -64,12 +68,12 @@ def parts(name: str) -> tuple[str, tuple[str, ...]]:
         raise EmcasError(f"model {name}: {actuator} is an extension of an actuator: "
                          f"{_SEPARATOR.join((NONLINEAR, name))}")
     for extension in extensions:
-        if extension not in (*EXTENSIONS, *HALVES):
+        if extension not in (*EXTENSIONS, *FMU_ONLY):
             raise EmcasError(f"model {name}: there is no extension {extension!r}{hint(extension, EXTENSIONS)}; "
                              f"there is {', '.join(EXTENSIONS)}")
         if extensions.count(extension) > 1:
             raise EmcasError(f"model {name}: extension {extension!r} appears twice")
-    return _known(actuator, name), tuple(each for each in (*EXTENSIONS, *HALVES) if each in extensions)
+    return _known(actuator, name), tuple(each for each in (*EXTENSIONS, *FMU_ONLY) if each in extensions)
 
 
 def _known(actuator: str, name: str) -> str:
@@ -111,7 +115,12 @@ def half(name: str, part: str) -> str:
     """Return the name of an actuator's `part`, its controllers or its plant alone. Raises EmcasError."""
     if part not in HALVES:
         raise EmcasError(f"part {part}: there is {' and '.join(HALVES)}{hint(part, HALVES)}")
-    return full_name(_SEPARATOR.join((name, part)))
+    return with_extension(name, part)
+
+
+def with_extension(name: str, extension: str) -> str:
+    """Return the name of an actuator with a further extension. Raises EmcasError."""
+    return full_name(_SEPARATOR.join((name, extension)))
 
 
 @checked

@@ -43,6 +43,7 @@ AERO_TORQUE = real_input(
     "aero_torque", "N.m", "aerodynamic hinge moment on the fin, positive along positive fin_angle "
     "(a restoring moment is negative at positive angle)", nominal=100.0)
 ENABLE = boolean_input("enable", "false disables the actuator: the fin does not follow the command", True)
+STEP_BEGIN = real_input("step_begin", "s", "begin of the host's step; set by the FMU, not by the host")
 
 # -- outputs -----------------------------------------------------------------------
 
@@ -108,7 +109,8 @@ TERMINALS = (
     Terminal("command", "what the flight computer sends and gets back",
              ("fin_command", "enable", "measured_fin_angle", "tracking_error", "saturated", "at_stop")),
     Terminal("hinge", "the fin's shaft: moment in, motion out",
-             ("aero_torque", "fin_angle", "fin_rate", "hinge_torque")),
+             ("aero_torque", "hinge_angle", "hinge_rate", "fin_angle", "fin_rate", "hinge_torque", "actuator_torque",
+              "armature")),
     Terminal("vehicle", "motion of the vehicle, for gravity and inertia", tuple(v.name for v in MOTION)),
 )
 

@@ -18,7 +18,7 @@ import fmpy
 from fmpy.model_description import read_model_description
 from fmpy.simulation import instantiate_fmu
 
-from ..actuators import EXTENSIONS, HALVES, NAMES, get
+from ..actuators import EXTENSIONS, FMU_ONLY, NAMES, get
 from ..errors import EmcasError
 from ..fmi.fmi3.arrays import arrays
 from ..fmi.interface import FmuInterface, flat, model_name
@@ -121,7 +121,7 @@ def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError
 def _models() -> Mapping[str, str]:
     """Return the models, with all combinations of extensions, by the modelName of one fin."""
     subsets = [(*subset, *half) for n in range(len(EXTENSIONS) + 1) for subset in combinations(EXTENSIONS, n)
-               for half in ((), *((each,) for each in HALVES))]
+               for half in ((), *((each,) for each in FMU_ONLY))]
     models = ["+".join((actuator, *subset)) for subset in reversed(subsets) for actuator in reversed(NAMES)]
     return {model_name(model): model for model in models}
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from ..actuators import NONLINEAR, half
+from ..actuators import NONLINEAR, TORQUE, half, with_extension
 from . import common
 
 EPILOG = common.examples(
@@ -16,6 +16,7 @@ EPILOG = common.examples(
     "--backend native --platform linux64 --platform win64", "--backend native --cc gcc", "--fmi 3", "--fmi 3 --scalars",
     "--backend native --names flat", "--backend native --inputs minimal", "--backend native --identifier Rudder",
     "--model second-order", "--part controller", "--part plant --backend native",
+    "--interface torque --backend native",
     "--fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
 
@@ -51,9 +52,12 @@ def build(
     part: Annotated[str | None, common.value(
         "Only the controllers (measured angle in, reference out), or only the plant (reference in): hardware replaces "
         "the other.", "controller|plant")] = None,
+    interface: Annotated[str, common.value(
+        "What the host gets: the fin's angle under its load, or, for a fin that is a body of the host's, the torque on "
+        "it.", "angle|torque")] = "angle",
     references: Annotated[bool, typer.Option(
         help="Include responses that any host can repeat; for new parameters they need a second or more "
-             "to integrate. None of a part.")] = True,
+             "to integrate. None of a part or with torque.")] = True,
     output: Annotated[Path | None, common.value("FMU to write; default: EMCAS.fmu, or EMCAS4.fmu with --fins 4, or the "
                                                 "identifier.",
                                                 "FILE", "--output", "-o")] = None,
@@ -64,14 +68,14 @@ def build(
     from ..parameters import load_parameters
     from ..studies.overview import in_words, remaining_estimates
 
-    unit = FmuInterface(fins, half(model, part) if part else model, own_identifier=identifier)
-    target = output or Path(f"{unit.identifier}.fmu")
+    kind = half(model, part) if part else with_extension(model, TORQUE) if interface == TORQUE else model
+    target = output or Path(f"{FmuInterface(fins, kind, own_identifier=identifier).identifier}.fmu")
     placement, files = common.placed(fins, layout, fin)
     common.check_outputs(target, inputs=(parameters, files.values()))
     chosen = load_parameters(parameters, model=model)
     with common.work("build") as step:
         built = build_fmu(chosen, target, backend, platform, cc, step, fins, placement, files, fmi, references,
-                          clock, names, part, scalars, inputs, identifier)
+                          clock, names, part, scalars, inputs, identifier, interface)
     common.warn(built.warnings)
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bars
 from rich.segment import Segment
 
-from ..actuators import EXTENSIONS, HALVES, NAMES, NONLINEAR, split
+from ..actuators import EXTENSIONS, FMU_ONLY, HALVES, NAMES, NONLINEAR, split
 from ..errors import EmcasError, EmcasWarning, in_words, writing
 from ..figures import check_ending
 from ..pages.terminal import table as table
@@ -144,10 +144,11 @@ def plot_option(what: str, more: str = "") -> Any:
 
 
 def _whole(model: str | None) -> str | None:
-    """Return the model of an option. Raises EmcasError for a half of an actuator, of which there are only FMUs."""
-    if halves := [each for each in HALVES if model and each in split(model)[1]]:
-        raise EmcasError(f"--model {model}: leave +{halves[0]} out; an actuator's half is an FMU only: emcas build "
-                         f"--part {halves[0]}")
+    """Return the model of an option. Raises EmcasError for an actuator of which there are only FMUs."""
+    if only := [each for each in FMU_ONLY if model and each in split(model)[1]]:
+        what, option = ("an actuator's half", "part") if only[0] in HALVES else ("torque out", "interface")
+        raise EmcasError(f"--model {model}: leave +{only[0]} out; {what} is an FMU only: emcas build "
+                         f"--{option} {only[0]}")
     return model
 
 

@@ -29,6 +29,8 @@ SPELLINGS = ("structured", "flat")
 LAYOUTS = ("plus", "cross")
 INPUTS = ("all", "minimal")
 """Which inputs an FMU has: those of the actuator, or command and load alone; the others are tunable parameters then."""
+CONNECTIONS = ("angle", "torque")
+"""What a host gets of an actuator: the fin's angle under a load, or the torque on a fin that the host has."""
 MINIMAL = (fin_port.COMMAND.name, fin_port.AERO_TORQUE.name)
 AZIMUTH = "mounting.azimuth"
 FINS = "fins."

@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 from pythonfmu import Fmi2Slave
 
 from .. import rules
+from ..actuators import fin_port
 from ..errors import BuildError
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
 from ..runtime.compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform, universal
@@ -38,6 +39,8 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
                       for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE", "UNCONNECTED"))
     supply = interface.actuator.supply
     arrays = _arrays(interface, fmi) if fmi.is_3 else ""
+    begin = interface.reference.get(fin_port.STEP_BEGIN.name)
+    step_begin = "" if begin is None else f"#define STEP_BEGIN {begin} /* an input that the FMU sets */\n"
     return header(
         "interface", "The interface: variables, their indices, identity", "#include <math.h>\n\n"
         f"/* Of the functions' names, unless the compiler has another. */\n#ifndef {fmi.prefix}\n"
@@ -45,7 +48,7 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
         f"#define MODEL_NAME {c_text(interface.model)}\n#define MODEL_GUID {c_text(guid)}\n"
         f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
         f"#define FINS {interface.fins}\n/* Prefix of a fin's messages. */\n"
-        f"#define OF_FIN {c_text(interface.of_fin('%u') + ': ')}\n\n{_sizes(interface)}\n"
+        f"#define OF_FIN {c_text(interface.of_fin('%u') + ': ')}\n\n{_sizes(interface)}{step_begin}\n"
         "enum { REAL, INTEGER, BOOLEAN };\n"
         'static const char *const KIND[] = {"Real", "Integer", "Boolean"};\n'
         f"{formats}static const char NO_SUPPLY[] = {c_text(f'{supply.input.name} = 0' if supply else '')};\n\n"

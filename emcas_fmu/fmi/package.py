@@ -10,7 +10,7 @@ from typing import Any
 from uuid import UUID
 
 from .. import __version__
-from ..actuators import half
+from ..actuators import TORQUE, half, with_extension
 from ..errors import BuildError
 from ..parameters import ParameterSet
 from ..runtime import codegen
@@ -21,7 +21,7 @@ from . import native, python
 from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
 from .format import FORMATS, Format
-from .interface import INPUTS, SPELLINGS, FmuInterface, fin_sets, start_values
+from .interface import CONNECTIONS, INPUTS, SPELLINGS, FmuInterface, fin_sets, start_values
 from .model_description import model_description
 from .references import reference_files
 
@@ -78,7 +78,8 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
           fins: int = 1, layout: str = "cross", files: Mapping[int, Path | str] | None = None, fmi: str | int = "2",
           references: bool = True, clock: bool = False, names: str = SPELLINGS[0], part: str | None = None,
-          scalars: bool = False, inputs: str = INPUTS[0], identifier: str | None = None) -> Built:
+          scalars: bool = False, inputs: str = INPUTS[0], identifier: str | None = None,
+          interface: str = CONNECTIONS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python`` (FMI 2.0 only; its default) or ``native``, the default for `fmi` ``3``. The native back end
@@ -89,13 +90,14 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     and C functions. Several `fins` share a supply and are in the `layout`
     ``plus`` or ``cross``; `files` are parameter files of single fins, by number from 1, that override `parameters`.
     With `references` the FMU contains responses to compare with (:mod:`.references`). A `part` is the ``controller`` or
-    the ``plant`` alone (:mod:`emcas_fmu.extensions.halves`), without references. Raises EmcasError for invalid
+    the ``plant`` alone (:mod:`emcas_fmu.extensions.halves`), without references. With the `interface` ``torque`` the
+    host has the fin (:mod:`emcas_fmu.extensions.torque`), also without references. Raises EmcasError for invalid
     arguments, ParameterError for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is
     no compiler.
     """
     fmi = str(fmi)
     backend = backend or ("python" if fmi == "2" else "native")
-    in_python = backend == "python"
+    in_python, torque = backend == "python", interface == TORQUE
     for refused, reason in (
             (fmi not in FORMATS, f"fmi {fmi}: there is {' and '.join(FORMATS)}"),
             (backend not in BACKENDS, f"backend {backend}: there is {' and '.join(BACKENDS)}"),
@@ -105,18 +107,24 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
             (scalars and fmi == "2", "scalars are for fmi 3: FMI 2.0 has nothing else"),
             (in_python and fmi != "2", f"fmi {fmi} is for backend native: the Python back end exports FMI 2.0"),
             (fins == 1 and files, "files of single fins are for an FMU of several: set fins"),
-            (part and fins > 1, f"part {part} is that of one fin: leave fins out, and use an instance for each")):
+            (interface not in CONNECTIONS, f"interface {interface}: there is {' and '.join(CONNECTIONS)}"),
+            (part and torque, f"part {part} has no interface torque: it belongs to the whole actuator"),
+            (inputs != INPUTS[0] and torque, f"inputs {inputs}: with interface torque the fin's motion is an input"),
+            ((part or torque) and fins > 1, f"{f'part {part}' if part else 'interface torque'} is that of one fin: "
+             "leave fins out, and use an instance for each")):
         if refused:
             raise BuildError(reason)
     output = Path(output)
     check_target(output, ".fmu", BuildError)
     if part:
         parameters = replace(parameters, model=half(parameters.model, part))
+    if torque:
+        parameters = replace(parameters, model=with_extension(parameters.model, TORQUE))
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    interface = FmuInterface(fins, parameters.model, names, inputs, identifier)
+    unit = FmuInterface(fins, parameters.model, names, inputs, identifier)
     chosen = replace(FORMATS[fmi], clock=clock, scalars=scalars)
-    contents, guid, built_for, doubts = _contents(interface, sets, backend, platforms, cc, progress, chosen,
-                                                  references and not interface.actuator.hidden)
+    contents, guid, built_for, doubts = _contents(unit, sets, backend, platforms, cc, progress, chosen,
+                                                  references and not unit.actuator.hidden)
     # modelDescription.xml first: readers that stream find it at once.
     write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *doubts))

@@ -63,6 +63,9 @@ static int step_end(instance *m, double time, double size, double *end)
     *end = begin + size;
     if (*end < m->s.now) *end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
     if (m->moved) update_motion_loads_now(m);
+#ifdef STEP_BEGIN
+    m->s.values[STEP_BEGIN] = begin; /* the fin gets the motion of the host's once a step */
+#endif
     return FMI(OK);
 }
 

@@ -44,6 +44,7 @@ class Slave(ReportingSlave):
     mixing: ClassVar[tuple[int, ...]]  # and of the mixing inputs of several fins
     of_fin: ClassVar[str]  # prefix of a fin's messages; empty for a single fin
     line_start: ClassVar[tuple[float, ...]]  # initial states of the supply's line
+    step_begin: ClassVar[int | None]  # index of the input that is the begin of the host's step, if there is one
     # Derived from the rows once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
     _output_slice: ClassVar[slice]
@@ -129,6 +130,8 @@ class Slave(ReportingSlave):
                                        f"{self._stop!r} s")
                 if end < now:  # a host's time may run back within the tolerance, the trajectory does not
                     end = now
+                if self.step_begin is not None:
+                    self._values[self.step_begin], self._held = begin, None
                 inputs = self._held or self._checked_inputs(core, current_time)
                 before = core.state
                 self._values[self._output_slice] = core.run(end, inputs)
