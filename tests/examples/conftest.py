@@ -1,4 +1,4 @@
-"""JSBSim has to be there, or its tests say that it is not; the unit of four fins, and an archive of single ones."""
+"""JSBSim and MuJoCo have to be there, or tests say that they are not; a unit of four fins, single ones in an SSP."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ Doctor = Callable[..., Path]
 
 
 @pytest.fixture(autouse=True)
-def _jsbsim(request: pytest.FixtureRequest) -> None:
-    if "jsbsim" in request.path.name and importlib.util.find_spec("jsbsim") is None:
-        missing("there is no jsbsim (pip install jsbsim)")
+def _simulator(request: pytest.FixtureRequest) -> None:
+    for name in ("jsbsim", "mujoco"):
+        if name in request.path.name and importlib.util.find_spec(name) is None:
+            missing(f"there is no {name} (pip install {name})")
 
 
 @pytest.fixture(scope="session")

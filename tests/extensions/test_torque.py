@@ -78,7 +78,7 @@ def coupled(model: str, stop: float, moment: Moment, *, euler: bool = True, scal
     inertia = scale * sum(default[name] for name in PARTS)
     host = Host(inertia, euler, moment)
     for k in range(round(stop / h)):
-        out = unit.run((k + 1) * h, step_begin=k * h, hinge_angle=host.angle, hinge_rate=host.rate,
+        out = unit.run(k * h + h, step_begin=k * h, hinge_angle=host.angle, hinge_rate=host.rate,
                        **{name: float(value(k * h)) for name, value in inputs.items()})
         host.inertia = inertia + out["armature"]
         host.step(k * h, out["actuator_torque"], h)

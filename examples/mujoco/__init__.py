@@ -1,0 +1,1 @@
+"""Four actuators on the joints of a body in MuJoCo."""

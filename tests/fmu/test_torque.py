@@ -1,0 +1,152 @@
+"""Torque out as FMUs: valid, the same from both back ends and in FMI 3.0, a state restored, reset as fresh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from zipfile import ZipFile
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import NONLINEAR
+from emcas_fmu.cli import app
+from emcas_fmu.fmi import figures
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from tests.extensions.test_torque import PARTS, coupled, restoring, steps
+
+from .built import lean
+
+pytestmark = pytest.mark.fmu
+STEP, STOP = 7e-4, 0.21  # does not divide the sample time
+INERTIA = sum(load_parameters().values[name] for name in PARTS)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+    folder, parameters = tmp_path_factory.mktemp("torque"), load_parameters()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "response_pictures", lambda _: ())
+        python = build(parameters, folder / "python.fmu", interface="torque").path
+    return {"python": python, **{name: lean(parameters, folder / f"{name}.fmu", interface="torque", fmi=fmi)
+                                 for name, fmi in (("native", "2"), ("3", "3"))}}
+
+
+class Hosted:
+    """An FMU and a fin that semi-implicit Euler moves."""
+
+    def __init__(self, path: Path) -> None:
+        described = fmpy.read_model_description(str(path))
+        self.fmu: Any = fmpy.instantiate_fmu(fmpy.extract(str(path)), described, "CoSimulation")
+        self.is_3 = isinstance(self.fmu, FMU3Slave)
+        assert self.is_3 or isinstance(self.fmu, FMU2Slave)
+        self.of = {v.name: v.valueReference for v in described.modelVariables}
+        self.get, self.set = ((self.fmu.getFloat64, self.fmu.setFloat64) if self.is_3
+                              else (self.fmu.getReal, self.fmu.setReal))
+        self.begin()
+
+    def begin(self) -> None:
+        if not self.is_3:
+            self.fmu.setupExperiment()
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.angle = self.rate = 0.0
+        self.inertia = INERTIA + self.get([self.of["armature"]])[0]
+
+    def step(self, k: int) -> float:
+        inputs = {"fin_command": steps(k * STEP), "hinge_angle": self.angle, "hinge_rate": self.rate}
+        self.set([self.of[name] for name in inputs], list(inputs.values()))
+        self.fmu.doStep(currentCommunicationPoint=k * STEP, communicationStepSize=STEP)
+        torque: float = self.get([self.of["actuator_torque"]])[0]
+        self.rate += STEP * ((torque + restoring(0.0, self.angle, self.rate)) / self.inertia)
+        self.angle += STEP * self.rate
+        return torque
+
+    def run(self) -> NDArray[np.float64]:
+        return np.array([(self.step(k), self.angle) for k in range(round(STOP / STEP))])
+
+    def end(self) -> None:
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+
+
+@pytest.fixture(scope="module")
+def expected() -> NDArray[np.float64]:
+    """Torque and angle with the core in this process."""
+    return np.array([(out["actuator_torque"], host.angle) for _, host, out in coupled(
+        NONLINEAR, STOP, restoring, h=STEP, fin_command=steps)])
+
+
+@pytest.mark.parametrize("name", ["python", "native", "3"])
+def test_of_every_kind(name: str, files: Mapping[str, Path], expected: NDArray[np.float64]) -> None:
+    """Valid, and with the bits of the core; after a reset again."""
+    assert validate_fmu(str(files[name])) == []
+    hosted = Hosted(files[name])
+    assert np.array_equal(hosted.run(), expected)
+    hosted.fmu.reset()
+    hosted.begin()
+    assert np.array_equal(hosted.run(), expected)
+    hosted.end()
+    assert np.degrees(np.ptp(expected[:, 1])) > 5.0
+
+
+@pytest.mark.parametrize("name", ["python", "native"])
+def test_a_step_may_be_repeated(name: str, files: Mapping[str, Path]) -> None:
+    """With the state restored, as co-simulation masters do that iterate."""
+    hosted = Hosted(files[name])
+    for k in range(60):
+        hosted.step(k)
+    kept, state = (hosted.angle, hosted.rate), hosted.fmu.getFMUState()
+    first = [hosted.step(k) for k in range(60, 100)]
+    hosted.fmu.setFMUState(state)
+    hosted.angle, hosted.rate = kept
+    assert [hosted.step(k) for k in range(60, 100)] == first
+    assert np.ptp(first) > 1.0
+    hosted.fmu.freeFMUState(state)
+    hosted.end()
+
+
+@pytest.mark.parametrize("name", ["python", "native", "3"])
+def test_interface(name: str, files: Mapping[str, Path]) -> None:
+    """Load and motion of the vehicle are the host's; the terminal `hinge` has what passes between both."""
+    described = fmpy.read_model_description(str(files[name]))
+    inputs = {v.name for v in described.modelVariables if v.causality == "input"}
+    assert inputs == {"fin_command", "supply_voltage", "enable", "hinge_angle", "hinge_rate"}
+    with ZipFile(files[name]) as archive:
+        root = ElementTree.fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml"))
+        page = archive.read("documentation/index.html").decode()
+    (hinge,) = (t for t in root.iter("Terminal") if t.get("name") == "hinge")
+    assert [m.get("variableName") for m in hinge] == [
+        "hinge_angle", "hinge_rate", "fin_angle", "fin_rate", "hinge_torque", "actuator_torque", "armature"]
+    assert "apply <code>actuator_torque</code>" in page
+    assert "half of an actuator" not in page
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--interface", "force"], "interface force: there is angle and torque"),
+    (["--interface", "torque", "--part", "plant"], "part plant has no interface torque"),
+    (["--interface", "torque", "--inputs", "minimal"], "with interface torque the fin's motion is an input"),
+    (["--interface", "torque", "--fins", "4"], "interface torque is that of one fin"),
+    (["--interface", "torque", "--model", "elastic"], "torque needs a rigid drive line; elastic has none"),
+])
+def test_refusals(arguments: list[str], message: str, tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["build", *arguments, "-o", str(tmp_path / "x.fmu")])
+    assert done.exit_code == 2
+    assert message in " ".join(done.output.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_other_commands_are_for_the_whole() -> None:
+    done = CliRunner().invoke(app, ["simulate", "--model", f"{NONLINEAR}+torque", "--step", "10"])
+    assert done.exit_code == 2
+    assert "leave +torque out; torque out is an FMU only: emcas build --interface torque" in " ".join(
+        done.output.split())
