@@ -220,6 +220,13 @@ def test_energy_is_accounted(euler: bool) -> None:
     assert work == pytest.approx(0.5 * spring * host.angle**2, abs=1e-3 * driven)
 
 
+def test_no_output_depends_on_the_motion_of_the_same_instant() -> None:
+    """Otherwise host and FMU would have an algebraic loop."""
+    direct = codegen.direct_inputs(with_extension(NONLINEAR, TORQUE))
+    assert {"actuator_torque", "armature", "fin_angle"}.isdisjoint(direct)
+    assert {"hinge_angle", "hinge_rate"}.isdisjoint(name for names in direct.values() for name in names)
+
+
 def test_refused() -> None:
     for model in set(NAMES) - {*RIGID}:
         with pytest.raises(EmcasError, match="torque needs a rigid drive line") as caught:
