@@ -52,6 +52,7 @@ STATES = (State("step_met", "s", "begin of the step to which the states belong")
           State("host_angle", "rad", "of the host's fin at that time"), State("host_rate", "rad/s"),
           State("host_load", "N.m", "all other moments on the host's fin"),
           State("rate_is_mean", "1", "1 for a host that integrates by semi-implicit Euler, else 0"))
+_CHANGED = 1e-9  # rad/s: a change of rate from which the kind of host follows, far above the rounding of an angle
 _RETURN = 1.0 / 3.0  # share of the way back to a stop per step; up to 6 - 4 sqrt(2) = 0.343 it does not overshoot
 
 
@@ -102,8 +103,8 @@ def _extend(actuator: Actuator) -> Actuator:
             advance = (u.hinge_angle - x.host_angle) * per_time
             mean = 0.5 * (x.host_rate + u.hinge_rate)
             euler, exact = ops.fabs(advance - u.hinge_rate), ops.fabs(advance - mean)
-            is_mean = ops.where(ops.both(known, ops.negate(ops.equal(euler, exact))),
-                                ops.where(euler < exact, 1.0, 0.0), x.rate_is_mean)
+            shown = ops.both(known, ops.fabs(u.hinge_rate - x.host_rate) > _CHANGED)
+            is_mean = ops.where(shown, ops.where(euler < exact, 1.0, 0.0), x.rate_is_mean)
             rate = ops.where(known, rate + ops.where(x.rate_is_mean > 0.0, 1.5, 1.0) * off, u.hinge_rate)
             angle = kinematics.motor_angle(ops, built, within(ops, built, u.hinge_angle))
             return (angle, rate * _ratio(ops, built, angle), u.step_begin, 0.0, u.hinge_angle, u.hinge_rate,
