@@ -297,9 +297,12 @@ def test_a_second_order_actuator_follows_its_equation_exactly(damping: float) ->
 def test_a_second_order_actuator_rests_at_its_stop_until_it_turns_back(side: float) -> None:
     actuator, values = get("second-order"), load_parameters(model="second-order").values
     p, stop = actuator.namespace(values), values["fin.stop_angle"]
-    out, back = (actuator.step(FLOATS, p, Record(fin_angle=side * begin, fin_rate=side * rate),
-                               Record(enabled=True, reference=side * reference), 1e-3)[0]
-                 for begin, rate, reference in ((stop - 1e-3, 3.0, stop), (stop + 1e-3, -0.1, 0.0)))
+
+    def stepped(begin: float, rate: float, reference: float) -> Any:
+        u: Any = Record(enabled=True, reference=side * reference)
+        return actuator.step(FLOATS, p, Record(fin_angle=side * begin, fin_rate=side * rate), u, 1e-3)[0]
+
+    out, back = stepped(stop - 1e-3, 3.0, stop), stepped(stop + 1e-3, -0.1, 0.0)
     assert out == {"fin_angle": side * stop, "fin_rate": 0.0}
     assert side * back["fin_rate"] < 0.0
 
