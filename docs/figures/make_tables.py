@@ -224,7 +224,7 @@ def extensions() -> str:
     rows = []
     for name in EXTENSIONS:
         extension = get_extension(name)
-        page = {**dict.fromkeys(("stribeck", "lugre", "uneven"), "friction"),
+        page = {**dict.fromkeys(("stribeck", "lugre", "uneven"), "friction"), "saturation": "drive",
                 **dict.fromkeys(("filters", "trajectory"), "control")}.get(name, name)
         model = next(model for model in NAMES if _over(name, model))
         plain = {v.name for v in (*get(model).inputs, *get(model).outputs)}

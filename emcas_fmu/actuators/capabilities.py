@@ -27,6 +27,8 @@ OF_LOOP = ("motor.inductance", "drive.kp", "drive.ki", "drive.current_gain")
 
 MOTOR_CURRENT = _capability("a motor current", "motor_current", "motor.resistance", "motor.torque_constant",
                             "motor.back_emf_constant")
+PROPORTIONAL_TORQUE = _capability("a torque in proportion to the motor current", "motor_current", "motor_torque",
+                                  "motor.torque_constant")
 CURRENT_LOOP = _capability("a current loop", "drive.kp", "drive.ki", "drive.current_gain", "motor_voltage",
                            shared=("drive.current_gain",))
 CURRENT_LIMIT = _capability("a limit of the motor current", "drive.current_limit")

@@ -20,9 +20,9 @@ from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
-from ..physics import course, heat
-from ..steppers.electrical import electrical_mode
+from ..physics import heat
 from ..variables import in_group, parameter, real_output, tunable
+from .currents import flowing, mean_square
 from .declaration import Extension, also_read
 
 STATES = (State("winding_temperature", "degC"), State("case_temperature", "degC"))
@@ -75,7 +75,6 @@ def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with heat, and with the I2t limit if it limits its current."""
     limits = capabilities.CURRENT_LIMIT in actuator.provides
     ambient = () if capabilities.AMBIENT_TEMPERATURE in actuator.provides else (AMBIENT,)
-    stepped = capabilities.DRIVE_STEP in actuator.provides
 
     def at(ops: Ops, p: Any, u: PlantInputs, winding: Value, case: Value, load: Value) -> Any:
         warm = heat.at_temperatures(ops, p, winding, case)
@@ -106,24 +105,11 @@ def extend(actuator: Actuator) -> Actuator:
         limit = heat.current_limit(ops, p, x.i2t_load)
         return actuator.sample(ops, with_values(p, {"drive.current_limit": limit}), x, inputs)
 
-    def mean_square(ops: Ops, q: Any, x: Record, u: PlantInputs, h: Value, current: Value, moved: Values, used: Value
-                    ) -> Value:
-        """Return the mean of i^2 [A^2] over the `used` [s] of a step of `h` [s] from a `current` [A]."""
-        if not stepped:
-            end = actuator.motor_current(ops, q, x.replace(**moved), u)
-            return (current * current + current * end + end * end) / 3.0
-        if q.structure.current == "ideal":
-            return moved["motor_current"] * moved["motor_current"]
-        tau = electrical_mode(ops, actuator.plant_parameters(ops, q), x, u, h).tau
-        return course.mean_square(ops, current, moved["motor_current"], used / tau)
-
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-        current = actuator.motor_current(ops, p, x, u)
-        if stepped:
-            current = ops.where(u.enabled, current, 0.0)  # a disabled drive's bridge is open
+        current = flowing(ops, actuator, p, x, u)
         q = through(ops, p, x, u, current, h)
         moved, used = actuator.step(ops, q, x, u, h)
-        square = mean_square(ops, q, x, u, h, current, moved, used)
+        square = mean_square(ops, actuator, q, x, u, h, moved, used)
         winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, q.motor.resistance * square, used)
         moved = {**moved, "winding_temperature": winding, "case_temperature": case}
         if limits:

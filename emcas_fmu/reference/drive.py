@@ -51,6 +51,15 @@ class Driven(Actuator):
         faster = self.acceleration(y, mode, around) if self.p["motor.pole_pairs"] else 0.0
         return Motor(self.speed(y), y[self.current], y[self.current + 1], faster)
 
+    def flux(self, current: float) -> float:
+        """Return the magnets' flux at a current [A] over that without: the iron saturates, but for 2/3 of it."""
+        lost = self.p.get("saturation.share", 0.0)
+        return max(1.0 - lost * (current / self.p["saturation.current"]) ** 2, 2.0 / 3.0) if lost else 1.0
+
+    def motor_torque(self, current: float) -> float:
+        """Return the torque of the motor [N.m] at a current [A]."""
+        return self.p["motor.torque_constant"] * self.flux(current) * current
+
     # Voltage and current ------------------------------------------------------------------------------------
 
     def demand(self, m: Motor, around: Surroundings) -> float:
@@ -70,7 +79,7 @@ class Driven(Actuator):
         """Return the motor terminal voltage [V]; the back-EMF while the bridge is open."""
         m = Motor(self.speed(y), y[self.current], y[self.current + 1])
         if not around.enable:
-            return self.p["motor.back_emf_constant"] * m.speed
+            return self.p["motor.back_emf_constant"] * m.speed  # without current
         return clip(self.demand(m, around), self.limit(m, around))
 
     def electrical(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
@@ -88,8 +97,8 @@ class Driven(Actuator):
     def _rise(self, m: Motor, voltage: float) -> float:
         """Return di/dt [A/s] at a motor voltage [V]."""
         p = self.p
-        return ((voltage - p["motor.resistance"] * m.current - p["motor.back_emf_constant"] * m.speed)
-                / p["motor.inductance"])
+        induced = p["motor.back_emf_constant"] * self.flux(m.current) * m.speed
+        return (voltage - p["motor.resistance"] * m.current - induced) / p["motor.inductance"]
 
     def _limit_slope(self, m: Motor, rise: float, around: Surroundings) -> float:
         """Return the limit's time derivative [V/s] while the current rises [A/s]."""

@@ -70,7 +70,7 @@ class Electrohydrostatic(Cylinder, Driven):
 
     def _shaft_torque(self, y: State) -> float:
         """Return the torque [N.m] of current and pressures on the shaft."""
-        return self.p["motor.torque_constant"] * y[CURRENT] - self.p["pump.displacement"] * (y[ONE] - y[TWO])
+        return self.motor_torque(y[CURRENT]) - self.p["pump.displacement"] * (y[ONE] - y[TWO])
 
     def _shaft_dry(self, y: State) -> float:
         """Return the dry friction [N.m] of the shaft."""

@@ -79,7 +79,7 @@ class Plant(Screw, Driven):
         ratio = self.ratio(delta)
         ratio_slope = ratio * self.bend(delta)  # R' (2.7)
         moment = (  # (2.15 - 2.17)
-            ratio * self.p["motor.torque_constant"] * current
+            ratio * self.motor_torque(current)
             - (ratio * ratio * self.viscous[motion] + self.fin_viscous) * omega
             - self.motor_inertia * ratio * ratio_slope * omega * omega
             + self.loads(delta, around)
@@ -90,7 +90,7 @@ class Plant(Screw, Driven):
 
     def excess(self, y: State, _mode: Mode, around: Surroundings, side: int) -> float:
         """Return the moment [N.m] on a resting fin towards `side` beyond what friction holds."""
-        moment = self.ratio(y[0]) * self.p["motor.torque_constant"] * y[2] + self.loads(y[0], around)
+        moment = self.ratio(y[0]) * self.motor_torque(y[2]) + self.loads(y[0], around)
         return side * moment - self.coulomb(y[0], side)
 
 

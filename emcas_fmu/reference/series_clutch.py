@@ -88,7 +88,7 @@ class SeriesClutch(Driven):
 
     def _rotor(self, y: State, way: int, around: Surroundings) -> float:
         """Return the torque [N.m] on a rotor that slides `way`, without clutch."""
-        return (self.p["motor.torque_constant"] * y[CURRENT] - self.p["motor.viscous_friction"] * y[ROTOR]
+        return (self.motor_torque(y[CURRENT]) - self.p["motor.viscous_friction"] * y[ROTOR]
                 - self.rotor_inertia * around.faster[0] - way * self.p["motor.coulomb_friction"])
 
     def _screw(self, y: State, way: int, around: Surroundings) -> float:

@@ -48,7 +48,7 @@ class WormPlant(Geared):
         """Return torque on the worm and moment on the wheel [N.m] without the flanks', of motion along `way`."""
         delta, omega, current = y[:3]
         rotor = (self.p["inertia.motor"] + self.p["inertia.screw"]) * around.faster[0]
-        worm = (self.p["motor.torque_constant"] * current - rotor - self.viscous[way] * self.turns * omega
+        worm = (self.motor_torque(current) - rotor - self.viscous[way] * self.turns * omega
                 - way * self.coulomb_factor * self.motor_coulomb(delta, way))
         wheel = self.loads(delta, around) + self.turns * rotor - self.fin_viscous * omega - way * self.fin_coulomb
         return worm, wheel

@@ -96,7 +96,7 @@ CURRENT = Group(outputs=(
     Output(real_output("motor_current", "A", "motor current", 30.0), lambda ops, p, m: m.current),
     Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0),
            lambda ops, p, m: m.voltage)),
-    provides=(capabilities.MOTOR_CURRENT, capabilities.DRIVE_STEP))
+    provides=(capabilities.MOTOR_CURRENT, capabilities.PROPORTIONAL_TORQUE, capabilities.DRIVE_STEP))
 POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.voltage * m.current),), terminal="",
               provides=(capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER))
 VOLTAGE_LIMIT = Group(provides=(capabilities.VOLTAGE_LIMIT,))

@@ -30,7 +30,7 @@ from ...reference.files import supply_start
 from ...simulation import Array
 
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
-         capabilities.COULOMB_FRICTION, capabilities.DRIVE_STEP)
+         capabilities.COULOMB_FRICTION, capabilities.PROPORTIONAL_TORQUE, capabilities.DRIVE_STEP)
 _POINTS = 101
 _HALVINGS = 60  # of the interval of speeds, down to rounding
 

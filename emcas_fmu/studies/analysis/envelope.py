@@ -39,7 +39,8 @@ from ...parameters import ParameterSet
 from ...physics import drive, heat
 from ...simulation import Array
 
-NEEDS = (capabilities.MOTOR_CURRENT, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_DRIVE)
+NEEDS = (capabilities.MOTOR_CURRENT, capabilities.PROPORTIONAL_TORQUE, capabilities.CURRENT_LIMIT,
+         capabilities.VOLTAGE_LIMIT, capabilities.SCREW_DRIVE)
 _POINTS = 201
 _CURRENTS = 401  # of the grid of extremes of torque that brackets roots of the voltage
 _SHORTEST, _LONGEST = 1e-6, 1e9  # s
