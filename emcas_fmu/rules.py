@@ -23,7 +23,7 @@ BELOW = "%s = %.9g is below its minimum %.9g"
 ABOVE = "%s = %.9g is above its maximum %.9g"
 TOO_LATE = ("start time %.9g s: a clock counts there in steps that are too coarse for the solver's ticks; start within "
             "+-%.6g s")
-UNCONNECTED = "%s at the first command, which the fin cannot follow: connect this input, or give it a value"
+UNCONNECTED = "%s at the first command, so that the fin does not follow it; if that is not meant, connect this input"
 ANGLE = "%.6g rad (%.6g deg)"
 
 

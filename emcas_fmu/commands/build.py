@@ -45,7 +45,7 @@ def build(
         "or make buses of them.", "structured|flat")] = "structured",
     inputs: Annotated[str, common.value(
         "Inputs of the FMU: all, or minimal, fin_command and aero_torque alone. The others are parameters then, for "
-        "tools in which every input must be connected or begins at 0.", "all|minimal")] = "all",
+        "tools that want every input connected, or start those that are not at 0.", "all|minimal")] = "all",
     identifier: Annotated[str | None, common.value(
         "Model identifier, a C identifier: the name of library and header, and before the names of C functions where "
         "several FMUs are compiled into one program; default: the model's name.", "NAME")] = None,

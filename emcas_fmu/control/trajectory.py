@@ -61,7 +61,8 @@ def move(ops: Ops, p: Any, angle: Value, rate: Value, before: Value, command: Va
     slope = 2.0 * t.damping / ops.maximum(t.natural_frequency, _LEAST)
     near = _BRAKING * most * slope * slope
     distance = ops.fabs(error)
-    braking = ops.sqrt(2.0 * _BRAKING * most * ops.maximum(distance - 0.5 * near, 0.0))
+    # Used beyond `near` only; below it the root is kept off 0, where it has no slope.
+    braking = ops.sqrt(2.0 * _BRAKING * most * ops.maximum(distance - 0.5 * near, 0.25 * near))
     wanted = ops.where(distance > near, ops.where(error < 0.0, -braking, braking), error / slope)
     wanted = ops.clip(wanted, -t.rate_limit, t.rate_limit)
     acceleration = ops.clip(2.0 * t.damping * t.natural_frequency * (wanted - rate), -most, most)

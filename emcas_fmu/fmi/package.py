@@ -110,6 +110,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
             (interface not in CONNECTIONS, f"interface {interface}: there is {' and '.join(CONNECTIONS)}"),
             (part and torque, f"part {part} has no interface torque: it belongs to the whole actuator"),
             (inputs != INPUTS[0] and torque, f"inputs {inputs}: with interface torque the fin's motion is an input"),
+            (inputs != INPUTS[0] and part, f"inputs {inputs}: part {part} has the signals of the other part as inputs"),
             ((part or torque) and fins > 1, f"{f'part {part}' if part else 'interface torque'} is that of one fin: "
              "leave fins out, and use an instance for each")):
         if refused:

@@ -193,8 +193,9 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
         path = shipped_file(f"sets/{given.stem}", chosen.model) if _is_shipped_set(given) else given
         file = path.name if path == given else f"{given.stem}/{path.name}"
         document = _document(path)
-        chosen = _extended(chosen, _names(document, EXTENDS, path), path)
-        _require_made_for(_names(document, MADE_FOR, path), path, chosen.model)
+        added = _names(document, EXTENDS, path)
+        _require_made_for(_names(document, MADE_FOR, path), path, chosen.model, added)
+        chosen = _extended(chosen, added, path)
         chosen = _overridden(chosen, document, str(path), file)
         content = path.read_bytes()
         chosen = dataclass_replace(
@@ -230,15 +231,15 @@ def _extended(base: ParameterSet, extensions: tuple[str, ...], path: Path) -> Pa
                              unused=base.unused, files=base.files, records=(*defaults.records, *base.records))
 
 
-def _require_made_for(made_for: tuple[str, ...], path: Path, model: str) -> None:
-    """Raise ParameterError if a file is made for actuators or +extensions other than this shipped one.
+def _require_made_for(made_for: tuple[str, ...], path: Path, model: str, added: tuple[str, ...]) -> None:
+    """Raise ParameterError if a file is made for actuators or +extensions other than this shipped one with those added.
 
     Users decide for their actuators.
     """
     if not made_for:
         return
     actuator, extensions = parts(model)
-    if is_shipped(model) and not {actuator, *(f"+{each}" for each in extensions)} & set(made_for):
+    if is_shipped(model) and not {actuator, *(f"+{each}" for each in extensions), *added} & set(made_for):
         name = str(path)
         if _is_shipped_set(path):
             name = path.stem

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes as ct
+import zipfile
 from pathlib import Path
 
 import fmpy
@@ -13,6 +15,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 
 from .built import lean
+from .host import ERROR, OK, Fmu, Instance
 
 pytestmark = pytest.mark.fmu
 
@@ -35,6 +38,22 @@ def test_the_other_inputs_are_tunable_parameters(tmp_path: Path, fmi: str, fins:
     runs = [fmpy.simulate_fmu(str(path), stop_time=0.1, output_interval=1e-3, start_values=command)
             for path in (full, minimal)]
     assert runs[0].tobytes() == runs[1].tobytes()
+
+
+def test_only_inputs_have_derivatives(tmp_path: Path) -> None:
+    with zipfile.ZipFile(lean(load_parameters(), tmp_path / "x.fmu", inputs="minimal")) as archive:
+        archive.extractall(tmp_path)
+    unit = Instance(Fmu(str(tmp_path)))
+    assert max(unit.initialize()) == OK
+    for name, status in (("aero_torque", OK), ("supply_voltage", ERROR)):
+        reference = (ct.c_uint * 1)(unit.fmu.references[name])
+        assert unit.call("SetRealInputDerivatives", reference, ct.c_size_t(1), (ct.c_int * 1)(1),
+                         (ct.c_double * 1)(1.0)) == status
+
+
+def test_a_part_has_its_inputs(tmp_path: Path) -> None:
+    with pytest.raises(EmcasError, match="part plant has the signals"):
+        build(load_parameters(), tmp_path / "x.fmu", inputs="minimal", part="plant")
 
 
 def test_there_is_all_and_minimal(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from emcas_fmu.actuators.capabilities import POSITION_LOOP
 from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.studies.analysis.final_values import final_values
 from emcas_fmu.studies.tuning.evaluate import evaluate
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study, shipped_study
 from emcas_fmu.support.files import models_directory, named_sets
@@ -54,7 +55,13 @@ def test_a_set_is_within_its_study_and_that_asks_for_margins(kind: str) -> None:
     assert limits["gain_margin"] >= 8.0
 
 
-@pytest.mark.parametrize("kind", FOLLOWING)
+@pytest.mark.parametrize("kind", others_slow(FED_FORWARD, lambda name: name in (NONLINEAR, "ozkan")))
+def test_its_final_values_are_analysed(kind: str) -> None:
+    parameters = load_parameters(SET, model=kind)
+    assert all(row.stable for row in final_values(parameters.values, model=parameters.model))
+
+
+@pytest.mark.parametrize("kind", [name for name in NAMES if name in FOLLOWING or name == "second-order"])
 def test_a_kind_has_the_set_or_is_told_which_have(kind: str) -> None:
     if kind in FED_FORWARD:
         found = load_parameters(SET, model=kind)
@@ -62,7 +69,7 @@ def test_a_kind_has_the_set_or_is_told_which_have(kind: str) -> None:
         assert [name for name, _ in found.files] == [SET]
         assert not found.unused
         return
-    with pytest.raises(ParameterError, match=rf"^{SET}: is made for nonlinear, .*servo.* and not for {kind}"):
+    with pytest.raises(ParameterError, match=rf"^{SET}: is made for nonlinear, .*servo.* and not for {kind},"):
         load_parameters(SET, model=kind)
 
 

@@ -107,7 +107,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     if (!allowed_with(m, BEFORE_END, n, vr, value, __func__)) return fmi2Error;
     if (!allowed_with(m, BEFORE_END, n, order, order, __func__)) return fmi2Error;
     for (size_t i = 0; i < n; ++i) {
-        if (vr[i] >= OUTPUT_BEGIN || VARIABLE[vr[i]].kind != REAL)
+        if (vr[i] >= OUTPUT_BEGIN || VARIABLE[vr[i]].kind != REAL || VARIABLE[vr[i]].tunable)
             return report(m, fmi2Error, "no Real input has value reference %u", (unsigned)vr[i]);
         if (order[i] != 1)
             return report(m, fmi2Error, "derivative of order %d of %s: only order 1 is used", (int)order[i],
