@@ -328,6 +328,41 @@ def test_a_csv_file_is_flown(opened: Browser, tmp_path: Path) -> None:
     assert "mine.csv: nonsense is not an input" in opened.run("document.getElementById('problems').textContent")
 
 
+STRIP = ("[...document.querySelectorAll('#verdicts li')].map(e => [e.className, ...[...e.children].map("
+         "part => part.textContent)])")
+TABLE = ("[...document.querySelectorAll('#requirements tbody tr')].map(({cells: [title, verdict]}) => [verdict.className."
+         "split(' ')[1], title.textContent, verdict.textContent]).filter(([passed]) => passed !== 'skip')")
+
+
+def test_the_strip_has_the_verdicts_of_the_table(opened: Browser) -> None:
+    opened.set("controller.position.kp", 20.0)
+    opened.rested("window.page.refresh()")
+    strip, table = opened.run(STRIP), opened.run(TABLE)
+    assert {passed for passed, *_ in strip} == {"pass", "fail"}
+    assert [[passed, title, f"{value} ({margin})"] for passed, title, value, margin in strip] == table
+    missed = [title for passed, title, *_ in strip if passed == "fail"]
+    line = opened.run("document.getElementById('verdict').textContent")
+    assert line == f"{len(missed)} of {len(strip)} requirements missed: {'; '.join(missed)}"
+    margins = {title: margin for _, title, _, margin in strip}
+    assert margins["Bandwidth at 1 deg"].startswith("−")
+    assert margins["Unloaded fin rate"].startswith("+")
+
+
+@pytest.mark.parametrize("width", [400, 1400])
+def test_the_verdict_stays_beside_the_sliders(opened: Browser, width: int) -> None:
+    opened.size(width)
+    opened.set("friction.temperature", -40.0)  # outside the temperatures of the identification: a warning
+    sliders = "document.querySelector('[data-name=\"controller.velocity.kp\"]')"
+    for place in ("0", f"{sliders}.getBoundingClientRect().top", "1500" if width > 1000 else "900"):
+        opened.run(f"scrollTo(0, {place})")
+        opened.settled()
+        for part in ("verdict", "verdicts", "warnings"):
+            top, bottom = opened.run("(b => [b.top, b.bottom])(document.getElementById(arguments[0])."
+                                     "getBoundingClientRect())", part)
+            assert 0 <= top < bottom <= 900, (part, place)
+    assert opened.run("document.getElementById('warnings').textContent")
+
+
 def test_two_settings_stand_side_by_side(opened: Browser) -> None:
     opened.run("window.page.keep()")
     opened.set("excitation.torque", -80.0)

@@ -153,6 +153,9 @@ def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[
             # As of figures; sines differ in their last bit, which shows in no bisection.
             assert one["value"] == pytest.approx(j.measured, rel=ROUNDING, abs=1e-9), j.name
             assert j.case in ("", one["case"]), j.name
+            # A margin is a difference of values, and less exact than these where it is small.
+            assert one["margin"] == pytest.approx(j.margin, rel=ROUNDING, abs=1e-9 * max(1.0, abs(j.limit))), j.name
+            assert one["percent"] == pytest.approx(j.margin_percent, rel=ROUNDING, abs=1e-7), j.name
 
 
 COLD = {"friction.temperature": -40.0, "supply_voltage": 25.0, "controller.position.kp": 80.0}

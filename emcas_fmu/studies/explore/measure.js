@@ -111,13 +111,14 @@ async function frequencyResponse(amplitude, load, respond) {
     return {frequency: pure.map(([f]) => f), gain, phase, ...levels};
 }
 
-/** The measured value of a requirement [its unit], its worst case, and whether it is met. `measured` has for each test
-    and case the figures of both directions. */
+/** The measured value of a requirement [its unit], its worst case, the margin [its unit] and [%], and whether it is met.
+    `measured` has for each test and case the figures of both directions. */
 function judged({test, figure, cases, sense, limit, factor}, measured) {
     const most = sense === "<=", worse = most ? Math.max : Math.min;
     const values = cases.map(name => worse(...measured[test][name].map(side => side[figure] ?? NaN)));
-    const worst = worse(...values), value = worst * factor;
-    return {value, case: cases[values.findIndex(x => Object.is(x, worst))],
+    const worst = worse(...values), value = worst * factor, margin = most ? limit - value : value - limit;
+    return {value, margin, percent: limit ? 100 * margin / Math.abs(limit) : NaN,
+        case: cases[values.findIndex(x => Object.is(x, worst))],
         beyond: figure.startsWith("bandwidth") && worst >= DATA.constants.BANDWIDTHS[1],
-        passed: Number.isFinite(value) && (most ? limit - value : value - limit) >= 0};
+        passed: Number.isFinite(value) && margin >= 0};
 }

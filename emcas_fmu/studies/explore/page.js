@@ -18,6 +18,7 @@ class Page {
         this.gain = new Plot("Gain of the fin angle over the command", {...bode, y: "[dB]"});
         this.phase = new Plot("Phase", {...bode, y: "[°]"});
         $("bode").append(this.gain.figure, this.phase.figure);
+        drawStrip($("verdicts"), $("verdict"), [["B", {}]]);
         this.listen();
         this.restore();
     }
@@ -179,16 +180,17 @@ class Page {
         this.written = location.hash;
     }
 
-    /** Long computations, unless the setting changes: the Bode plot, requirements, texts, the link. */
+    /** Long computations, unless the setting changes: requirements, the Bode plot, texts, the link. */
     async rest() {
         this.writeLink();
         this.describe();
         this.due = 0;
+        for (const [, each] of this.cases) each.verdicts ??= verdictsOf(await this.measured(each.setting));
+        drawStrip($("verdicts"), $("verdict"), this.cases);
+        drawRequirements($("requirements"), this.cases);
         for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
         drawBode(this.gain, this.phase, this.cases);
         $("bode-summary").textContent = bodeSummary(this.cases);
-        for (const [, each] of this.cases) each.measured ??= await this.measured(each.setting);
-        drawRequirements($("requirements"), this.cases);
         document.body.classList.remove("waiting");
         document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
     }

@@ -76,15 +76,51 @@ function drawFigures(table, cases) {
         element("td", {class: "how"}, title)]));
 }
 
+/** Judges all requirements, by name. */
+function verdictsOf(measured) {
+    const able = DATA.requirements.filter(requirement => !requirement.left_out);
+    return new Map(able.map(requirement => [requirement.name, judged(requirement, measured)]));
+}
+
+/** The mark, value and worst case of a verdict in words. */
+function inWords({unit, cases}, {value, case: worst, beyond, passed}) {
+    const text = Number.isNaN(value) ? "no value" : `${beyond ? "> " : ""}${withUnit(value, unit)}`;
+    return `${passed ? "✓" : "✗"} ${text}${cases.length > 1 ? `, ${worst}` : ""}`;
+}
+
+function marginInWords({unit}, {margin, percent}) {
+    if (!Number.isFinite(margin)) return "–";
+    const share = Math.abs(percent) < 10 ? general(percent, 2) : percent.toFixed(0);
+    const text = Number.isNaN(percent) ? withUnit(margin, unit) : `${share.replace("-", "−")} %`;
+    return margin >= 0 ? `+${text}` : text;
+}
+
+/** Fills the strip beside the sliders with the verdicts of the live case, and a line that counts those of all. */
+function drawStrip(list, line, cases) {
+    const [, {verdicts}] = cases[cases.length - 1], able = DATA.requirements.filter(({left_out: out}) => !out);
+    list.replaceChildren(...able.map(requirement => {
+        const {title, name, sense, limit, unit} = requirement, verdict = verdicts?.get(name);
+        const required = `${title}: required ${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`;
+        return element("li", {title: required, class: verdict ? verdict.passed ? "pass" : "fail" : "quiet"},
+            element("span", {class: "what"}, title),
+            element("span", {}, verdict ? inWords(requirement, verdict) : "–"),
+            element("span", {class: "margin"}, verdict ? marginInWords(requirement, verdict) : ""));
+    }));
+    line.textContent = cases.filter(([, each]) => each.verdicts).map(([letter, each]) => {
+        const missed = able.filter(({name}) => !each.verdicts.get(name).passed), of = cases.length > 1 ? `${letter}: ` : "";
+        return of + (missed.length ? `${missed.length} of ${able.length} requirements missed: ` +
+            missed.map(({title}) => title).join("; ") : `all ${able.length} judged requirements met`);
+    }).join(". ");
+}
+
 function drawRequirements(table, cases) {
     fill(table, ["requirement", "required", "how it is measured"], cases, DATA.requirements.map(requirement => {
-        const {title, unit, sense, limit, how, reason, left_out: leftOut} = requirement;
-        const cells = cases.map(([, {measured}]) => {
+        const {name, title, unit, sense, limit, how, reason, left_out: leftOut} = requirement;
+        const cells = cases.map(([, {verdicts}]) => {
             if (leftOut) return element("td", {class: "n skip"}, "not judged");
-            const {value, case: worst, beyond, passed} = judged(requirement, measured);
-            const text = Number.isNaN(value) ? "no value" : `${beyond ? "> " : ""}${withUnit(value, unit)}`;
-            const where = requirement.cases.length > 1 ? `, ${worst}` : "";
-            return element("td", {class: `n ${passed ? "pass" : "fail"}`}, `${passed ? "✓" : "✗"} ${text}${where}`);
+            const verdict = verdicts.get(name), margin = marginInWords(requirement, verdict);
+            return element("td", {class: `n ${verdict.passed ? "pass" : "fail"}`},
+                `${inWords(requirement, verdict)} (${margin})`);
         });
         const why = element("span", {class: "quiet"}, reason && ` · ${reason}`);
         return [title, ...cells, `${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`,
