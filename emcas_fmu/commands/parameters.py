@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from itertools import takewhile
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +13,7 @@ from rich.markup import escape
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import ParameterSet
-from ..support.files import named_sets
+from ..support.files import described_sets
 from . import common
 
 if TYPE_CHECKING:
@@ -100,9 +99,7 @@ def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
 
 def _show_sets(as_json: bool) -> None:
     """Print each set's name with the first paragraph of its file, a comment that describes it."""
-    lines = {name: path.read_text(encoding="utf-8").splitlines() for name, path in named_sets().items()}
-    described = {name: " ".join(line[2:] for line in takewhile(lambda line: line.startswith("# "), each))
-                 for name, each in lines.items()}
+    described = described_sets()
     if as_json:
         print(json.dumps([{"name": name, "description": text} for name, text in described.items()], indent=1))
         return

@@ -6,6 +6,7 @@ import os
 import stat
 import tempfile
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 
 from platformdirs import user_cache_path
@@ -33,6 +34,13 @@ def models_directory() -> Path:
 def named_sets() -> dict[str, Path]:
     """Return the files of the shipped parameter sets, other than the default one, by name."""
     return {path.stem: path for path in sorted((models_directory() / "sets").glob("*.toml"))}
+
+
+def described_sets() -> dict[str, str]:
+    """Return the first paragraph of each shipped set's file, a comment that describes it, by the set's name."""
+    lines = {name: path.read_text(encoding="utf-8").splitlines() for name, path in named_sets().items()}
+    return {name: " ".join(line[2:] for line in takewhile(lambda line: line.startswith("# "), each))
+            for name, each in lines.items()}
 
 
 def as_given(file: Path | str) -> str:

@@ -62,6 +62,20 @@ def test_an_actuator_is_described_whole(model: str) -> None:
     assert all(r["figure"] in given["tests"][r["test"]]["figures"] for r in judged)
     assert {name for test in given["tests"] for name in test["outputs"]} <= outputs
     assert all(abs(p["value"] / p["shown"][1]) < 1e9 for p in given["parameters"])
+    assert {name for preset in given["presets"] for name in preset["values"]} <= known
+
+
+def test_presets_are_those_of_the_actuator() -> None:
+    two = {"controller.load_observer", "trajectory.rate_limit", "filters.speed_bandwidth"}
+    found = {model: {p["name"]: p["values"].keys() for p in described(load_parameters(model=model))["presets"]}
+             for model in ("nonlinear", "nonlinear+filters+trajectory", "servo", "second-order")}
+    assert {"cold", "sag", "robust"} <= found["nonlinear"].keys()
+    assert "two-degrees-of-freedom" not in found["nonlinear"]  # its extensions are not in the page
+    assert two <= found["nonlinear+filters+trajectory"]["two-degrees-of-freedom"]
+    assert found["servo"].keys() == {"as the page begins", "sag", "xl330"}
+    assert found["second-order"].keys() == {"as the page begins"}
+    cold = described(load_parameters(model="nonlinear").with_values({"friction.temperature": -6.0}))["presets"]
+    assert "cold" not in {p["name"] for p in cold}  # the page begins so
 
 
 def test_a_parameter_is_shown_in_the_unit_of_its_file() -> None:

@@ -29,6 +29,8 @@ class Page {
             if ($("kind").value === "csv") $("file").click();
             this.change("excitation.kind", $("kind").value);
         });
+        $("preset").addEventListener("change", () => this.begin({
+            setting: this.live.setting.withPreset(DATA.presets[Number($("preset").value)])}));
         $("file").addEventListener("change", () => this.open($("file").files[0]));
         for (const [id, action] of Object.entries({
             keep: () => this.keep(), swap: () => this.show(this.kept, this.live), link: () => this.copyLink(),
@@ -97,6 +99,8 @@ class Page {
     refresh() {
         const {setting} = this.live, {fields} = DATA.kinds[setting.kind];
         $("kind").value = setting.kind;
+        $("preset").value = DATA.presets.indexOf(setting.preset);
+        $("preset-about").textContent = setting.preset?.about ?? "";
         $("file-row").hidden = setting.kind !== "csv";
         $("file-name").textContent = setting.file ? setting.file.title : "none chosen";
         for (const control of this.controls) {

@@ -26,10 +26,12 @@ from ...errors import EmcasError
 from ...pages.numbers import typeset
 from ...pages.page import page
 from ...parameters import Entry, ParameterSet, load_parameters
+from ...reference import cases
 from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels
 from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten
 from ...runtime.compiled import REASONS
 from ...runtime.compiler import WEB, zig
+from ...support.files import described_sets
 from ...support.writing import write as write_file
 from ...units import factor
 from ...variables import Variable
@@ -84,6 +86,7 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
         "outputs": [v.name for v in actuator.outputs],
+        "presets": _presets(parameters, inputs),
         "panels": _panels(model, specification), "equal": actuator.equal_parameters,
         "rules": [{"message": rule.message, "warning": rule.warning} for rule in actuator.all_rules],
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
@@ -108,6 +111,29 @@ def _shown(unit: str, shown: tuple[str, float] | None = None) -> tuple[str, floa
     """Return the unit in which people read a value, typeset, and its size in SI."""
     name, per_si = shown or metrics.shown(unit)
     return typeset(name), 1.0 / per_si
+
+
+def _presets(parameters: ParameterSet, inputs: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Return presets, each with what it changes: the reference cases cold and sag, and the sets for this actuator."""
+    values, actuator = parameters.values, parameters.actuator
+    keys = {v.key: v.name for v in actuator.inputs if v.key}
+    (cold,) = cases.select(["cold"], {case.name: case for case in cases.CASES}).values()
+    listed = [("as the page begins", "", {}), ("cold", "The temperature of the reference case cold.", {
+        name: x for name, x in cold.overrides.items() if name not in cases.EXACT and values.get(name, x) != x})]
+    for v in actuator.inputs:
+        if v.name == "supply_voltage":
+            lowest = cases.sag(inputs.get(v.name, v.initial(values))).inputs()[v.name].min()
+            listed.append(("sag", "The lowest supply of the reference case sag, all the time.", {v.name: lowest}))
+    for name, about in described_sets().items():
+        try:
+            changed = load_parameters(name, base=parameters)
+        except EmcasError:  # it is made for another actuator
+            continue
+        if changed.model == parameters.model:
+            listed.append((name, about, {
+                keys.get(key, key): x for key, x in changed.values.items() if x != values[key]}))
+    return [{"name": name, "about": about, "values": changes} for k, (name, about, changes) in enumerate(listed)
+            if changes or not k]
 
 
 def _excitations(limit: float, torque: float) -> dict[str, Any]:
@@ -235,7 +261,7 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
     return page(
         "studies/explore/page.html.j2", about=about, requirements=specification.file, digest=digest,
         source_digest=source_digest, parameters=parameters, model=described["model"], kinds=described["kinds"],
-        controls=controls, described=words, first=_first(parameters), groups=groups,
+        presets=described["presets"], controls=controls, described=words, first=_first(parameters), groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=base64.b64encode(code).decode(),
         style=handwritten("page.css", _HERE), script="\n".join(handwritten(name, _HERE) for name in SCRIPTS))
 

@@ -38,6 +38,19 @@ class Setting {
         return new Setting({...this.values, "excitation.kind": "csv"}, file);
     }
 
+    /** The setting with the values of a preset alone, under the same command and load. */
+    withPreset({values}) {
+        const excitation = Object.entries(this.values).filter(([name]) => name.startsWith("excitation."));
+        return new Setting({...Object.fromEntries(excitation), ...values}, this.file);
+    }
+
+    /** The preset whose values are set, if there is one. */
+    get preset() {
+        const set = Object.entries(this.values).filter(([name]) => !name.startsWith("excitation."));
+        return DATA.presets.find(({values}) =>
+            set.length === Object.keys(values).length && set.every(([name, value]) => values[name] === value));
+    }
+
     get parameters() {
         return Object.fromEntries(DATA.parameters.map(({name}) => [name, this.get(name)]));
     }
