@@ -152,3 +152,9 @@ def stall_torque(p: Any, reference: Value) -> Value:
 def torque(p: Any, current: Value) -> Value:
     """Return motor torque [N.m], (2.47)."""
     return p.motor.torque_constant * current
+
+
+def limit_torque(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
+    """Return the largest motor torque [N.m] at a motor speed [rad/s], in steady motion; the smallest is -T(-w)."""
+    current = steady_current(ops, p, supply, speed)
+    return torque(p, ops.clip(current, -p.drive.current_limit, p.drive.current_limit))

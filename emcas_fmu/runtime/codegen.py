@@ -69,7 +69,7 @@ def _of_line(supply: Supply) -> tuple[Traced, ...]:
          lambda ops, p, interval: (supply.within(ops, p, interval),)))
 
 
-def _trace(model: str, functions: Collection[Traced]) -> Tracer:
+def traced_functions(model: str, functions: Collection[Traced]) -> Tracer:
     """Return functions of an actuator, traced over its parameters in their order.
 
     Those in a user's file are traced twice. Raises EmcasError naming file and line if they cannot be traced, or if the
@@ -100,13 +100,14 @@ def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[Traced]) -> _
 @lru_cache(maxsize=4)  # several printers use one actuator in turn; traces of all would be millions of objects
 def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
     """Return the traced functions of an actuator, or of `several` fins."""
-    return _trace(model, functions(get(model), several))
+    return traced_functions(model, functions(get(model), several))
 
 
 @cache
 def traced_rules(model: str = NONLINEAR) -> Tracer:
     """Return the traced checks of an actuator's rules: ``check_0`` and so on, functions of a share of the travel."""
-    return _trace(model, [(f"check_{i}", ("share",), rule.check) for i, rule in enumerate(get(model).all_rules)])
+    return traced_functions(model, [
+        (f"check_{i}", ("share",), rule.check) for i, rule in enumerate(get(model).all_rules)])
 
 
 def used(model: str) -> dict[str, frozenset[str]]:
@@ -127,7 +128,7 @@ def used(model: str) -> dict[str, frozenset[str]]:
 
     further = (*(_of_line(actuator.supply)[-1:] if actuator.supply else ()), *map(of_fault, actuator.faults))
     result: dict[str, frozenset[str]] = {}
-    for tracer in (traced(False, model), traced_rules(model), _trace(model, further)):
+    for tracer in (traced(False, model), traced_rules(model), traced_functions(model, further)):
         fixed = of_parameters(tracer, {key: Known(names=frozenset({key})) for _, key in tracer.parameters})
         for function in tracer.functions:
             arguments = [Known(names=frozenset({name})) for name in function.arguments]

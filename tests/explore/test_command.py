@@ -65,6 +65,14 @@ def test_an_actuator_is_described_whole(model: str) -> None:
     assert {name for preset in given["presets"] for name in preset["values"]} <= known
 
 
+def test_the_torque_speed_plane_is_of_actuators_with_its_limits() -> None:
+    shown = {model for model in NAMES if described(load_parameters(model=model))["plane"]}
+    assert {"nonlinear", "worm-gear", "electrohydrostatic"} <= shown
+    assert not {"linear", "second-order", "electrohydraulic"} & shown
+    for model in ("nonlinear", "linear"):
+        assert ("limits_torque" in page.sources(model)["limits.h"]) is (model in shown)
+
+
 def test_presets_are_those_of_the_actuator() -> None:
     two = {"controller.load_observer", "trajectory.rate_limit", "filters.speed_bandwidth"}
     found = {model: {p["name"]: p["values"].keys() for p in described(load_parameters(model=model))["presets"]}

@@ -20,6 +20,7 @@ from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasWarning
 from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
 from emcas_fmu.simulation import respond
+from emcas_fmu.studies.analysis.capability import envelope
 from tests.hosts.host import missing
 from tests.marks import slow
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
@@ -356,6 +357,24 @@ def test_a_preset_is_the_shipped_set(opened: Browser) -> None:
     assert opened.run("window.page.live.setting.get('supply_voltage')") == pytest.approx(28.0)
     choose(opened, "preset", "as the page begins")
     assert opened.run("Object.keys(window.page.live.setting.values)") == ["excitation.kind"]
+
+
+def test_limits_of_torque_are_those_of_the_analysis(opened: Browser) -> None:
+    """The same operations in the same order, in C and in numpy: the same bits."""
+    for changes in ({}, {"motor.pole_pairs": 5.0, "supply_voltage": 30.0}):
+        for name, value in changes.items():
+            opened.set(name, value)
+        renamed = {name.replace("supply_voltage", "drive.supply_voltage"): value for name, value in changes.items()}
+        expected = envelope(load_parameters().with_values(renamed).values)
+        found = opened.run("(({actuator, live: {setting}}) => [...actuator.limitTorques(setting.parameters, "
+                           "setting.get('supply_voltage'), arguments[0])])(window.page)",
+                           expected["speed_rad_per_s"].tolist())
+        np.testing.assert_array_equal(found, expected["torque_nm"])
+    # The drawn limits enclose the whole response, which is drawn to its end.
+    low, high = opened.run("(({scales: {y}}) => [y.min, y.max])(window.page.plane.chart)")
+    most = opened.run("magnitude(window.page.live.run.outputs.motor_torque) / DATA.plane.torque[1]")
+    assert low < -most < most < high
+    assert "largest steady torque at rest" in opened.run("window.page.plane.box.getAttribute('aria-label')")
 
 
 STRIP = ("[...document.querySelectorAll('#verdicts li')].map(e => [e.className, ...[...e.children].map("

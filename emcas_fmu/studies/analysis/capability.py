@@ -37,8 +37,7 @@ _HALVINGS = 60  # of the interval of speeds, down to rounding
 
 def limit_torque(p: Any, speed: Any) -> Any:
     """Return the largest motor torque [N.m] at motor speeds [rad/s], in steady motion."""
-    current = drive.steady_current(ARRAYS, p, p.drive.supply_voltage, speed)
-    return drive.torque(p, ARRAYS.clip(current, -p.drive.current_limit, p.drive.current_limit))
+    return drive.limit_torque(ARRAYS, p, p.drive.supply_voltage, speed)
 
 
 def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> dict[str, Any]:

@@ -73,6 +73,16 @@ class Actuator {
         });
     }
 
+    /** The largest steady motor torques [N.m] at motor speeds [rad/s] and a supply [V]; the smallest are -T(-w). */
+    limitTorques(values, supply, speeds) {
+        this.put(values);
+        const before = this.top, count = speeds.length, [from, to] = [this.reserve(8 * count), this.reserve(8 * count)];
+        this.top = before;
+        this.doubles(from, count).set(speeds);
+        this.code.limit_torques(this.parameters, supply, from, count, to);
+        return this.doubles(to, count).slice();
+    }
+
     /** Simulates rows `step` [s] apart. Inputs by name are columns or constants, outputs of `names` are columns. */
     run(values, inputs, rows, step, names = DATA.outputs) {
         this.put(values);

@@ -1,5 +1,6 @@
-/* The actuator of a page: batch.c, and the rules of its parameters. */
+/* The actuator of a page: batch.c, the rules of its parameters, and the limits of motor and drive. */
 #include "batch.c"
+#include "limits.h"
 
 /* Returns whether the parameters break a rule; its message's numbers begin at numbers[1]. */
 API int rule_broken(size_t number, const double *parameters, double *numbers)
@@ -8,3 +9,14 @@ API int rule_broken(size_t number, const double *parameters, double *numbers)
     rules_prepare(parameters, constants);
     return rules_broken(&RULE[number], parameters, constants, numbers);
 }
+
+#ifdef LIMITS
+/* Writes the largest steady motor torque [N.m] at each of `count` motor speeds [rad/s], at a supply [V]. */
+API void limit_torques(const double *parameters, double supply, const double *speeds, size_t count, double *torques)
+{
+    double constants[LIMITS_CONSTANTS + 1];
+    limits_prepare(parameters, constants);
+    for (size_t k = 0; k < count; ++k)
+        limits_torque(parameters, constants, supply, speeds[k], &torques[k]);
+}
+#endif

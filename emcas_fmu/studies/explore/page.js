@@ -19,6 +19,9 @@ class Page {
         this.phase = new Plot("Phase", {...bode, y: "[°]"});
         $("bode").append(this.gain.figure, this.phase.figure);
         drawStrip($("verdicts"), $("verdict"), [["B", {}]]);
+        this.plane = DATA.plane && new Plot("Motor torque over motor speed", {
+            x: `motor speed [${DATA.plane.speed[0]}]`, y: `[${DATA.plane.torque[0]}]`, shared: false, height: 235});
+        if (this.plane) $("plane").append(this.plane.figure);
         this.listen();
         this.restore();
     }
@@ -122,6 +125,7 @@ class Page {
         if (problems.length) return;
         for (const control of this.controls) control.widen(this.live.setting);
         DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
+        if (this.plane) drawPlane(this.plane, this.actuator, this.cases);
         drawFigures($("figures"), this.cases);
         document.body.classList.add("waiting");
         this.resting = setTimeout(() => this.rest(), REST);
@@ -253,7 +257,7 @@ class Page {
     }
 
     redraw() {
-        for (const plot of [...this.plots, this.gain, this.phase]) plot.redraw();
+        for (const plot of [...this.plots, this.plane, this.gain, this.phase]) plot?.redraw();
     }
 }
 

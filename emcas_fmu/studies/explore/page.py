@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__, motions, rules
-from ...actuators import extension_outputs, full_name, get, parts
+from ...actuators import capabilities, extension_outputs, full_name, get, parts
 from ...actuators import fin_port as port
+from ...actuators.declaration import Actuator
 from ...bench import measure, metrics
 from ...bench.excitation import COMMAND, LOAD, Excitation
 from ...bench.frequency_response import PURE
@@ -26,13 +27,16 @@ from ...errors import EmcasError
 from ...pages.numbers import typeset
 from ...pages.page import page
 from ...parameters import Entry, ParameterSet, load_parameters
+from ...physics import drive
 from ...reference import cases
 from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels
-from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten
+from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten, header
+from ...runtime.codegen import Traced, traced_functions
 from ...runtime.compiled import REASONS
 from ...runtime.compiler import WEB, zig
 from ...support.files import described_sets
 from ...support.writing import write as write_file
+from ...trace.c_source import c_source
 from ...units import factor
 from ...variables import Variable
 
@@ -41,6 +45,7 @@ _MAIN = "explore.c"
 SCRIPTS = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "plots.js", "results.js",
            "controls.js", "page.js")
 _MOST_FIRST = 12  # parameters with sliders of an actuator without gains
+_PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
 _NOT_HERE = "not judged here: emcas validate"  # margins need a linear model, which the page does not have
 _CONSTANTS = {
@@ -61,7 +66,18 @@ class About:
 
 def sources(model: str) -> dict[str, str]:
     """Return the C sources of an actuator's page by file name."""
-    return {_MAIN: handwritten(_MAIN, _HERE), **batch_sources(model)}
+    limits = ""
+    if _limited(get(model)):
+        torque: Traced = ("torque", ("supply", "speed"), lambda ops, p, *at: (drive.limit_torque(ops, p, *at),))
+        limits = f"#define LIMITS\n{c_source(traced_functions(model, [torque]), 'limits')}"
+    return {_MAIN: handwritten(_MAIN, _HERE), **batch_sources(model),
+            "limits.h": header("limits", "Limits of motor and drive", f"#include <math.h>\n\n{limits}")}
+
+
+def _limited(actuator: Actuator) -> bool:
+    """Return whether current and supply limit the steady torque of a motor whose torque and speed are outputs."""
+    needs = {capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.DRIVE_STEP}
+    return needs <= actuator.provides and {*_PLANE} <= {v.name for v in actuator.outputs}
 
 
 def compiled(files: Mapping[str, str]) -> bytes:
@@ -86,7 +102,7 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
         "outputs": [v.name for v in actuator.outputs],
-        "presets": _presets(parameters, inputs),
+        "presets": _presets(parameters, inputs), "plane": _plane(actuator),
         "panels": _panels(model, specification), "equal": actuator.equal_parameters,
         "rules": [{"message": rule.message, "warning": rule.warning} for rule in actuator.all_rules],
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
@@ -134,6 +150,16 @@ def _presets(parameters: ParameterSet, inputs: Mapping[str, float]) -> list[dict
                 keys.get(key, key): x for key, x in changed.values.items() if x != values[key]}))
     return [{"name": name, "about": about, "values": changes} for k, (name, about, changes) in enumerate(listed)
             if changes or not k]
+
+
+def _plane(actuator: Actuator) -> dict[str, Any] | None:
+    """Return how the torque-speed plane is shown; None for an actuator without such limits."""
+    if not _limited(actuator):
+        return None
+    speed, torque = (next(v for v in actuator.outputs if v.name == name) for name in _PLANE)
+    assert actuator.supply is not None
+    return {"supply": actuator.supply.input.name, "speed": _shown(speed.unit, metrics.shown_output(speed)),
+            "torque": _shown(torque.unit, metrics.shown_output(torque))}
 
 
 def _excitations(limit: float, torque: float) -> dict[str, Any]:
@@ -261,7 +287,8 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
     return page(
         "studies/explore/page.html.j2", about=about, requirements=specification.file, digest=digest,
         source_digest=source_digest, parameters=parameters, model=described["model"], kinds=described["kinds"],
-        presets=described["presets"], controls=controls, described=words, first=_first(parameters), groups=groups,
+        presets=described["presets"], plane=described["plane"],
+        controls=controls, described=words, first=_first(parameters), groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=base64.b64encode(code).decode(),
         style=handwritten("page.css", _HERE), script="\n".join(handwritten(name, _HERE) for name in SCRIPTS))
 

@@ -67,6 +67,19 @@ function mark(u, at, level, stroke) {
     });
 }
 
+/** A curve through points in their order, such as a trajectory; a dot at its end. */
+function trajectory(u, {x: xs, y: ys, stroke, dash = []}) {
+    paint(u, (ctx, x, y) => {
+        Object.assign(ctx, {strokeStyle: stroke(), fillStyle: stroke(), lineWidth: 1.6 * devicePixelRatio});
+        ctx.setLineDash(dash.map(length => length * devicePixelRatio));
+        xs.forEach((at, k) => ctx.lineTo(x(at), y(ys[k])));
+        ctx.stroke();
+        ctx.beginPath();
+        ctx.arc(x(xs.at(-1)), y(ys.at(-1)), 3 * devicePixelRatio, 0, 2 * Math.PI);
+        ctx.fill();
+    }, true);
+}
+
 /** A plot as wide as its figure in the page. */
 class Plot {
     constructor(title, look) {
@@ -75,6 +88,7 @@ class Plot {
         this.title = title;
         this.look = {log: false, height: 190, shared: true, ...look};
         this.ticks = [];  // of an axis of names: position, name
+        this.reach = [Infinity, -Infinity];  // of what is painted beside the curves, along y
         this.under = this.over = () => undefined;
         new ResizeObserver(() => this.resize()).observe(this.box);
     }
@@ -99,16 +113,20 @@ class Plot {
     }
 
     options(curves) {
-        const {x, y, log, height, shared} = this.look, number = (_, v) => shownNumber(v ?? null);
+        const {x, y, log, height, shared} = this.look, range = (_, low, high) => {
+            const least = Math.min(low, this.reach[0]), most = Math.max(high, this.reach[1]);
+            const [first] = this.ticks[0] ?? [];
+            return this.ticks.length ? [first - 0.3, first + this.ticks.length - 0.2] :
+                least === most ? [least - 1, most + 1] : uPlot.rangeNum(least, most, 0.1, true);
+        };
+        const number = (_, v) => shownNumber(v ?? null);
         const dash = ({dash: [on] = []} = {}) => !on ? "solid" : on > 2 ? "dashed" : "dotted";
         return {
             width: this.box.clientWidth || 300, height,
             legend: {markers: {width: 2, dash: (_, k) => dash(curves[k - 1])}},
             cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
             scales: {x: {time: false, distr: log ? 3 : 1, range: (_, least, most) => [least, most]},
-                y: {range: (_, least, most) =>
-                    this.ticks.length ? [this.ticks[0][0] - 0.3, this.ticks[0][0] + this.ticks.length - 0.2] :
-                    least === most ? [least - 1, most + 1] : uPlot.rangeNum(least, most, 0.1, true)}},
+                y: {range}},
             axes: [axis(x, 26), this.ticks.length ? this.axisOfNames() : axis(y, 58)],
             series: [{label: x.replace(/ .*/, ""), value: number},
                 ...curves.map(({label, stroke, dash, step, width = 1.6, value = number}) => ({

@@ -58,6 +58,28 @@ function drawPanel(plot, panel, number, cases) {
     plot.draw(curves);
 }
 
+/** Draws motor torque over motor speed within the steady limits of the live case's current and supply. */
+function drawPlane(plot, actuator, cases) {
+    const {supply, speed: [, size], torque: [, unit]} = DATA.plane, [, {setting}] = cases[cases.length - 1];
+    const runs = cases.map(([letter, {run: {outputs}}]) =>
+        ({letter, speed: outputs.motor_speed, torque: outputs.motor_torque}));
+    const fastest = largest(runs.map(({speed}) => magnitude(speed))), volts = Number(setting.get(supply));
+    let end = Math.max(1.2 * fastest, 1);  // at least to where the supply leaves no torque
+    while (actuator.limitTorques(setting.parameters, volts, [end])[0] > 0 && end < 1e6) end *= 1.2;
+    const speeds = Float64Array.from({length: 201}, (_, k) => end * (k - 100) / 100);
+    const most = actuator.limitTorques(setting.parameters, volts, speeds).map(x => x / unit);
+    const x = speeds.map(w => w / size), look = {x, stroke: gray, width: 1.2};
+    const lines = runs.map(({letter, speed, torque}) => ({stroke: COLORS[letter === "A" ? 1 : 0],
+        dash: letter === "A" ? [7, 4] : [], x: speed.map(w => w / size), y: torque.map(t => t / unit)}));
+    const reached = largest(lines.map(({y}) => magnitude(y)));
+    plot.reach = [-reached, reached];
+    plot.over = u => lines.forEach(line => trajectory(u, line));
+    plot.draw([{...look, label: "largest", y: most},
+        {...look, label: "smallest", y: most.map(t => -t).reverse(), dash: [2, 2]}]);
+    plot.describe(`motor torque up to ${shownNumber(reached)} at speeds up to ${shownNumber(fastest / size)}; ` +
+        `largest steady torque at rest ${shownNumber(most[100])}`);
+}
+
 /** Fills a table with a heading and rows of cells, the first of each a heading. */
 function fill(table, [first, ...columns], cases, rows) {
     const values = cases.length > 1 ? cases.map(([letter]) => letter === "A" ? "A, kept" : "B, live") : ["value"];
