@@ -20,7 +20,6 @@ from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasWarning
 from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
 from emcas_fmu.simulation import respond
-from emcas_fmu.studies.analysis.capability import envelope
 from tests.hosts.host import missing
 from tests.marks import slow
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
@@ -327,89 +326,6 @@ def test_a_csv_file_is_flown(opened: Browser, tmp_path: Path) -> None:
     opened.driver.find_element("id", "file").send_keys(str(path))
     opened.wait("document.getElementById('problems').textContent")
     assert "mine.csv: nonsense is not an input" in opened.run("document.getElementById('problems').textContent")
-
-
-def choose(browser: Browser, identifier: str, text: str) -> None:
-    """Choose an option of a list as a user does."""
-    from selenium.webdriver.support.select import Select
-
-    Select(browser.driver.find_element("id", identifier)).select_by_visible_text(text)
-    browser.settled()
-
-
-CHOSEN = "document.getElementById('preset').selectedOptions[0].textContent"
-
-
-def test_a_preset_is_the_shipped_set(opened: Browser) -> None:
-    opened.set("excitation.kind", "slew")
-    opened.set("motor.resistance", 0.3)
-    assert opened.run(CHOSEN) == "other values"
-    for name in ("load-observer", "robust"):  # nothing of a former choice stays
-        choose(opened, "preset", name)
-        found = opened.run("window.page.live.setting.parameters")
-        assert {**found, "drive.supply_voltage": 39.0} == load_parameters(name).values  # the supply is an input
-    assert opened.run("window.page.live.setting.kind") == "slew"
-    assert "margins" in opened.run("document.getElementById('preset-about').textContent")
-    opened.rested("window.page.refresh()")
-    opened.open(SHOWN, opened.run("location.hash"))
-    assert opened.run(CHOSEN) == "robust"
-    choose(opened, "preset", "sag")
-    assert opened.run("window.page.live.setting.get('supply_voltage')") == pytest.approx(28.0)
-    choose(opened, "preset", "as the page begins")
-    assert opened.run("Object.keys(window.page.live.setting.values)") == ["excitation.kind"]
-
-
-def test_limits_of_torque_are_those_of_the_analysis(opened: Browser) -> None:
-    """The same operations in the same order, in C and in numpy: the same bits."""
-    for changes in ({}, {"motor.pole_pairs": 5.0, "supply_voltage": 30.0}):
-        for name, value in changes.items():
-            opened.set(name, value)
-        renamed = {name.replace("supply_voltage", "drive.supply_voltage"): value for name, value in changes.items()}
-        expected = envelope(load_parameters().with_values(renamed).values)
-        found = opened.run("(({actuator, live: {setting}}) => [...actuator.limitTorques(setting.parameters, "
-                           "setting.get('supply_voltage'), arguments[0])])(window.page)",
-                           expected["speed_rad_per_s"].tolist())
-        np.testing.assert_array_equal(found, expected["torque_nm"])
-    # The drawn limits enclose the whole response, which is drawn to its end.
-    low, high = opened.run("(({scales: {y}}) => [y.min, y.max])(window.page.plane.chart)")
-    most = opened.run("magnitude(window.page.live.run.outputs.motor_torque) / DATA.plane.torque[1]")
-    assert low < -most < most < high
-    assert "largest steady torque at rest" in opened.run("window.page.plane.box.getAttribute('aria-label')")
-
-
-STRIP = ("[...document.querySelectorAll('#verdicts li')].map(e => [e.className, ...[...e.children].map("
-         "part => part.textContent)])")
-TABLE = ("[...document.querySelectorAll('#requirements tbody tr')].map(({cells: [title, verdict]}) => ["
-         "verdict.classList[1], title.textContent, verdict.textContent]).filter(([passed]) => passed !== 'skip')")
-
-
-def test_the_strip_has_the_verdicts_of_the_table(opened: Browser) -> None:
-    opened.set("controller.position.kp", 20.0)
-    opened.rested("window.page.refresh()")
-    strip, table = opened.run(STRIP), opened.run(TABLE)
-    assert {passed for passed, *_ in strip} == {"pass", "fail"}
-    assert [[passed, title, f"{value} ({margin})"] for passed, title, value, margin in strip] == table
-    missed = [title for passed, title, *_ in strip if passed == "fail"]
-    line = opened.run("document.getElementById('verdict').textContent")
-    assert line == f"{len(missed)} of {len(strip)} requirements missed: {'; '.join(missed)}"
-    margins = {title: margin for _, title, _, margin in strip}
-    assert margins["Bandwidth at 1 deg"].startswith("−")
-    assert margins["Unloaded fin rate"].startswith("+")
-
-
-@pytest.mark.parametrize("width", [400, 1400])
-def test_the_verdict_stays_beside_the_sliders(opened: Browser, width: int) -> None:
-    opened.size(width)
-    opened.set("friction.temperature", -40.0)  # outside the temperatures of the identification: a warning
-    sliders = "document.querySelector('[data-name=\"controller.velocity.kp\"]')"
-    for place in ("0", f"{sliders}.getBoundingClientRect().top", "1500" if width > 1000 else "900"):
-        opened.run(f"scrollTo(0, {place})")
-        opened.settled()
-        for part in ("verdict", "verdicts", "warnings"):
-            top, bottom = opened.run("(b => [b.top, b.bottom])(document.getElementById(arguments[0])."
-                                     "getBoundingClientRect())", part)
-            assert 0 <= top < bottom <= 900, (part, place)
-    assert opened.run("document.getElementById('warnings').textContent")
 
 
 def test_two_settings_stand_side_by_side(opened: Browser) -> None:

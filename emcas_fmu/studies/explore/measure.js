@@ -111,8 +111,8 @@ async function frequencyResponse(amplitude, load, respond) {
     return {frequency: pure.map(([f]) => f), gain, phase, ...levels};
 }
 
-/** The measured value of a requirement [its unit], its worst case, the margin [its unit] and [%], and whether it is met.
-    `measured` has for each test and case the figures of both directions. */
+/** The measured value of a requirement [its unit], its worst case, the margin [its unit] and [%], and whether it is
+    met. `measured` has for each test and case the figures of both directions. */
 function judged({test, figure, cases, sense, limit, factor}, measured) {
     const most = sense === "<=", worse = most ? Math.max : Math.min;
     const values = cases.map(name => worse(...measured[test][name].map(side => side[figure] ?? NaN)));

@@ -14,6 +14,11 @@ class Page {
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) => new Plot(title, {
             x: "time [s]", y: unit && `[${unit}]`, height: k ? 170 : innerWidth < 640 ? 165 : 235}));
         this.plots.forEach((plot, k) => k ? $("plots").append(plot.figure) : $("main-plot").prepend(plot.figure));
+        this.mechanism = new Mechanism(time => this.plots[0].point(time));
+        this.plots[0].pointed = time => {
+            if (!this.mechanism.playing) this.mechanism.show(time);
+        };
+        $("plots").prepend(this.mechanism.figure);
         const bode = {x: "frequency [Hz]", log: true, shared: false};
         this.gain = new Plot("Gain of the fin angle over the command", {...bode, y: "[dB]"});
         this.phase = new Plot("Phase", {...bode, y: "[°]"});
@@ -125,6 +130,7 @@ class Page {
         if (problems.length) return;
         for (const control of this.controls) control.widen(this.live.setting);
         DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
+        this.mechanism.take(this.live.run, this.live.setting.parameters);
         if (this.plane) drawPlane(this.plane, this.actuator, this.cases);
         drawFigures($("figures"), this.cases);
         document.body.classList.add("waiting");

@@ -43,7 +43,7 @@ from ...variables import Variable
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
 SCRIPTS = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "plots.js", "results.js",
-           "controls.js", "page.js")
+           "mechanism.js", "controls.js", "page.js")
 _MOST_FIRST = 12  # parameters with sliders of an actuator without gains
 _PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")

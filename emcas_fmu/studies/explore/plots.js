@@ -89,7 +89,7 @@ class Plot {
         this.look = {log: false, height: 190, shared: true, ...look};
         this.ticks = [];  // of an axis of names: position, name
         this.reach = [Infinity, -Infinity];  // of what is painted beside the curves, along y
-        this.under = this.over = () => undefined;
+        this.under = this.over = this.pointed = () => undefined;
         new ResizeObserver(() => this.resize()).observe(this.box);
     }
 
@@ -133,7 +133,10 @@ class Plot {
                     label, stroke, dash, width, value, spanGaps: true, points: {show: false},
                     paths: step ? uPlot.paths.stepped({align: 1}) : undefined}))],
             hooks: {init: [u => u.root.classList.add("idle")],
-                setCursor: [({root, cursor}) => root.classList.toggle("idle", (cursor.idx ?? null) === null)],
+                setCursor: [({root, cursor: {idx = null}, data: [time]}) => {
+                    root.classList.toggle("idle", idx === null);
+                    if (idx !== null) this.pointed(time[idx]);
+                }],
                 drawAxes: [u => this.under(u)], draw: [u => this.over(u)]},
         };
     }
@@ -141,6 +144,11 @@ class Plot {
     axisOfNames() {
         return {...axis("", 110), labelSize: 0, splits: () => this.ticks.map(([at]) => at),
             values: () => this.ticks.map(([, name]) => name)};
+    }
+
+    /** Moves the cursor of this and the plots beside it to a time. */
+    point(time) {
+        this.chart.setCursor({left: this.chart.valToPos(time, "x"), top: 10}, false, true);
     }
 
     redraw() {

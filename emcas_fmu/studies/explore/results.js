@@ -129,7 +129,8 @@ function drawStrip(list, line, cases) {
             element("span", {class: "margin"}, verdict ? marginInWords(requirement, verdict) : ""));
     }));
     line.textContent = cases.filter(([, each]) => each.verdicts).map(([letter, each]) => {
-        const missed = able.filter(({name}) => !each.verdicts.get(name).passed), of = cases.length > 1 ? `${letter}: ` : "";
+        const missed = able.filter(({name}) => !each.verdicts.get(name).passed);
+        const of = cases.length > 1 ? `${letter}: ` : "";
         return of + (missed.length ? `${missed.length} of ${able.length} requirements missed: ` +
             missed.map(({title}) => title).join("; ") : `all ${able.length} judged requirements met`);
     }).join(". ");
