@@ -1,8 +1,9 @@
-"""Parts of the page beside plots and tables: presets, torque-speed plane, mechanism, strip of verdicts."""
+"""Parts of the page: presets, torque-speed plane, mechanism, strip of verdicts, CSV files in links."""
 
 from __future__ import annotations
 
 from math import degrees, radians, tan
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -155,3 +156,44 @@ def test_nothing_plays_where_motion_is_reduced(opened: Browser) -> None:
         assert opened.run("window.page.mechanism.playing") is None
     finally:
         reduce("")
+
+
+def flown(browser: Browser, path: Path) -> None:
+    """Fly a CSV file, as a user chooses it, and wait for all that follows."""
+    browser.driver.find_element("id", "file").send_keys(str(path))
+    browser.wait(f"window.page.live.setting.file?.title === '{path.name}'")
+    browser.rested("window.page.refresh()")
+
+
+def test_a_link_holds_the_csv_files(opened: Browser, tmp_path: Path) -> None:
+    state = ("[window.page.kept, window.page.live].map(each => [each.setting.values, each.setting.file.title, "
+             "[...each.run.outputs.fin_angle]])")
+    for name, angle in (("one.csv", 0.1), ("zwei ä&=.csv", -0.05)):
+        path = tmp_path / name
+        path.write_text(f"time,fin_command\n0,0\n0.1,{angle}\n0.4,{angle}\n", encoding="utf-8")
+        flown(opened, path)
+        if name == "one.csv":
+            opened.run("window.page.keep()")
+    before, link = opened.run(state), opened.run("location.hash")
+    assert before[0][2] != before[1][2]
+    opened.open(SHOWN, link)
+    opened.wait("window.page.live?.run")
+    assert opened.run(state) == before
+    assert opened.run("document.getElementById('notes').textContent") == ""
+
+
+def test_a_csv_file_that_a_link_cannot_hold_is_said(opened: Browser, tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).uniform(-0.1, 0.1, 8001)
+    path = tmp_path / "long.csv"
+    path.write_text("time,fin_command\n" + "".join(f"{k / 1000},{x!r}\n" for k, x in enumerate(noise.tolist())),
+                    encoding="utf-8")
+    flown(opened, path)
+    assert "csv=" not in opened.run("location.hash").replace("kind%3Dcsv", "")
+    opened.run("(Object.defineProperty(navigator, 'clipboard', {configurable: true, value: {writeText: async () => 0}}),"
+               " null)")
+    opened.run("document.getElementById('link').click()")
+    opened.wait("document.getElementById('copied').textContent")
+    assert "too long" in opened.run("document.getElementById('copied').textContent")
+    opened.open(SHOWN, "#B=excitation.kind%3Dcsv&B.csv=AAAA")
+    opened.wait("document.getElementById('notes').textContent")
+    assert "CSV file of B is not readable" in opened.run("document.getElementById('notes').textContent")

@@ -4,7 +4,6 @@
 const $ = id => document.getElementById(id);
 const REST = 300; // ms without a change before long computations
 const BUSY = 16; // ms after which a long computation lets the browser respond
-const MOST_BYTES = 50e6; // of a CSV file, which a browser reads whole
 
 class Page {
     constructor(actuator) {
@@ -79,23 +78,34 @@ class Page {
         if (!file) return;
         try {
             if (file.size > MOST_BYTES) throw new Error(`${file.name}: is larger than ${MOST_BYTES / 1e6} MB`);
-            this.show({setting: this.live.setting.withFile(fromCsv(await file.text(), file.name))});
+            const text = await file.text(), rows = fromCsv(text, file.name);
+            const whole = {...rows, packed: await packed(file.name, text)};
+            this.show({setting: this.live.setting.withFile(whole)});
         } catch (error) {
             this.say([error.message]);
         }
         $("file").value = "";
     }
 
-    /** Reads the settings in the page's address. */
-    restore() {
+    /** Reads the settings in the page's address; waits only for a CSV file. */
+    async restore() {
         if (location.hash === this.written) return;
         const link = new URLSearchParams(location.hash.slice(1)), notes = [];
-        const read = text => {
-            const [setting, unknown] = Setting.parse(text);
+        const files = {};
+        for (const name of ["A", "B"].filter(each => link.has(`${each}.csv`))) {
+            try {
+                files[name] = await unpacked(link.get(`${name}.csv`));
+            } catch (error) {
+                notes.push(`The link's CSV file of ${name} is not readable (${error.message}): left out.`);
+            }
+        }
+        const read = name => {
+            const [{values}, unknown] = Setting.parse(link.get(name) ?? "");
+            const setting = new Setting(values, files[name]);
             if (unknown.length) notes.push(`The link has ${unknown.join(", ")}, unknown to this page: left out.`);
             return {setting};
         };
-        const kept = link.has("A") ? read(link.get("A")) : null, live = read(link.get("B") ?? "");
+        const kept = link.has("A") ? read("A") : null, live = read("B");
         if (link.has("of") && link.get("of") !== DATA.digest) {
             notes.push("The link is from another page: what it does not set may differ.");
         }
@@ -190,6 +200,9 @@ class Page {
     writeLink() {
         const {live, kept} = this;
         const link = new URLSearchParams({of: DATA.digest, ...(kept ? {A: kept.setting} : {}), B: live.setting});
+        for (const [name, setting] of [["A", kept?.setting], ["B", live.setting]]) {
+            if (setting?.kind === "csv" && setting.file?.packed) link.set(`${name}.csv`, setting.file.packed);
+        }
         history.replaceState(null, "", `#${link}`);
         this.written = location.hash;
     }
@@ -256,7 +269,9 @@ class Page {
         this.writeLink();
         try {
             await navigator.clipboard.writeText(location.href);
-            $("copied").textContent = "link copied";
+            const without = [this.kept, this.live].some(each =>
+                each?.setting.kind === "csv" && !each.setting.file?.packed);
+            $("copied").textContent = `link copied${without ? ", without the CSV file, which is too long for it" : ""}`;
         } catch {
             $("copied").textContent = "the address of this page is the link: copy it from above";
         }

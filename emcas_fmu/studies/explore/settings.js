@@ -5,6 +5,9 @@
 const HELD = DATA.inputs.filter(v => !["fin_command", "aero_torque"].includes(v.name));
 const CONTROLS = new Map([...DATA.fields, ...HELD, ...DATA.parameters].map(control => [control.name, control]));
 
+const MOST_BYTES = 50e6; // of a CSV file, which a browser reads whole
+const MOST_PACKED = 48e3; // bytes of a compressed CSV file in a link, which browsers limit
+
 class Setting {
     constructor(values = {}, file = null) {
         this.values = values;
@@ -105,6 +108,28 @@ class Setting {
         }
         return [new Setting(values), unknown];
     }
+}
+
+/** A CSV file with its name as compressed text for a link; empty if it is too long. */
+async function packed(title, text) {
+    const stream = new Blob([`${title}\n${text}`]).stream().pipeThrough(new CompressionStream("deflate-raw"));
+    const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+    if (bytes.length > MOST_PACKED) return "";
+    return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_");
+}
+
+/** The file of a link. Throws an Error. */
+async function unpacked(text) {
+    const bytes = Uint8Array.from(atob(text.replaceAll("-", "+").replaceAll("_", "/")), c => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
+    const reader = stream.pipeThrough(new TextDecoderStream()).getReader();
+    let whole = "";
+    for (let read = await reader.read(); !read.done; read = await reader.read()) {
+        whole += read.value;
+        if (whole.length > MOST_BYTES) throw new Error("it is too large");
+    }
+    const [title] = whole.split("\n", 1);
+    return {...fromCsv(whole.slice(title.length + 1), title), packed: text};
 }
 
 /** Warnings of commands beyond the limit, as Response.warnings of response.py; only a file may be in degrees. */
