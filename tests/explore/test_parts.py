@@ -189,8 +189,8 @@ def test_a_csv_file_that_a_link_cannot_hold_is_said(opened: Browser, tmp_path: P
                     encoding="utf-8")
     flown(opened, path)
     assert "csv=" not in opened.run("location.hash").replace("kind%3Dcsv", "")
-    opened.run("(Object.defineProperty(navigator, 'clipboard', {configurable: true, value: {writeText: async () => 0}}),"
-               " null)")
+    opened.run("(Object.defineProperty(navigator, 'clipboard', {configurable: true, "
+               "value: {writeText: async () => 0}}), null)")
     opened.run("document.getElementById('link').click()")
     opened.wait("document.getElementById('copied').textContent")
     assert "too long" in opened.run("document.getElementById('copied').textContent")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -270,6 +271,12 @@ def _embedded(value: Any) -> str:
     return json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
+def _dense(name: str) -> str:
+    """Return a script without indentation and comments on lines of their own; no literal in it has several lines."""
+    code = re.sub(r"^ */\*.*?\*/\n", "", handwritten(name, _HERE), flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r"\n +", "\n", code)
+
+
 def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> str:
     """Return the page; the same arguments give the same text. Raises CompilerError."""
     specification = load_requirements(about.requirements, parameters)
@@ -290,7 +297,7 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
         presets=described["presets"], plane=described["plane"],
         controls=controls, described=words, first=_first(parameters), groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=base64.b64encode(code).decode(),
-        style=handwritten("page.css", _HERE), script="\n".join(handwritten(name, _HERE) for name in SCRIPTS))
+        style=handwritten("page.css", _HERE), script="\n".join(map(_dense, SCRIPTS)))
 
 
 def write(path: Path, parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> int:
