@@ -122,7 +122,7 @@ def svg(plot: Figure, label: str = "", description: str = "") -> str:
     # The element declares the fonts once; each text keeps its size only.
     body = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", body)
     body = re.sub(r"font-family: [^;\"]*;? ?", "", body)
-    body = _unique_ids(body).replace(INK, "currentColor")
+    body = _unique_ids(body).replace(INK, "currentColor").replace(BLUE, "var(--blue)")  # lighter on a dark page
     words = f"<desc>{escape(description)}</desc>" if description else ""
     start = f'<svg role="img" aria-label="{escape(label)}" font-family="{FONTS}"'
     return re.sub(r"<svg([^>]*)>", lambda rest: f"{start}{rest[1]}>{words}", body, count=1).rstrip()

@@ -4,6 +4,7 @@
 const INCH = 112;  // pixels of an inch of the picture
 const NEAR = 40;  // pixels from a loop within which its value is shown
 const MOST_READ = 14;  // values under the cursor
+const BLUE = "#0072b2";  // of pictures, the only colour too dark for a dark page
 
 /** The values of a packed column: its decimals and differences, or, along a logarithmic axis, the numbers. */
 function unpacked(packed, log) {
@@ -19,6 +20,10 @@ function shown(value) {
     const size = Math.abs(value), plain = !size || size >= 1e-4 && size < 1e5;
     return (plain ? String(Number(value.toPrecision(5))) : value.toExponential(3)).replace("-", "−");
 }
+
+/** A colour of a picture, blue as light as the page is dark: on a canvas, and in a style, without transparency. */
+const tint = color => color ? color.replace(BLUE, css("--blue")) : ink();
+const sample = color => !color ? "var(--text)" : color.startsWith(BLUE) ? "var(--blue)" : color;
 
 const inside = (at, min, max) => at >= min - 1e-3 * Math.abs(min) && at <= max + 1e-3 * Math.abs(max);
 const ascending = ([from, to]) => from < to ? [from, to] : [to, from];
@@ -150,7 +155,7 @@ class Panel {
             axes: [this.axis("x"), this.axis("y")],
             series: [null, ...lines.map(line => ({
                 label: line.name, show: !chart.off.has(line.name), paths: path(line), points: {show: false},
-                dash: line.dash, stroke: () => line.color || ink(), fill: () => line.color || ink(),
+                dash: line.dash, stroke: () => tint(line.color), fill: () => tint(line.color),
                 width: line.width || (line.hollow ? 1 : 0.01),
                 facets: ["x", "y"].map(which => ({scale: which, auto: false})),
             }))],
@@ -176,20 +181,20 @@ class Panel {
         const {left, top, width, height} = frame, {bands, areas, levels} = this.data;
         const on = ({name}) => !this.chart.off.has(name);
         for (const {color, axis, ranges} of bands.filter(on)) {
-            ctx.fillStyle = color;
+            ctx.fillStyle = tint(color);
             for (const [from, to] of ranges) {
                 if (axis === "x") ctx.fillRect(x(from), top, x(to) - x(from), height);
                 else ctx.fillRect(left, y(from), width, y(to) - y(from));
             }
         }
         for (const area of areas) {
-            ctx.fillStyle = area.color;
+            ctx.fillStyle = tint(area.color);
             ctx.beginPath();
             area.x.forEach((at, i) => ctx.lineTo(x(at), y(area.y[i])));
             ctx.fill();
         }
         for (const {axis, at, color, width: thick, dash} of levels.filter(on)) {
-            across(ctx, axis, axis === "x" ? x(at) : y(at), frame, {color: color || ink(), thick, dash});
+            across(ctx, axis, axis === "x" ? x(at) : y(at), frame, {color: tint(color), thick, dash});
         }
     }
 
@@ -199,7 +204,7 @@ class Panel {
         for (const {text, at, share, align, base, color} of this.data.texts) {
             const right = at ? x(at[0]) : left + share[0] * width, down = at ? y(at[1]) : top + (1 - share[1]) * height;
             if (right < left || right > left + width || down < top || down > top + height) continue;
-            ctx.fillStyle = color || ink();
+            ctx.fillStyle = tint(color);
             ctx.textAlign = align;
             ctx.textBaseline = {top: "top", center: "middle", center_baseline: "middle"}[base] ?? "alphabetic";
             ctx.fillText(text, right, down - (base === "bottom" ? 3 * devicePixelRatio : 0));
@@ -232,7 +237,7 @@ class Panel {
         const rows = lines.filter((_, k) => u.series[k + 1].show).map(line =>
             [line, line.loop || !line.width ? nearest(u, line, left, top) : interpolated(line, at, y)]);
         const values = rows.filter(([, value]) => value !== null).slice(0, MOST_READ).map(([{color, name}, value]) =>
-            element("div", {}, element("i", {style: `background:${color || "var(--text)"}`}),
+            element("div", {}, element("i", {style: `background:${sample(color)}`}),
                 `${name || y.label.replace(/ *\[.*/, "") || "value"} `, element("b", {}, value)));
         this.read.replaceChildren(element("div", {class: "at"}, `${shown(at)} ${unit}`), ...values);
         this.read.hidden = !values.length;
@@ -277,7 +282,7 @@ class Chart {
             const {color, width, dash, ranges} = every.find(each => each.name === name);
             const thick = Math.min(Math.max(width || 2, 1.5), 4);
             const look = ranges ? "band" : !width ? "dot" : dash ? "dashed" : "";
-            const swatch = element("i", {class: look, style: `--swatch:${color || "var(--text)"};--thick:${thick}px`});
+            const swatch = element("i", {class: look, style: `--swatch:${sample(color)};--thick:${thick}px`});
             const button = element("button", {type: "button", "aria-pressed": "true"}, swatch, name);
             button.addEventListener("click", () => this.toggle(name, button));
             return button;

@@ -90,11 +90,21 @@ def write_page(path: Path, template: str | Path, of: Iterable[ParameterSet | Sou
     write(path, text)
 
 
+def _words(html: str) -> str:
+    """Return a line of HTML without its elements, for an attribute."""
+    return re.sub("<[^>]*>", "", html).replace('"', "&quot;")
+
+
 def outlined(body: str) -> str:
-    """Return a page's body with numbered figures and tables, and the contents before the first heading."""
+    """Return a page's body with numbered figures and tables, and the contents before the first heading.
+
+    Boxes in which a table scrolls get the keyboard's focus and its caption as name.
+    """
     for element, word in (("figcaption", "Figure"), ("caption", "Table")):
         first, *others = body.split(f"<{element}>")
         body = first + "".join(f"<{element}><b>{word} {n}.</b> {rest}" for n, rest in enumerate(others, 1))
+    body = re.sub(r'<div class="wide">(?=<table[^>]*>\s*<caption[^>]*>(.*?)</caption>)', lambda found: (
+        f'<div class="wide" tabindex="0" role="region" aria-label="{_words(found[1])}">'), body)
     headings: list[tuple[str, str, str]] = []
 
     def listed(heading: re.Match[str]) -> str:
@@ -108,7 +118,7 @@ def outlined(body: str) -> str:
         return body
     deep = len(headings) <= _MOST_LISTED
     entries = "".join(
-        f'<li{" class=deeper" if level == "3" else ""}><a href="#{name}">{re.sub("<[^>]*>", "", text)}</a></li>'
+        f'<li{" class=deeper" if level == "3" else ""}><a href="#{name}">{_words(text)}</a></li>'
         for level, name, text in headings if deep or level == "2")
     contents = f'<nav class="contents" aria-label="Contents"><ol>{entries}</ol></nav>\n'
     return re.sub("(?=<h2)", lambda _: contents, body, count=1)

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from emcas_fmu.bench.verdict import Judged
 from emcas_fmu.cli import app
 from emcas_fmu.figures import plots
 from emcas_fmu.pages.page import write_page
 from emcas_fmu.pages.provenance import Source
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.compare.sets import Column, Result
 from tests.explore.browser import Browser, chromium
 
 CURVES = "charts[0].panels"
@@ -143,6 +146,13 @@ def test_text_stands_out(opened: Browser, scheme: str) -> None:
         return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
     back = luminance("body", "backgroundColor")
+    if scheme == "dark":  # curves and bars, too; on a light page some are paler
+        curve = "document.querySelector('.toggles i').style.setProperty('color', '{}')"
+        for color in (*plots.COLORS, plots.GRAY):
+            opened.run(curve.format(color.replace(plots.BLUE, "var(--blue)")))
+            assert (luminance(".toggles i", "color") + 0.05) / (back + 0.05) >= 4.5, color
+        drawn = opened.run("charts[0].panels[0].plot.series[1].stroke()")
+        assert drawn == opened.run("css('--blue')") != plots.BLUE
     for selector in ("body", "figcaption", ".about td", ".toggles button"):
         text = luminance(selector, "color")
         assert (max(text, back) + 0.05) / (min(text, back) + 0.05) >= 4.5, selector
@@ -172,6 +182,59 @@ def test_contents_lead_to_every_section(browser: Browser, simulated: Path) -> No
                          "document.querySelector(a.getAttribute('href')).textContent)")
     assert listed == browser.run("[...document.querySelectorAll('h2')].map(h => h.textContent)")
     assert listed[-1] == "How this page was made"
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of five actuators, each with requirements met, missed and not judged."""
+    parameters = load_parameters()
+    names = ["nonlinear", "worm-gear", "electrohydraulic", "elastic", "servo"]
+    found = [Judged("review", f"figure_{n}", f"Error held against a load, case {n}", value, "<=", 0.2, "deg",
+                    skipped=value is None, how="largest distance from the command over the last third of the hold")
+             for n, value in enumerate((0.1234, 0.2345, None))]
+    path = tmp_path_factory.mktemp("compared") / "page.html"
+    columns = tuple(Column(name, parameters, tuple(found), {}) for name in names)
+    write_page(path, "studies/compare/page.html.j2", [parameters], result=Result(columns), pictures=[])
+    return path
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A table of requirements as pages have it."""
+    path = tmp_path_factory.mktemp("judged") / "page.html.j2"
+    path.write_text('{% extends "pages/base.html.j2" %}{% block body %}<h1>Judged</h1>{{ m.sources(rows) }}'
+                    "{% endblock %}", encoding="utf-8")
+    rows = [Judged("review", "rate", "Rate of a 40 deg slew against 100 N.m", value, ">=", 200.0, "deg/s",
+                   how="mean over the middle four fifths of the travel, the worse of both directions")
+            for value in (214.4, 153.7)]
+    write_page(path.with_suffix(""), path, [Source("parameters", "mine.toml")], rows=rows)
+    return path.with_suffix("")
+
+
+@pytest.mark.parametrize(("shown", "width"), [("judged", 400), ("compared", 400), ("compared", 1400)])
+def test_verdicts_are_seen_without_scrolling_sideways(
+        browser: Browser, shown: str, width: int, request: pytest.FixtureRequest) -> None:
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+    browser.size(width)
+    browser.load(request.getfixturevalue(shown))
+    right = browser.run("[...document.querySelectorAll('.wide .pass, .wide .fail, .wide .skip')]"
+                        ".map(e => e.getBoundingClientRect().right)")
+    assert len(right) == (2 if shown == "judged" else 15)
+    assert max(right) <= width
+    if shown == "compared":
+        assert browser.run("[...document.querySelectorAll('.wide')].every(e => e.scrollWidth <= e.clientWidth)")
+
+
+def test_what_scrolls_has_the_keyboards_focus(browser: Browser, judged: Path) -> None:
+    """All of a page is in a landmark, too, as WCAG asks (2.1.1, 1.3.1)."""
+    browser.size(400)
+    browser.load(judged)
+    boxes = "[...document.querySelectorAll('main *')].filter(e => e.scrollWidth > e.clientWidth + 1 && " \
+            "['auto', 'scroll'].includes(getComputedStyle(e).overflowX))"
+    assert browser.run(f"{boxes}.map(e => [e.tabIndex, e.getAttribute('role'), e.getAttribute('aria-label')])") == [
+        [0, "region", "Table 1. Requirements: review"]]
+    assert browser.run("[...document.body.children].map(e => e.tagName)") == ["MAIN"]
+    assert browser.run("[...document.querySelectorAll('th')].filter(e => !e.textContent.trim()).length") == 0
 
 
 @pytest.mark.parametrize("width", [400, 1400])

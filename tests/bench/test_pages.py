@@ -69,6 +69,17 @@ def test_figures_tables_and_sections_are_numbered_and_listed() -> None:
     assert "<nav" not in outlined("<h2>Only</h2>")
 
 
+def test_tables_that_scroll_have_the_keyboards_focus_and_a_name() -> None:
+    body = '<div class="wide"><table class="dense">\n<caption>Gains, "as <code>x</code>"</caption></table></div>' * 2
+    assert re.findall(r'<div class="wide" tabindex="0" role="region" aria-label="(.*?)">', outlined(body)) == [
+        "Table 1. Gains, &quot;as x&quot;", "Table 2. Gains, &quot;as x&quot;"]
+
+
+def test_a_heading_without_words_is_none() -> None:
+    template = environment().from_string('{% call(x) m.table("T", ["", "value"], [1]) %}<th>one</th>{% endcall %}')
+    assert "<tr><td></td><th>value</th></tr>" in template.render()
+
+
 def test_a_page_says_how_it_was_made_and_is_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1775001600")
     mine = tmp_path / "mine.toml"

@@ -57,7 +57,8 @@ def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_equations_keep_their_lines_and_prose_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
     text = page("nonlinear", 1, monkeypatch)
-    assert "<pre>a_h = a + w&#39; x r + w x (w x r)" in text  # aligned columns, without the docstring's indentation
+    # Aligned columns, without the docstring's indentation; keys scroll what is wider than a telephone.
+    assert '<pre tabindex="0">a_h = a + w&#39; x r + w x (w x r)' in text
     assert "<p>With R = dtheta/ddelta and ddelta = w/R - R&#39; w^2/R^3 the hinge equation</p>" in text
     assert re.search(r">Equation of motion \(2.8\)-\(2.17\), written for the motor angle</h3>", text)
 

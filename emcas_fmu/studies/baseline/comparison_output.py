@@ -154,7 +154,8 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
 
     about = comparison.response.identification
     write_page(path, "studies/baseline/page.html.j2", [about.source], about=about, comparison=comparison,
-               verdict=verdict(comparison), remedy=remedy, header=HEADER, cells=cells,
+               verdict=verdict(comparison), remedy=remedy, header=(HEADER[-1], *HEADER[:-1]),
+               cells=lambda row: (cells(row)[-1], *cells(row)[:-1]),
                pictures=plots.pictures(_drawings(comparison)))
 
 

@@ -51,7 +51,7 @@ def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
     drawn, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=1.9)
     for axes, s in zip(grid, spreads, strict=True):
         unit, scale = shown(s.figure.unit)
-        axes.hist(s.values * scale, bins=min(_BINS, max(5, int(np.sqrt(len(s.values))))), color=BLUE, alpha=0.75)
+        axes.hist(s.values * scale, bins=min(_BINS, max(5, int(np.sqrt(len(s.values))))), color=BLUE)
         for p, color in ((50, INK), (95, VERMILLION), (5, VERMILLION)):
             if isfinite(s.percentiles[p]):
                 axes.axvline(s.percentiles[p] * scale, color=color, linewidth=1.0, linestyle="-" if p == 50 else "--")
@@ -76,7 +76,7 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
         for position, factor in enumerate(factors):
             if factor in effects:
                 e = effects[factor]
-                axes.barh(position, e.rank_correlation, color=BLUE if e.sure else GRAY, alpha=0.75, height=0.7)
+                axes.barh(position, e.rank_correlation, color=BLUE if e.sure else GRAY, height=0.7)
                 axes.plot([e.low, e.high], [position, position], color=INK, linewidth=0.9)
         axes.axvline(0.0, color=INK, linewidth=0.6)
         axes.set(title=s.name.partition(".")[2], xlim=(-1.0, 1.0))

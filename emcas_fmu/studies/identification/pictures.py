@@ -75,7 +75,7 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
     first.axhline(0.0, color=GRAY, linewidth=0.8)
     scaled = [r / (np.sqrt(np.mean(r**2)) or 1.0) for r in fit.residuals]
     standard = np.concatenate(scaled)
-    second.hist(standard, bins=np.linspace(-4.0, 4.0, 33).tolist(), density=True, color=COLORS[0], alpha=0.6)
+    second.hist(standard, bins=np.linspace(-4.0, 4.0, 33).tolist(), density=True, color=COLORS[0])
     x = np.linspace(-4.0, 4.0, 100)
     second.plot(x, norm.pdf(x), color=COLORS[1], label="normal")
     second.set_xlabel("residual / its deviation")
