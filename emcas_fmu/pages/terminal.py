@@ -6,26 +6,54 @@ from collections.abc import Collection, Iterable
 from typing import Any
 
 from rich.box import HEAVY_HEAD, SIMPLE_HEAD
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from .numbers import number
 
+_SHORT = 10  # characters of a word that is not broken, other than figures
+
+
+class _Fitting(Table):
+    """A table that folds its longest texts to the terminal's width: first those that are not to be `whole`."""
+
+    whole: Collection[int] = ()
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        texts = [[Text.from_markup(each).plain if isinstance(each, str) else str(each)
+                  for each in (column.header, *column.cells)] for column in self.columns]
+        widths = [max(map(len, column)) for column in texts]
+        least = [max((min(len(word), len(word) if column.justify == "right" and n else _SHORT)
+                      for n, text in enumerate(each) for word in text.split()), default=0)
+                 for each, column in zip(texts, self.columns, strict=True)]
+        room = options.max_width - (3 if self.pad_edge else 2) * len(widths) - 1
+        every = range(len(widths))
+        left = [k for k in every if self.columns[k].justify == "left"]
+        others = [k for k in every if k not in self.whole]
+        for able, floor in ((others, least), (every, least), (left, [1] * len(least))):
+            while sum(widths) > room and (wide := [k for k in able if widths[k] > floor[k]]):
+                widths[max(wide, key=widths.__getitem__)] -= 1
+        for column, width in zip(self.columns, widths, strict=True):
+            column.width = width
+        yield from super().__rich_console__(console, options)
+
 
 def table(columns: Iterable[str], rows: Iterable[Iterable[Any] | None], title: str = "", whole: Collection[int] = (),
           plain: bool = False) -> Table:
     """Return a table of texts and of numbers, which have four digits; None is a dash, a row that is None a line.
 
-    Columns whose name begins with ">" are aligned to the right. Cells of the columns with indices in `whole` have one
-    line; texts in other columns are not cut short, so that they can be searched for. A `plain` table has no frame.
+    Columns whose name begins with ">" are aligned to the right. Nothing is cut on a narrow terminal: texts are folded,
+    between words and within long names, those of the columns with indices in `whole` last. A `plain` table has no
+    frame.
     """
-    made = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD if plain else HEAVY_HEAD,
-                 padding=(0, 1, 0, 0) if plain else (0, 1), pad_edge=not plain)
-    for k, name in enumerate(columns):
-        right = name.startswith(">")
-        made.add_column(escape(name.removeprefix(">")), justify="right" if right else "left", no_wrap=k in whole,
-                        overflow="ellipsis" if right or k in whole else "fold")
+    made = _Fitting(title=title or None, title_justify="left", box=SIMPLE_HEAD if plain else HEAVY_HEAD,
+                    padding=(0, 1, 0, 0) if plain else (0, 1), pad_edge=not plain)
+    made.whole = whole
+    for name in columns:
+        made.add_column(escape(name.removeprefix(">")), justify="right" if name.startswith(">") else "left",
+                        overflow="fold")
     for row in rows:
         if row is None:
             made.add_section()

@@ -86,6 +86,14 @@ def test_dragging_zooms_every_panel_of_the_time_and_a_button_zooms_out(opened: B
     assert opened.run(f"{CURVES}.map(p => [p.plot.scales.x.min, p.plot.scales.x.max])") == [[0, 400], [0, 400]]
 
 
+def test_the_last_number_of_an_axis_is_not_cut(opened: Browser) -> None:
+    """It is centred at the end of the axis, so that half of it is beside the frame."""
+    half, beside = opened.run(
+        "(plot => { plot.ctx.save(); plot.ctx.font = FONT; const half = plot.ctx.measureText('0.0125').width / 2; "
+        f"plot.ctx.restore(); return [half, plot.width - plot.bbox.left - plot.bbox.width]; }})({CURVES}[1].plot)")
+    assert half <= beside
+
+
 def test_the_cursor_reads_values(opened: Browser) -> None:
     drag(opened, (0.5, 0.5), (0.5, 0.5))
     assert not opened.run("document.querySelector('.read').hidden")

@@ -90,10 +90,9 @@ def _slew(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
                 traces.trace(axes, group.data.columns, name, (begin, begin + 0.35), zero=begin, unit=1e3,
                              color=color, label=group.label.partition(",")[0])
         _limit(panels["fin_rate"], limits, "deg/s", sign)
-        panels["fin_angle"].set_title(f"{direction} direction", pad=16)
+        panels["fin_angle"].set_title(f"{direction} direction")
         panels["fin_angle"].margins(x=0.0)
-        for name in ("fin_angle", "fin_rate"):
-            legend_above(panels[name], 3)
+    legend_above(figure, 4)  # above a panel it would be wider than the panel
     return figure, "Full travel in either direction."
 
 
