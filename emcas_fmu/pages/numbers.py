@@ -44,8 +44,11 @@ def percent(share: float) -> str:
 def with_unit(value: float | bool | None, unit: str, limit: float | None = None) -> str:
     """Return a figure with its unit, typeset; a time of less than a second is in ms.
 
-    With a `limit` it has the digits that are needed to tell it from the limit.
+    With a `limit` it has the digits that are needed to tell it from the limit. An angle of less than 1e-9 deg is 0:
+    doubles near 20 deg are 4e-15 deg apart, and the sums of a simulation round in some thousands of steps.
     """
+    if unit == "deg" and value and abs(value) < 1e-9:
+        value = 0.0
     if unit == "s" and value and abs(value) < 1.0:
         value, unit, limit = value * 1e3, "ms", None if limit is None else limit * 1e3
     text, symbol = (number(value) if limit is None else beside(value, limit)).replace("-", "−"), typeset(unit)

@@ -192,6 +192,10 @@ def test_contents_lead_to_every_section(browser: Browser, simulated: Path) -> No
     assert listed[-1] == "How this page was made"
 
 
+def test_errors_of_opposite_sign_say_so(simulated: Path) -> None:
+    assert "tracking error is command minus angle, the steady error angle minus command" in simulated.read_text("utf-8")
+
+
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of five actuators, each with requirements met, missed and not judged."""

@@ -111,7 +111,8 @@ def test_the_same_source_stands_once() -> None:
 
 @pytest.mark.parametrize(("value", "unit", "text"), [
     (0.0123, "s", "12.3 ms"), (15.0, "s", "15 s"), (-20.0, "deg", "−20°"), (24.0, "degC", "24 °C"), (0.4, "1", "0.4"),
-    (float("inf"), "s", "not reached"), (None, "s", "–"), (2.0, "kg.m2", "2 kg·m²")])
+    (float("inf"), "s", "not reached"), (None, "s", "–"), (2.0, "kg.m2", "2 kg·m²"),
+    (2.544e-14, "deg", "0°"), (-2e-9, "deg", "−2e−09°"), (2.544e-14, "1", "2.544e−14")])
 def test_a_figure_with_its_unit(value: float | None, unit: str, text: str) -> None:
     assert with_unit(value, unit) == text
     assert typeset("N.m/(rad/s)2") == "N·m/(rad/s)²"

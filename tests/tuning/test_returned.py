@@ -230,6 +230,14 @@ def test_what_is_shown_as_its_limit_meets_it(off: float, tmp_path: Path) -> None
         assert "no gains were found that meet settling" in verdict(result)
 
 
+@pytest.mark.parametrize(("off", "words"), [
+    (0.3, "is at 130 % of its limit"), (1.5e6, "is ten times or more its limit")])
+def test_a_figure_far_beyond_its_limit_has_no_percentage(off: float, words: str, tmp_path: Path) -> None:
+    study = study_of("nonlinear", PAIR[:1], tmp_path, {})
+    result, _, _ = shown(study, study.requirements[0].limit * (1.0 + off), tmp_path)
+    assert words in verdict(result)
+
+
 @pytest.mark.drawn
 def test_page_and_json_have_the_gains_and_the_objective_that_are_returned(tmp_path: Path) -> None:
     study = study_of("nonlinear", PAIR[:1], tmp_path, {})

@@ -55,8 +55,9 @@ def verdict(result: Result) -> str:
         return (f"{so_far}all requirements are met in every case; smallest margin {percent(worst.margin)}; "
                 f"{binding}")
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
+    at = "ten times or more" if worst.share >= 10.0 else f"at {beside(100.0 * worst.share, 100.0)} % of"
     return (f"{so_far}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
-            f"{worst.case}, is at {beside(100.0 * worst.share, 100.0)} % of its limit; {binding}")
+            f"{worst.case}, is {at} its limit; {binding}")
 
 
 def objectives(result: Result) -> str:
