@@ -23,7 +23,7 @@ from ..fmu.built import both
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ["nonlinear+lugre+uneven+heat+homing+trajectory+supply+faults",
-          "elastic+stribeck+efficiency+sensors+heat+homing+faults"]
+          "elastic+stribeck+efficiency+saturation+sensors+heat+filters+homing+faults"]
 
 
 @pytest.fixture(scope="module", params=[MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
