@@ -35,7 +35,8 @@ class Line:
     outputs: tuple[Variable, Variable]  # the actuators' level, and their total current or flow
     parameters: tuple[Variable, ...]
     values: Mapping[str, float]  # defaults of the parameters
-    start: Mapping[str, float]  # of the states, by name
+    states: tuple[str, ...]
+    start: Callable[[Ops, Any], tuple[Value, ...]]  # of the states, from the line's parameters
     sags: bool  # whether the level is the source's minus the first state: it then follows a ramp of the source
     level: Callable[..., Value]
     following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value], tuple[Value, ...]]
@@ -73,7 +74,8 @@ BUS = Line(
     # All but the resistance are estimates: of a battery that empties, of a link that overcharges.
     values={"bus.source_resistance": 0.0, "bus.charge": 0.0, "bus.charge_used": 0.0, "bus.polarisation": 0.5,
             "bus.capacitance": 0.0, "bus.chopper_voltage": 1e5, "bus.chopper_resistance": 1.0, "bus.update_time": 1e-4},
-    start={"sag": 0.0, "link": bus.NO_LINK, "drawn": 0.0},
+    states=("sag", "link", "drawn"),
+    start=lambda ops, p: bus.start(ops, p.bus),
     sags=True,
     level=bus.voltage,
     following=lambda ops, p, source, states, current, inverse_inductance: bus.following(
@@ -103,7 +105,8 @@ PRESSURE_LINE = Line(
     # Estimates: a precharge of 0.6 of 21 MPa; a pump of 9 l/min, all of it 1 MPa below its setting.
     values={"line.accumulator_volume": 0.0, "line.precharge_pressure": 12.6e6, "line.polytropic_exponent": 1.4,
             "line.pump_gain": 1.5e-10, "line.pump_flow": 1.5e-4, "line.update_time": 1e-4},
-    start={"pressure": pressure_line.AT_SOURCE},
+    states=("pressure",),
+    start=lambda ops, p: (pressure_line.AT_SOURCE,),
     sags=False,
     level=pressure_line.pressure,
     following=lambda ops, p, source, states, flow, inverse_inductance: (pressure_line.next_pressure(

@@ -47,7 +47,7 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
             "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "fin_inputs": interface.fin_inputs,
             "no_supply": f"{actuator.supply.input.name} = 0" if actuator.supply else "",
             "mixing": tuple(interface.reference[v.name] for v in MIXING if several),
-            "of_fin": f"{interface.of_fin('%d')}: " if several else "", "line_start": codegen.line_start(actuator),
+            "of_fin": f"{interface.of_fin('%d')}: " if several else "",
             "step_begin": interface.reference.get(fin_port.STEP_BEGIN.name)}
 
 

@@ -4,10 +4,12 @@
     V = max(V_b - R I, V_0)        I = sum P_i / V
     with a link:  C dV/dt = max(V_b - V, 0)/R - I - max(V - V_c, 0)/R_c
 
-V is the voltage at the drives; the sag s = V_source - V. The curve is that of Shepherd (1965), Journal of the
-Electrochemical Society 112 (7), 657-664, without its exponential: slow, then steep where the battery is empty.
-Without a link the battery takes back all returned power. With one a diode is in front of the battery, as of one that
-must not be charged: returned power raises V until drives or the chopper draw it.
+V is the voltage at the drives; the sag s = V_source - V. V_b is the no-load voltage E_0 - K Q/(Q - q) of the generic
+battery model of Tremblay, Dessaint and Dekkiche (2007), IEEE Vehicle Power and Propulsion Conference, 284-289, without
+its exponential, V_source = E_0 - K and U = K: slow, then steep where the battery is empty. Unlike the polarisation of
+Shepherd (1965), K Q/(Q - q) times the current, it falls at rest, too. Without a link the battery takes back all
+returned power until it is full. With one a diode is in front of the battery, as of one that must not be charged:
+returned power raises V until drives or the chopper draw it.
 
 All is stepped at instants h apart; in between V is held. A drive at its voltage limit raises its current by about
 dV h/L in that time. Without a link the new sag is therefore where that line meets V_b and R I (one step of Newton's
@@ -45,6 +47,11 @@ def fall(ops: Ops, p: Any, drawn: Value) -> Value:
     return p.polarisation * share / (1.0 - share)
 
 
+def start(ops: Ops, p: Any) -> tuple[Value, ...]:
+    """Return the states of :func:`following` at rest, without a current; a link has the battery's voltage."""
+    return ops.where(p.source_resistance > 0.0, fall(ops, p, 0.0), 0.0), NO_LINK, 0.0
+
+
 def next_sag(ops: Ops, resistance: Value, sag: Value, current: Value, admittance: Value, fallen: Value = 0.0) -> Value:
     """Return the sag [V] after an instant of the bus, under a supply current [A]; `admittance` is sum h/L_i [1/Ohm].
 
@@ -77,6 +84,6 @@ def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current:
 
     def direct() -> tuple[Value, ...]:
         return (next_sag(ops, p.source_resistance, sag, current, h * inverse_inductance, fallen), link,
-                ops.maximum(drawn + current * h, 0.0))
+                ops.maximum(drawn + current * h, -p.charge_used))  # full: it takes no more
 
     return ops.branch(p.capacitance > 0.0, linked, direct)

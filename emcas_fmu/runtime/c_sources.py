@@ -81,7 +81,7 @@ def model_header(actuator: Actuator) -> str:
     names = [v.name for v in actuator.inputs]
     supply = names.index(actuator.supply.input.name) if actuator.supply else -1
     power, line = codegen.power_place(actuator), actuator.supply.line if actuator.supply else None
-    line_parameters, start = len(line.parameters) if line else 0, codegen.line_start(actuator)
+    line_parameters, line_states = (len(line.parameters), len(line.states)) if line else (0, 0)
     states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
     return header(
@@ -100,9 +100,8 @@ def model_header(actuator: Actuator) -> str:
         "/* The line that feeds several fins: its parameters and states, whether the first of these is a sag. */\n"
         f"#define MODEL_LINE_PARAMETERS {line_parameters}\n"
         f"#define MODEL_LINE_OF(line) {listed('(line)', line_parameters)}\n"
-        f"#define MODEL_LINE_STATES {max(len(start), 1)}\n"
-        f"#define MODEL_LINE_START {', '.join(map(c_number, start)) or 0.0}\n"
-        f"#define MODEL_LINE_STATES_OF(states) {listed('(states)', len(start))}\n"
+        f"#define MODEL_LINE_STATES {max(line_states, 1)}\n"
+        f"#define MODEL_LINE_STATES_OF(states) {listed('(states)', line_states)}\n"
         f"#define MODEL_LINE_SAGS {int(line is not None and line.sags)}\n"
         f"/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
         f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"

@@ -52,19 +52,21 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
 def _of_line(supply: Supply) -> tuple[Traced, ...]:
     """Return the functions of the line that several fins share."""
     line, names = supply.line, [v.name for v in supply.line.parameters]
-    states = [f"line_{name}" for name in line.start]
+    states, count = [f"line_{name}" for name in line.states], len(names)
+    parameters = tuple(map(positional.identifier, names))
+
+    def of_line(values: Sequence[Value]) -> Any:
+        return namespace(dict(zip(names, values, strict=True)))
 
     def following(ops: Ops, p: Any, *arguments: Value) -> tuple[Value, ...]:
-        count = len(names)
-        of_line = namespace(dict(zip(names, arguments[:count], strict=True)))
         source, *state, current, inverse_inductance = arguments[count:]
-        return line.following(ops, of_line, source, state, current, inverse_inductance)
+        return line.following(ops, of_line(arguments[:count]), source, state, current, inverse_inductance)
 
     return (
         ("line_level", ("source", *states), lambda ops, p, source, *state: (line.level(ops, source, *state),)),
         ("line_drawn", ("power", "level"), lambda ops, p, power, level: (drawn(ops, power, level),)),
-        ("line_following",
-         (*map(positional.identifier, names), "source", *states, "drawn", "inverse_inductance"), following),
+        ("line_following", (*parameters, "source", *states, "drawn", "inverse_inductance"), following),
+        ("line_start", parameters, lambda ops, p, *values: line.start(ops, of_line(values))),
         ("inverse_inductance", ("interval",),
          lambda ops, p, interval: (supply.within(ops, p, interval),)))
 
@@ -208,7 +210,7 @@ def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: s
     `bind` returns the functions of a fin, as `bound`.
     """
     actuator, each = get(model), [bind(values, model, True) for values in sets]
-    return MultiFin(each, line, line_start(actuator), power_place(actuator), sizes(actuator))
+    return MultiFin(each, line, power_place(actuator), sizes(actuator))
 
 
 def core_inputs(core: Any, row: Sequence[Any], actuator: Actuator) -> Inputs:
@@ -224,11 +226,6 @@ def inputs_at_rest(command: float, aero_torque: float, supply: float, enable: bo
 def power_place(actuator: Actuator) -> int | None:
     """Return the index of the supply power among the outputs; None for an actuator without a supply."""
     return None if actuator.supply is None else [v.name for v in actuator.outputs].index(actuator.supply.power.name)
-
-
-def line_start(actuator: Actuator) -> tuple[float, ...]:
-    """Return the initial states of the line of several fins; none for fins without a supply."""
-    return () if actuator.supply is None else tuple(actuator.supply.line.start.values())
 
 
 def sizes(actuator: Actuator) -> Sizes:

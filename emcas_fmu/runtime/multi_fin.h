@@ -53,7 +53,10 @@ static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 
 static void multi_fin_start(const multi_fin *m, multi_fin_state *s)
 {
-    *s = (multi_fin_state){.line = {MODEL_LINE_START}, .instant = 1};
+    *s = (multi_fin_state){.instant = 1};
+#if MULTI_FIN_LINE
+    kernel_line_start(m->p[0], m->c[0] MODEL_LINE_OF(m->line), s->line);
+#endif
     for (size_t fin = 0; fin < FINS; ++fin) core_start(m->p[fin], m->c[fin], &s->core[fin]);
 }
 

@@ -21,19 +21,19 @@ class MultiFin:
     `functions` are the kernel's, bound to each fin's parameters. The inputs are a tuple for each fin, with the source's
     supply. The outputs are those of the line (level at the fins, what the fins consume, power [W]), then those of the
     fins one by one. `line` are the line's parameters: the first is 0 if the line is stiff, the last is its update time
-    [s]. `start` are the line's initial states. `power` is the index of the supply power among a fin's outputs, None for
-    fins without a supply, which have no line. `sizes` are those of a core.
+    [s]. `power` is the index of the supply power among a fin's outputs, None for fins without a supply, which have no
+    line. `sizes` are those of a core.
     """
 
     __slots__ = ("_functions", "_instant", "_line", "_motion", "_of_line", "_power", "_supply", "cores")
 
-    def __init__(self, functions: Sequence[Functions], line: Sequence[float], start: tuple[float, ...],
-                 power: int | None, sizes: Sizes) -> None:
+    def __init__(self, functions: Sequence[Functions], line: Sequence[float], power: int | None,
+                 sizes: Sizes) -> None:
         self.cores = [Core(f[:_CORE], sizes) for f in functions]
         self._functions = list(functions)
         self._line, self._power = tuple(line), power
         self._motion, self._supply = sizes.motion, 1 + sizes.loads  # of a core's inputs
-        self._of_line = start
+        self._of_line = () if power is None else self._functions[0][_CORE + 4](*self._line)
         self._instant = 1
 
     def bind(self, functions: Sequence[Functions]) -> None:

@@ -62,12 +62,36 @@ def test_without_charge_and_link_it_is_the_bus_with_a_resistance() -> None:
         assert all(np.array_equal(stiff[f"fin[{k}].{v.name}"], alone[v.name]) for v in get(MODEL).outputs)
 
 
-def test_the_open_circuit_voltage_is_shepherds() -> None:
-    """The polarisation where half is drawn, nine times as much at 0.9; bounded where it is empty."""
+def test_the_open_circuit_voltage_falls_with_the_charge() -> None:
+    """E_0 - K Q/(Q - q) of a battery with E_0 = 39.4 V, K = 0.4 V, Q = 100 A.s, by hand; bounded where it is empty."""
     p = line(charge=100.0, charge_used=20.0, polarisation=0.4)
-    assert [bus.fall(FLOATS, p, drawn) for drawn in (-20.0, 30.0, 70.0)] == pytest.approx([0.0, 0.4, 3.6], rel=1e-12)
+    by_hand = {0.0: 39.0, 20.0: 38.9, 50.0: 38.6, 60.0: 38.4, 75.0: 37.8, 80.0: 37.4, 90.0: 35.4, 99.0: -0.6}
+    for used, voltage in by_hand.items():
+        assert 39.0 - bus.fall(FLOATS, p, used - 20.0) == pytest.approx(voltage, abs=1e-12)  # rounding of 40 V
     assert bus.fall(FLOATS, p, 80.0) == bus.fall(FLOATS, p, 1e9) == pytest.approx(0.4 / bus.EMPTY, rel=1e-5)
     assert bus.fall(FLOATS, line(polarisation=5.0, charge_used=3.0), 1e9) == 0.0  # unlimited
+
+
+@pytest.mark.parametrize("capacitance", [0.0, 5e-3])
+def test_a_used_battery_starts_at_rest(capacitance: float) -> None:
+    """90 % used, U q/(Q - q) = 9 U = 4.5 V: without a load the voltage is 34.5 V from the first output on."""
+    run = fins(VALUES, np.zeros((4, 11)), {RESISTANCE: 0.05, CHARGE: 100.0, "bus.charge_used": 90.0,
+                                           LINK: capacitance})
+    # Numbers of the order of 40 V; the stored charge leaves 1e-13 of them.
+    assert run["bus_voltage"] == pytest.approx(np.full(11, 34.5), rel=1e-12)
+
+
+def test_returned_power_charges_a_used_battery_until_it_is_full() -> None:
+    """Half of 100 A.s is used; 30 A.s back leave a fall of U/4, and more than 50 A.s leave none."""
+    p = line(source_resistance=0.1, charge=100.0, charge_used=50.0, polarisation=0.8, update_time=1e-2)
+    states = bus.start(FLOATS, p)
+    assert states[0] == pytest.approx(0.8, rel=1e-12)
+    for seconds, fall in ((3.0, 0.2), (3.0, 0.0)):
+        for _ in range(round(seconds / p.update_time)):
+            states = bus.following(FLOATS, p, 39.0, states, -10.0, 0.0)
+        # The sag follows the charge of an update before: 0.1 A.s of 80, where it falls by 0.0125 V each A.s.
+        assert states[0] == pytest.approx(fall - 1.0, abs=2e-3)
+    assert states[2] == -50.0
 
 
 @pytest.mark.parametrize("update", [1e-5, 1e-3, 1e-2])
@@ -153,10 +177,10 @@ def integrated(parameters: Mapping[str, float], commands: Any, linked: bool) -> 
             change = (source - drawn - brake) / parameters[LINK]
         return np.r_[rates, torque / inertia, rise / p("motor.inductance"), change, source]
 
-    y, integral, reference, rows = np.r_[np.zeros(12), 39.0, 0.0], np.zeros(4), np.zeros(4), []
+    y, integral, reference, rows = np.r_[np.zeros(12), battery(0.0), 0.0], np.zeros(4), np.zeros(4), []
     for k in range(commands.shape[1] - 1):
         rows.append([*y[:4], level_of(y, reference), y[13]])
-        level = rows[-1][4] if k else 39.0
+        level = rows[-1][4]
         error = commands[:, k] - y[:4]
         demand = p("controller.kp") * (p("controller.setpoint_weight") * commands[:, k] - y[:4]) + integral
         reference = np.clip(demand, -level, level)

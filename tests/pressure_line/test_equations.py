@@ -117,7 +117,7 @@ def test_the_pressure_does_not_step_with_the_pump_s_setting() -> None:
 
 def test_until_it_is_stepped_a_line_has_the_source_s_pressure() -> None:
     for source in (0.0, 1e5, 21e6):
-        assert pressure_line.pressure(FLOATS, source, *PRESSURE_LINE.start.values()) == source
+        assert pressure_line.pressure(FLOATS, source, *PRESSURE_LINE.start(FLOATS, None)) == source
     assert pressure_line.pressure(FLOATS, 21e6, 5e6) == 5e6
 
 

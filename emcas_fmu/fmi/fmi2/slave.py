@@ -43,7 +43,6 @@ class Slave(ReportingSlave):
     fin_inputs: ClassVar[tuple[tuple[int, ...], ...]]  # value references of each fin's inputs
     mixing: ClassVar[tuple[int, ...]]  # and of the mixing inputs of several fins
     of_fin: ClassVar[str]  # prefix of a fin's messages; empty for a single fin
-    line_start: ClassVar[tuple[float, ...]]  # initial states of the supply's line
     step_begin: ClassVar[int | None]  # index of the input that is the begin of the host's step, if there is one
     # Derived from the rows once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
@@ -236,7 +235,7 @@ class Slave(ReportingSlave):
         if not self._several:
             return Core(self._functions(values), self.sizes)
         line = list(values.values())[:self._line_parameters]
-        return MultiFin(self._functions(values), line, self.line_start, self.power, self.sizes)
+        return MultiFin(self._functions(values), line, self.power, self.sizes)
 
     def _acting(self, core: Any) -> tuple[Any, ...]:
         values = self._values
