@@ -35,8 +35,9 @@ def model(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
     # These runs are of closed loop: the angle is known.
-    parameters = load_parameters(model=model).with_values({"homing.required": False})
-    return both(parameters, tmp_path_factory.mktemp("options"))
+    parameters = load_parameters(model=model)
+    changes = parameters.having({"homing.required": False, "uneven.load_share": 0.03, "uneven.ripple": 0.2})
+    return both(parameters.with_values(changes), tmp_path_factory.mktemp("options"))
 
 
 @pytest.mark.fmu

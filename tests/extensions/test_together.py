@@ -22,7 +22,7 @@ from tests.marks import others_slow, slow
 # Values with which an option does nothing; LuGre's bristles and a DC link have none.
 NEUTRAL: Mapping[str, Mapping[str, Any]] = {
     "stribeck": {"stribeck.static_ratio": 1.0},
-    "uneven": {"uneven.load_share": 0.0, "uneven.ripple": 0.0},
+    "uneven": {},
     "efficiency": {"efficiency.forward": 1.0, "efficiency.backward": 1.0},
     "saturation": {"saturation.share": 0.0},
     "heat": {"heat.resistance_coefficient": 0.0, "heat.torque_coefficient": 0.0, "heat.peak_time": 1e3},

@@ -14,7 +14,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
 MODEL = "nonlinear+uneven"
-NEUTRAL = {"uneven.load_share": 0.0, "uneven.ripple": 0.0, "uneven.phase": 0.7}
+SIZES = {"uneven.load_share": 0.03, "uneven.ripple": 0.2}  # of plain bearings and a ball screw
 # Constant friction of 0.2 N.m at the motor, nothing else: neither damping nor mass about the hinge.
 DRY: dict[str, Any] = {
     **{f"friction.coulomb.{way}[{power}]": 0.2 * (power == 0)
@@ -32,12 +32,12 @@ def values(changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("model", ["nonlinear", "elastic", "worm-gear", "nonlinear+stribeck", "nonlinear+lugre"])
-def test_neutral_values_change_no_bit(model: str) -> None:
+def test_the_defaults_change_no_bit(model: str) -> None:
     plain, extended = load_parameters(model=model).values, load_parameters(model=f"{model}+uneven").values
     before = simulate(plain, 0.1, kernel="python", model=model, **INPUTS)
-    after = simulate({**extended, **NEUTRAL}, 0.1, kernel="python", model=f"{model}+uneven", **INPUTS)
+    after = simulate({**extended, "uneven.phase": 0.7}, 0.1, kernel="python", model=f"{model}+uneven", **INPUTS)
     assert all(np.array_equal(before[name], after[name]) for name in before)
-    moved = simulate(extended, 0.1, kernel="python", model=f"{model}+uneven", **INPUTS)
+    moved = simulate({**extended, **SIZES}, 0.1, kernel="python", model=f"{model}+uneven", **INPUTS)
     assert not np.array_equal(before["fin_angle"], moved["fin_angle"])
 
 
