@@ -72,8 +72,8 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     `kernel` is ``compiled``, ``python`` or ``auto``: compiled if there is a C compiler, which takes up to a minute the
     first time. The numbers are the same.
 
-    Returns a `Response`. Warns (EmcasWarning) of a command beyond its limit, which is clipped, and of one that looks
-    like degrees. Raises EmcasError if something cannot be simulated.
+    Returns a `Response`. Warns (EmcasWarning) of a command beyond its limit, which is clipped, of one that looks like
+    degrees, and of parameters of the line without effect. Raises EmcasError if something cannot be simulated.
     """
     sets = _sets("simulate", parameters)
     unit = FmuInterface(len(sets), sets[0].model)
@@ -98,7 +98,8 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     except (ArithmeticError, TypeError, ValueError) as error:
         raise EmcasError(f"the response cannot be computed: {error}") from error
     response = Response(unit, sets, excitation, columns)
-    for message in response.warnings:
+    of_line = unit.line.broken_rules(line, warnings=True) if unit.line and line else []
+    for message in (*response.warnings, *of_line):
         warnings.warn(message, EmcasWarning, stacklevel=3)  # at the caller's line, outside `checked`
     return response
 

@@ -68,6 +68,8 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
                          else f"{unknown[0]}: {unit.actuator.name} has no supply, so that its fins share no line")
     line_values |= line or {}
     problems += check_ranges(line_values, [(v.name, v.minimum, v.maximum) for v in line_parameters])
+    if unit.line and not problems:
+        problems += unit.line.broken_rules(line_values)
     if problems:
         raise ParameterError(problems)
     table = _table(unit.inputs, [starts[v.name] for v in unit.inputs], stop, step, spread(inputs, unit))

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 from types import ModuleType
 from typing import Any
 
 from ..errors import EmcasError
+from ..namespace import namespace
 from ..ops.base import Ops, Value
+from ..ops.floats import FLOATS
 from ..physics import bus, pressure_line
+from ..rules import SLACK, Rule, check_rules, rule, when
 from ..variables import Variable, parameter, real_input, real_output
 
 
@@ -41,11 +45,33 @@ class Line:
     level: Callable[..., Value]
     following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value], tuple[Value, ...]]
     equations: ModuleType
+    rules: tuple[Rule, ...] = ()  # for its parameters
+
+    def broken_rules(self, values: Mapping[str, float], warnings: bool = False) -> list[str]:
+        """Return the messages of rules that values within their limits break, beside defaults; or of the `warnings`."""
+        p = namespace({**self.values, **values})
+        return check_rules([(partial(one.check, FLOATS, p), *one[1:]) for one in self.rules], warnings)
 
 
 def drawn(ops: Ops, power: Value, level: Value) -> Value:
     """Return the current [A] or flow [m3/s] of a power [W] at a voltage [V] or pressure [Pa]; 0 at 0."""
     return ops.branch(level > 0.0, lambda: (power / level,), lambda: (0.0,))[0]
+
+
+@rule("bus.charge_used = %.6g A.s must be at most bus.charge = %.6g A.s")
+def used_within_charge(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    """No more is used than the battery had; an unlimited one has no charge."""
+    charge, used = p.bus.charge, p.bus.charge_used
+    return when(ops, ops.both(charge > 0.0, used > charge * (1.0 + SLACK))), used, charge
+
+
+@rule("bus.charge = %.6g A.s and bus.capacitance = %.6g F have no effect at bus.source_resistance = 0: raise this "
+      "resistance", warning=True)
+def fed_through_resistance(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    """A stiff bus has the source's voltage, whatever battery and link."""
+    charge, capacitance = p.bus.charge, p.bus.capacitance
+    unused = ops.both(p.bus.source_resistance <= 0.0, charge + capacitance > 0.0)
+    return when(ops, unused), charge, capacitance
 
 
 BUS = Line(
@@ -81,6 +107,7 @@ BUS = Line(
     following=lambda ops, p, source, states, current, inverse_inductance: bus.following(
         ops, p.bus, source, states, current, inverse_inductance),
     equations=bus,
+    rules=(used_within_charge, fed_through_resistance),
 )
 PRESSURE_LINE = Line(
     name="pressure line",

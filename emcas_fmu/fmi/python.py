@@ -43,6 +43,8 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
             "motion": slice(motion, motion + len(VEHICLE)),
             "rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning)
                            for rule in actuator.all_rules),
+            "line_rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning)
+                                for rule in (interface.line.rules if interface.line else ())),
             "sizes": codegen.sizes(actuator), "power": codegen.power_place(actuator),
             "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "fin_inputs": interface.fin_inputs,
             "no_supply": f"{actuator.supply.input.name} = 0" if actuator.supply else "",
@@ -62,17 +64,21 @@ def _sources(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dic
         '"""The base class of a slave, from PythonFMU; generated, do not edit."""\n\n'
         "from .fmi2slave import Fmi2Slave as Fmi2Slave\n")
     files["kernel.py"] = codegen.source(interface.fins > 1, interface.kind, interface.spelt)
-    files["checks.py"] = python_source(codegen.traced_rules(interface.kind),
-                                       "Rules for the parameters as straight-line code; generated, do not edit.",
-                                       interface.spelt)
+    checks = {"checks": codegen.traced_rules(interface.kind)}
+    if interface.line and interface.line.rules:
+        checks["line_checks"] = codegen.traced_line_rules(interface.kind)
+    files |= {f"{name}.py": python_source(
+        tracer, "Rules for the parameters as straight-line code; generated, do not edit.", interface.spelt)
+        for name, tracer in checks.items()}
     attributes = "".join(f"    {name} = {pformat(value, width=110)}\n"
                          for name, value in slave_attributes(interface, starts, guid).items())
     files["model.py"] = (
         f'"""The slave class of {interface.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
-        f"from math import inf\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.slave import Slave\n"
+        f"from math import inf\n\nfrom . import {', '.join(sorted((*checks, 'kernel')))}\n"
+        "from .fmi.fmi2.slave import Slave\n"
         "from .runtime.core import Sizes\n\n\n"
         f"class {interface.model}(Slave):\n    make = staticmethod(kernel.make)\n"
-        f"    make_checks = staticmethod(checks.make)\n{attributes}")
+        + "".join(f"    make_{name} = staticmethod({name}.make)\n" for name in checks) + attributes)
     return files
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 
 from .. import rules
@@ -15,6 +15,7 @@ from ..control import command as bus
 from ..physics.loads import LOADS
 from ..trace import elementary
 from ..trace.c_source import c_elementary, c_source
+from ..trace.tracer import Tracer
 from ..trace.vector_source import vector_elementary, vector_source
 from . import codegen, core
 from .schedule import Schedule
@@ -131,24 +132,37 @@ def c_text(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def rules_header(model: str, worded: Callable[[str], str] = str) -> str:
-    """Return rules.h: limits of single parameters, and rules for sets of them, their messages changed by `worded`."""
-    actuator, tracer = get(model), codegen.traced_rules(model)
+def _rule_rows(some: Sequence[rules.Rule], tracer: Tracer, prefix: str, worded: Callable[[str], str]) -> str:
+    """Return the initialisers of a table of rules."""
     rows = []
-    for i, (rule, function) in enumerate(zip(actuator.all_rules, tracer.functions, strict=True)):
+    for i, (rule, function) in enumerate(zip(some, tracer.functions, strict=True)):
         if len(function.results) - 1 > MOST_NUMBERS:
             raise ValueError(f"instance.h prints {MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
         message = c_text(worded(rule.message))
-        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {message}}}")
+        rows.append(f"    {{{prefix}_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {message}}}")
+    return ",\n".join(rows)
+
+
+def rules_header(model: str, worded: Callable[[str], str] = str, several: bool = False) -> str:
+    """Return rules.h: limits of single parameters, and rules for sets of them, their messages changed by `worded`.
+
+    With those of the line of `several` fins.
+    """
+    actuator, tracer = get(model), codegen.traced_rules(model)
+    of_line = actuator.supply.line.rules if several and actuator.supply else ()
+    line = codegen.traced_line_rules(model)
+    line_text = (f"\n{c_source(line, 'line_rules')}\nstatic const rule LINE_RULE[LINE_RULES] = {{\n"
+                 f"{_rule_rows(of_line, line, 'line_rules', worded)}\n}};\n") if of_line else ""
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
     return header(
         "rules", "Limits and rules of the parameters",
         "#include <math.h>\n\n#include \"elementary.h\"\n\nstatic const struct {\n    double minimum, maximum;\n"
         f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
-        f"enum {{ RULE_NUMBERS = {MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
+        f"enum {{ RULE_NUMBERS = {MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(actuator.all_rules)} }};\n\n"
         "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
         "double *restrict);\n    int scanned, warning;\n    const char *message;\n} rule;\n\n"
-        "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n")
+        f"static const rule RULE[RULES] = {{\n{_rule_rows(actuator.all_rules, tracer, 'rules', worded)}\n}};\n\n"
+        f"#define LINE_RULES {len(of_line)}\n{line_text}")
 
 
 def core_sources(several: bool = False, model: str = NONLINEAR, worded: Callable[[str], str] = str) -> dict[str, str]:
@@ -157,5 +171,5 @@ def core_sources(several: bool = False, model: str = NONLINEAR, worded: Callable
     `worded` changes the parameters' names in messages to those that a user sees.
     """
     return {"elementary.h": elementary_header(), "kernel.h": kernel_header(several, model),
-            "model.h": model_header(get(model)), "rules.h": rules_header(model, worded),
+            "model.h": model_header(get(model)), "rules.h": rules_header(model, worded, several),
             **{name: handwritten(name) for name in ("core.h", "scalar.h", "parameter_checks.h")}}

@@ -112,6 +112,17 @@ def traced_rules(model: str = NONLINEAR) -> Tracer:
         (f"check_{i}", ("share",), rule.check) for i, rule in enumerate(get(model).all_rules)])
 
 
+@cache
+def traced_line_rules(model: str = NONLINEAR) -> Tracer:
+    """Return the same of the line that several fins share, over the line's parameters; no functions without rules."""
+    supply, tracer = get(model).supply, Tracer()
+    if supply is not None:
+        p = namespace({v.name: tracer.parameter(v.name) for v in supply.line.parameters})
+        for i, rule in enumerate(supply.line.rules):
+            tracer.function(f"check_{i}", ("share",), partial(rule.check, tracer, p))
+    return tracer
+
+
 def used(model: str) -> dict[str, frozenset[str]]:
     """Return the parameters and arguments on which the results of each function of an actuator depend, by its name.
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import warnings
+import zipfile
 from collections.abc import Mapping
 from math import radians
 from pathlib import Path
@@ -14,16 +16,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from emcas_fmu import api
 from emcas_fmu.actuators import get
 from emcas_fmu.actuators.line import BUS
+from emcas_fmu.errors import EmcasWarning
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.namespace import namespace
 from emcas_fmu.ops.floats import FLOATS
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import bus
 from emcas_fmu.simulation import simulate, simulate_fins
 from tests.fmu.built import both, slave_class
-from tests.fmu.host import OK, Fmu, Instance
+from tests.fmu.host import ERROR, OK, WARNING, Fmu, Instance
 
 MODEL = str(Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py")
 VALUES = load_parameters(model=MODEL).values
@@ -127,6 +131,29 @@ def test_no_update_of_the_link_creates_energy(resistance: float, capacitance: fl
     steps = np.abs(np.diff(voltages))
     missed = (abs(current) + open_circuit / chopper_resistance) * float(steps.sum()) * 1e-3 / 64
     assert open_circuit * states[2] - drawn - stored > -missed - 1e-9
+
+
+# -- its rules --------------------------------------------------------------------
+
+UNUSED = "bus.charge = 30 A.s and bus.capacitance = 0 F have no effect at bus.source_resistance = 0: raise"
+EXCESS = "bus.charge_used = 31 A.s must be at most bus.charge = 30 A.s"
+
+
+def test_a_battery_without_a_resistance_is_warned_of() -> None:
+    sets = fin_sets(load_parameters(model=MODEL), 4)
+    with pytest.warns(EmcasWarning, match=UNUSED):
+        api.simulate(sets, stop=0.01, line={CHARGE: 30.0})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        api.simulate(sets, stop=0.01, line=BATTERY)
+
+
+def test_no_more_is_used_than_the_charge() -> None:
+    """An unlimited battery has none; the whole charge may be used."""
+    for allowed in ({CHARGE: 0.0, "bus.charge_used": 31.0}, {CHARGE: 30.0, "bus.charge_used": 30.0}):
+        fins(VALUES, COMMANDS[:, :3], {RESISTANCE: 0.1, **allowed})
+    with pytest.raises(ParameterError, match=EXCESS):
+        fins(VALUES, COMMANDS[:, :3], {RESISTANCE: 0.1, CHARGE: 30.0, "bus.charge_used": 31.0})
 
 
 # -- four fins -------------------------------------------------------------------
@@ -280,3 +307,34 @@ def test_both_back_ends_are_one_model(built: Mapping[str, Path], tmp_path_factor
     spoiled[-9] ^= 64
     assert unit.restore(bytes(spoiled)) != OK
     unit.free()
+
+
+@pytest.mark.fmu
+def test_the_native_fmu_keeps_the_rules_of_the_bus(built: Mapping[str, Path], tmp_path: Path) -> None:
+    """It refuses the excess until that is corrected, and logs the warning once until it no longer holds."""
+    shutil.unpack_archive(built["native"], tmp_path, "zip")
+    unit = Instance(Fmu(str(tmp_path)))
+    assert [unit.setup(), unit.enter(), unit.set(CHARGE, 30.0), unit.set("bus.charge_used", 31.0)] == [OK] * 4
+    assert unit.call("ExitInitializationMode") == ERROR
+    assert EXCESS in unit.messages(ERROR)
+    assert [unit.set("bus.charge_used", 24.0), unit.call("ExitInitializationMode")] == [OK, OK]
+    assert unit.messages(WARNING).count(UNUSED) == 1
+    unit.free()
+
+
+@pytest.mark.fmu
+def test_the_python_fmu_keeps_the_rules_of_the_bus(built: Mapping[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    four, told = FmuInterface(4, MODEL), []
+    with zipfile.ZipFile(built["python"]) as archive:
+        (model,) = (archive.read(name).decode() for name in archive.namelist() if name.endswith("model.py"))
+    assert "make_line_checks = staticmethod(line_checks.make)" in model
+    sets = [each.values for each in fin_sets(load_parameters(model=MODEL), 4, "cross", {})]
+    for used, found in ((31.0, EXCESS), (24.0, UNUSED)):
+        unit = slave_class(four, sets)(instance_name="fins")
+        monkeypatch.setattr(unit, "_log", lambda message, status="error": told.append((status, message)))
+        unit.setup_experiment(0.0)
+        unit.enter_initialization_mode()
+        unit.set_real([four.reference[CHARGE], four.reference["bus.charge_used"]], [30.0, used])
+        unit.exit_initialization_mode()
+        assert found in told[-1][1]
+    assert [status for status, _ in told] == ["error", "warning"]

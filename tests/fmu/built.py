@@ -44,18 +44,22 @@ def _local() -> list[str]:
 
 
 @cache
-def _programs(unit: FmuInterface) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Its kernel and its checks, run as the unit's modules."""
+def _programs(unit: FmuInterface) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Its kernel, its checks and those of its line, run as the unit's modules."""
     kernel: dict[str, Any] = {}
     checks: dict[str, Any] = {}
+    line_checks: dict[str, Any] = {"make": None}
     exec(codegen.source(unit.fins > 1, unit.kind, unit.spelt), kernel)
     exec(python_source(codegen.traced_rules(unit.kind), "Rules", unit.spelt), checks)
-    return kernel, checks
+    if unit.line and unit.line.rules:
+        exec(python_source(codegen.traced_line_rules(unit.kind), "Rules", unit.spelt), line_checks)
+    return kernel, checks, line_checks
 
 
 def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:
     """The Python unit's class in this process, on the package's own modules; `sets` are the fins' values."""
-    kernel, checks = _programs(unit)
+    kernel, checks, line_checks = _programs(unit)
     return type("Local", (Slave,), {
         "make": staticmethod(kernel["make"]), "make_checks": staticmethod(checks["make"]),
+        "make_line_checks": staticmethod(line_checks["make"]),
         **python.slave_attributes(unit, start_values(unit, sets), "{guid}")})

@@ -55,7 +55,7 @@ typedef struct {
     bool ticks, interval_known; /* the clock ticks in this event; the host knows its interval (FMI 3.0) */
     multi_fin fins;
     double motion_loads[FINS][CORE_MOTION_LOADS]; /* of the vehicle's motion, on each fin */
-    bool warned[FINS][RULES]; /* warnings that have been logged */
+    bool warned[FINS][RULES], warned_of_line[LINE_RULES + 1]; /* warnings that have been logged */
     model_state s;
 } instance;
 
@@ -168,7 +168,7 @@ static bool out_of_range(const instance *m, size_t vr, double value)
 static void report_rule(const instance *m, int status, size_t fin, const char *message, const double *n)
 {
     char format[MESSAGE] = "";
-    if (FINS > 1) snprintf(format, sizeof format, OF_FIN, (unsigned)fin + 1);
+    if (FINS > 1 && fin < FINS) snprintf(format, sizeof format, OF_FIN, (unsigned)fin + 1);
     strncat(format, message, sizeof format - strlen(format) - 1);
     report(m, status, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }
@@ -180,26 +180,43 @@ static bool all_rules_hold(const instance *m)
         if (!core_finite(m->s.values[vr]) || m->s.values[vr] < VARIABLE[vr].minimum
             || m->s.values[vr] > VARIABLE[vr].maximum)
             return false;
+    if (!line_rules_hold(m->s.values + PARAMETER_BEGIN)) return false;
     for (size_t fin = 0; fin < FINS; ++fin)
         if (!rules_hold(parameters(m, fin))) return false;
     return true;
 }
 
-/* Return whether no rule is broken, or no `warnings` hold; log the others, a warning once until it no longer holds. */
+/* Return whether the parameters `p` of a fin, or of the line if `fin` is FINS, break none of some rules that are not
+ * warnings, or that are; log the others, a warning once until it no longer holds. */
+static bool kept(const instance *m, const rule *some, size_t count, const double *p, const double *constants,
+                 size_t fin, bool warnings, bool *warned)
+{
+    double numbers[RULE_NUMBERS + 1];
+    bool none = true;
+    for (size_t i = 0; i < count; ++i) {
+        if ((bool)some[i].warning != warnings) continue;
+        const bool broken = rules_broken(&some[i], p, constants, numbers);
+        if (broken && !warned[i])
+            report_rule(m, warnings ? FMI(Warning) : FMI(Error), fin, some[i].message, numbers + 1);
+        warned[i] = broken && warnings;
+        none &= !broken;
+    }
+    return none;
+}
+
 static bool none_broken(instance *m, bool warnings)
 {
-    double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
+    double constants[RULES_CONSTANTS];
     bool none = true;
+#if LINE_RULES
+    const double *line = m->s.values + PARAMETER_BEGIN;
+    double of_line[LINE_RULES_CONSTANTS + 1];
+    line_rules_prepare(line, of_line);
+    none &= kept(m, LINE_RULE, LINE_RULES, line, of_line, FINS, warnings, m->warned_of_line);
+#endif
     for (size_t fin = 0; fin < FINS; ++fin) {
         rules_prepare(parameters(m, fin), constants);
-        for (size_t i = 0; i < RULES; ++i) {
-            if ((bool)RULE[i].warning != warnings) continue;
-            const bool broken = rules_broken(&RULE[i], parameters(m, fin), constants, numbers);
-            if (broken && !m->warned[fin][i])
-                report_rule(m, warnings ? FMI(Warning) : FMI(Error), fin, RULE[i].message, numbers + 1);
-            m->warned[fin][i] = broken && warnings;
-            none &= !broken;
-        }
+        none &= kept(m, RULE, RULES, parameters(m, fin), constants, fin, warnings, m->warned[fin]);
     }
     return none;
 }

@@ -27,6 +27,8 @@ class Slave(ReportingSlave):
     make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the core's functions with these parameters
     make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
     rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of each check: message, whether scanned, whether a warning
+    make_line_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
+    line_rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of several fins; without, there is no make_line_checks
     # Each variable's name, kind, whether it is fixed, minimum and maximum, by value reference; their start values.
     rows: ClassVar[tuple[tuple[str, str, bool, float, float], ...]]
     start_values: ClassVar[tuple[Any, ...]]
@@ -253,9 +255,11 @@ class Slave(ReportingSlave):
         return all(isfinite(sum(each)) for each in inputs) if self._several else isfinite(sum(inputs))
 
     def _broken_rules(self, values: Mapping[str, Any], warnings: bool = False) -> dict[tuple[str, int], str]:
-        """Return the message of each rule that a fin's parameters break, or of the `warnings`, by fin and rule."""
-        return {(prefix, i): prefix + message for prefix, one in self._fins(values).items()
-                for i, (check, rule) in enumerate(zip(type(self).make_checks(one), self.rules, strict=True))
+        """Return the message of each rule that line or fins break, or of the `warnings`, by fin and rule."""
+        judged = [("", type(self).make_line_checks(values), self.line_rules)] if self.line_rules else []
+        judged += [(prefix, type(self).make_checks(one), self.rules) for prefix, one in self._fins(values).items()]
+        return {(prefix, i): prefix + message for prefix, checks, rules in judged
+                for i, (check, rule) in enumerate(zip(checks, rules, strict=True))
                 for message in check_rules([(check, *rule)], warnings)}
 
     def _warn(self) -> None:
