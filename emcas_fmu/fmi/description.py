@@ -119,8 +119,12 @@ def initial_dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
     """Return for each output the inputs and parameters on which its initial value depends."""
     values = codegen.initial_values(interface.kind)
     listed = _for_all_fins(interface, {output: value.names for output, value in values.items()}, (*_MIXED, AZIMUTH))
-    if interface.line and interface.actuator.supply and values[interface.actuator.supply.power.name] == ZERO:
-        listed[interface.line.outputs[1].name] = ()  # no current or flow
+    if interface.line and interface.actuator.supply:
+        source, started = interface.actuator.supply.input.name, codegen.line_started_by(interface.kind)
+        listed = {output: tuple(sorted({*names, *started}, key=interface.reference.__getitem__))
+                  if source in names else names for output, names in listed.items()}
+        if values[interface.actuator.supply.power.name] == ZERO:
+            listed[interface.line.outputs[1].name] = ()  # no current or flow
     return listed
 
 

@@ -172,6 +172,16 @@ def initial_values(model: str) -> Mapping[str, Known]:
     return _outputs(model, [*initial[:plant], ZERO, ZERO, measured, ZERO, *held])
 
 
+def line_started_by(model: str) -> frozenset[str]:
+    """Return the parameters of the line of several fins on which its initial states depend."""
+    actuator, tracer = get(model), traced(True, model)
+    if actuator.supply is None:
+        return frozenset()
+    states = dependencies(tracer, "line_start", tuple(_known(actuator.supply.line.parameters).values()),
+                          of_parameters(tracer, _known(actuator.parameters)))
+    return frozenset().union(*(state.names for state in states))
+
+
 def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
     """Return the bounds and dependencies of each output from those of the states."""
     actuator, tracer = get(model), traced(False, model)

@@ -25,7 +25,7 @@ UNITS = [FmuInterface(1, kind) for kind in (
     FmuInterface(4), FmuInterface(2, "electrohydraulic")]
 # Where outputs react that do not at the shipped values, and a fin that starts at its stop.
 AWAY = {"loads.gravity": True, "fin.start_angle": 0.1, "attitude.roll": 0.5, "homing.required": False,
-        "supply.one_way": False}
+        "supply.one_way": False, "bus.source_resistance": 0.1, "bus.charge": 100.0, "bus.charge_used": 80.0}
 AT_STOP = {"command.limit": 0.05, "fin.start_angle": 0.2, "fin.stop_angle": 0.2}
 
 
