@@ -14,10 +14,14 @@ and likewise its integral: it has other gains and another reference than a drive
 equation.
 
 z is drawn at every sample: of four numbers u, evenly between 0 and 1, z = sqrt(3) (u_1 + u_2 - u_3 - u_4) has a mean of
-0, a variance of 1 and no value beyond 2 sqrt(3). The numbers are those of L'Ecuyer, "Efficient and portable combined
-random number generators", Communications of the ACM 31 (1988) 742-751: two multiplicative generators, whose products
-double precision holds exactly. The seed starts the first one only. If it started both, a seed would give the numbers of
-seed 1 times itself, modulo 1; so those of different seeds are independent in pairs.
+0, a variance of 1 and no value beyond 2 sqrt(3). Two sequences of whole numbers give each u, u = (s/m_s - t/m_t) mod 1:
+
+    s <- 40014 s mod m_s, m_s = 2147483563        t <- 40692 t mod m_t, m_t = 2147483399
+
+They are the two generators of L'Ecuyer, "Efficient and portable combined random number generators", Communications of
+the ACM 31 (1988) 742-751; he combines the whole numbers instead of the quotients. Double precision holds the products
+exactly. s starts at the seed, t always at the same number: if both started at the seed, u of seed n would be n times u
+of seed 1, modulo 1, so that the noise of one seed would follow from that of another.
 """
 
 from __future__ import annotations
@@ -27,6 +31,7 @@ from typing import Any
 
 from ..namespace import with_values
 from ..ops.base import Ops, Value
+from ..physics import drive
 
 _MULTIPLIERS, MODULI = (40014.0, 40692.0), (2147483563.0, 2147483399.0)
 SECOND = 1234567890.0  # the start of the second generator: any whole number below its modulus
@@ -38,14 +43,24 @@ def current(p: Any, value: Value) -> Value:
     return (1.0 + p.sensor.current.gain_error) * value + p.sensor.current.offset
 
 
+def beyond(ops: Ops, p: Any, reference: Value) -> Any:
+    """Return whether the current reference of a reference [V] is beyond the drive's limit."""
+    return ops.fabs(drive.current_reference_raw(p, reference)) > p.drive.current_limit
+
+
 def of_drive(ops: Ops, p: Any, reference: Value) -> Any:
-    """Return the parameters with those of a drive with an exact sensor that does the same at a reference [V]."""
-    drive, offset, scale = p.drive, p.sensor.current.offset, 1.0 + p.sensor.current.gain_error
-    side = ops.sign(drive.current_gain * reference + drive.current_offset)
+    """Return the parameters with those of a drive with an exact sensor that does the same at a reference [V].
+
+    A current reference beyond the limit is held at it first, with a gain of 0; the limit of that drive is out of reach.
+    """
+    gains, offset, scale = p.drive, p.sensor.current.offset, 1.0 + p.sensor.current.gain_error
+    over = beyond(ops, p, reference)
+    start = ops.where(over, drive.current_reference(ops, p, reference), gains.current_offset)
     return with_values(p, {
-        "drive.kp": drive.kp * scale, "drive.ki": drive.ki * scale, "drive.current_gain": drive.current_gain / scale,
-        "drive.current_offset": (drive.current_offset - offset) / scale,
-        "drive.current_limit": (drive.current_limit - side * offset) / scale})
+        "drive.kp": gains.kp * scale, "drive.ki": gains.ki * scale,
+        "drive.current_gain": ops.where(over, 0.0, gains.current_gain / scale),
+        "drive.current_offset": (start - offset) / scale,
+        "drive.current_limit": (gains.current_limit + ops.fabs(offset)) / scale})
 
 
 def angle(ops: Ops, p: Any, value: Value) -> Value:

@@ -128,8 +128,10 @@ def extend(actuator: Actuator) -> Actuator:
         return sensed
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        """Return the outputs; the current's error is that of the measured current."""
-        out = with_sensor(actuator.output_values)(ops, p, x, u)
+        """Return the outputs; the current's error is that of the measured current, the limit that of the reference."""
+        over = ops.both(u.enabled, sensor_errors.beyond(ops, p, u.reference))
+        seen = u.replace(limited=ops.where(over, 1.0, u.limited))
+        out = with_sensor(actuator.output_values)(ops, p, x, seen)
         return {**out, "current_error": (1.0 + p.sensor.current.gain_error) * out["current_error"]}
 
     plant: dict[str, Any] = {}

@@ -44,18 +44,34 @@ def run(stop: float, *changes: Mapping[str, Any], kernel: str = "auto", **inputs
 # -- current ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("requested", [8.0, 300.0, -300.0])
-def test_a_held_motor_has_the_current_that_the_sensor_calls_the_reference(requested: float) -> None:
-    """R i = K_p (i_ref - (1 + g) i - i_0), within the limit of 60 A and at it."""
-    held = {"friction.coulomb.positive[0]": 10.0, "friction.coulomb.negative[0]": 10.0, "controller.position.kp": 0.0,
-            "controller.position.ki": 0.0, "controller.velocity.kp": 0.0, "compensation.gain": 0.0, "drive.ki": 0.0,
-            "drive.current_offset": requested}
-    found = run(0.05, held, CURRENT)
+# Friction holds the motor; the drive's offset is the only reference.
+HELD = {"friction.coulomb.positive[0]": 10.0, "friction.coulomb.negative[0]": 10.0, "controller.position.kp": 0.0,
+        "controller.position.ki": 0.0, "controller.velocity.kp": 0.0, "compensation.gain": 0.0, "drive.ki": 0.0}
+
+
+@pytest.mark.parametrize("offset", [1.5, 36.0, -32.0])
+@pytest.mark.parametrize("requested", [8.0, -50.0, 300.0, -300.0])
+def test_a_held_motor_has_the_current_that_the_sensor_calls_the_reference(requested: float, offset: float) -> None:
+    """R i = K_p (i_ref - (1 + g) i - i_0), within the limit of 60 A and at it; with an offset above half of it, too."""
+    found = run(0.05, HELD, CURRENT, {"drive.current_offset": requested, "sensor.current.offset": offset})
     reference = max(min(requested, 60.0), -60.0)
-    current = 5.0 * (reference - 1.5) / (0.25 + 5.0 * 1.03)
+    current = 5.0 * (reference - offset) / (0.25 + 5.0 * 1.03)
     assert found["motor_current"][-1] == pytest.approx(current, rel=1e-12)
-    assert found["current_error"][-1] == pytest.approx(reference - 1.03 * current - 1.5, rel=1e-12)
+    assert found["current_error"][-1] == pytest.approx(reference - 1.03 * current - offset, rel=1e-12)
     assert bool(found["saturated"][-1]) is (abs(requested) > 60.0)
+
+
+@pytest.mark.parametrize("offset", [36.0, -36.0])
+@pytest.mark.parametrize("requested", [50.0, -50.0])
+def test_a_drive_derated_below_its_offset(requested: float, offset: float) -> None:
+    """A limit of 60 A that is halved leaves i_ref = +-30 A in R i = K_p (i_ref - i - i_0)."""
+    values = load_parameters(model=f"{MODEL}+faults").with_values({
+        **HELD, "drive.current_offset": requested, "sensor.current.offset": offset, "fault.current_derating.begin": 0.0,
+        "fault.current_derating.end": 1.0, "fault.current_derating.share": 0.5}).values
+    found = simulate(values, 0.05, model=f"{MODEL}+faults")
+    reference = 30.0 if requested > 0.0 else -30.0
+    assert found["motor_current"][-1] == pytest.approx(5.0 * (reference - offset) / 5.25, rel=1e-12)
+    assert found["saturated"][-1]
 
 
 def test_an_offset_without_integrals_is_an_error_that_the_loops_hold() -> None:
