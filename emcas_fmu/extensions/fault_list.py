@@ -199,7 +199,10 @@ def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
 
 
 def _of_winding(ops: Ops, p: Any, f: Held, x: Record, h: Value) -> Any:
-    """Return the plant's parameters with failed windings at the speed of `x` and the angle of mid-step."""
+    """Return the plant's parameters with failed windings: shorted at the speed of `x`, or open at mid-step's angle.
+
+    A speed at mid-step would need the step's torque.
+    """
     short, lost = p.fault.winding_short, p.fault.phase_loss
     angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
 

@@ -9,6 +9,8 @@ and at a constant speed i_q = -K_e w/R' and a loss of R (i_q^2 + i_d^2) = R' i_q
     R' = R + (n w L)^2/R        T = -K_t K_e w R/(R^2 + (n w L)^2)
 
 T is largest at w = R/(n L). The current i_d is that of a constant speed also while w changes.
+R' is that of the speed at the start of a step, which has first order in the tick while w changes: from rest under
+100 N.m the default fin is off by 0.0012 deg with ticks of 1 ms, and by 0.005 deg in all.
 
 Without one of its phases the two others are in series: one winding of R and L, line to line, whose back-EMF is a sine
 of the rotor's angle,
