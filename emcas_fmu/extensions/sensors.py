@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import pi
+from math import inf, pi
 from typing import Any
 
 from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..control import command as bus
 from ..control import sensor_errors
-from ..namespace import Record
+from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import kinematics
 from ..rules import rule, when
@@ -134,10 +134,14 @@ def extend(actuator: Actuator) -> Actuator:
         out = with_sensor(actuator.output_values)(ops, p, x, seen)
         return {**out, "current_error": (1.0 + p.sensor.current.gain_error) * out["current_error"]}
 
+    def rates(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
+        """Return d/dt of the states, which know no current limit."""
+        return with_sensor(actuator.rates)(ops, with_values(p, {"drive.current_limit": inf}), x, u)
+
     plant: dict[str, Any] = {}
     if measures_current:
         plant = {"step": with_sensor(actuator.step), "output_values": output_values,
-                 "derivatives": with_sensor(actuator.rates) if actuator.derivatives else None}
+                 "derivatives": rates if actuator.derivatives else None}
     return replace(actuator, initial=initial, sample=sample,
                    controller_states=(*actuator.controller_states, *GENERATORS), **plant)
 
