@@ -136,7 +136,8 @@ def extend(actuator: Actuator) -> Actuator:
 
     def rates(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         """Return d/dt of the states, which know no current limit."""
-        return with_sensor(actuator.rates)(ops, with_values(p, {"drive.current_limit": inf}), x, u)
+        changed: Values = with_sensor(actuator.rates)(ops, with_values(p, {"drive.current_limit": inf}), x, u)
+        return changed
 
     plant: dict[str, Any] = {}
     if measures_current:

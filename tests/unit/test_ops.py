@@ -50,7 +50,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "yaw": (-3.0, 3.0), "source": (0.0, 45.0), "sag": (-5.0, 50.0), "power": (-1e3, 9e3), "at": (-5.0, 45.0),
     "resistance": (0.0, 1.0), "drawn": (-50.0, 200.0), "admittance": (0.0, 2.0),
     "static_ratio": (1.0, 2.0), "stribeck_speed": (0.5, 300.0),
-    "fin_angle": (-0.4, 0.4), "limit": (0.0, 45.0), "offset": (-1e3, 1e3),
+    "fin_angle": (-0.4, 0.4), "limit": (0.0, 45.0), "offset": (-1e3, 1e3), "link": (-1.0, 50.0), "fallen": (0.0, 5.0),
+    "_": (0.0, 1.0),
 }
 FLAGS = {"enable"}
 
@@ -67,7 +68,8 @@ STRUCTURED = {kinematics.deviates, loads.motion_loads, loads.level, mechanics.br
               rigid.stop_time, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
               mechanics.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,
               mechanics.hinge_friction, mechanics.with_hinge_friction,
-              controllers.at_rest, friction.coulomb_reference, friction.coulomb_polynomial}
+              controllers.at_rest, friction.coulomb_reference, friction.coulomb_polynomial,
+              bus.fall, bus.start, bus.following}  # of the line's parameters: tests/bus
 MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, electrical, rigid)
 
 
