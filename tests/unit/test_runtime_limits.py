@@ -79,11 +79,20 @@ def test_a_state_stored_anywhere_goes_on(model: str) -> None:
         core.state = stored
 
 
+def _line(model: str, resistance: float, update_time: float) -> tuple[float, ...]:
+    """The parameters of the supply's line of several fins, the first of which is its resistance."""
+    supply = get(model).supply
+    assert supply is not None
+    values = dict(supply.line.values)
+    values[next(iter(values))] = resistance
+    return tuple(update_time if name.endswith("update_time") else value for name, value in values.items())
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_a_state_of_several_fins(model: str) -> None:
     values = load_parameters(model=model).values
     supply = get(model).supply
-    line = () if supply is None else (0.02, 1e-3)
+    line = () if supply is None else _line(model, 0.02, 1e-3)
     fins = codegen.multi_fin([values] * 2, line, model)
     row = [v.initial(values) for v in get(model).inputs]
     inputs = [codegen.core_inputs(core, row, get(model)) for core in fins.cores]
@@ -119,7 +128,7 @@ def test_of_several_fins_the_finest_counts() -> None:
         assert core.latest == LATEST * min(core.schedule[4], core.schedule[5])
         assert core.slack <= 0.25 * min(core.schedule[4], core.schedule[5])
     for sets in ((coarse, fine), (fine, coarse)):
-        fins = codegen.multi_fin([p.values for p in sets], (0.0, 1e-4))
+        fins = codegen.multi_fin([p.values for p in sets], _line("nonlinear", 0.0, 1e-4))
         assert (fins.slack, fins.latest) == (min(c.slack for c in alone[:2]), alone[1].latest)
 
 
