@@ -27,8 +27,9 @@ ACTUATOR = replace(get({base!r}), name="least", provides=frozenset({needs}))
 @pytest.mark.parametrize("extension", others_slow(EXTENSIONS, lambda name: name in ("heat", "supply", "lugre")))
 def test_an_extension_asks_for_all_it_uses(extension: str, tmp_path: Path) -> None:
     # Heat adds an ambient temperature where the actuator has none; this one has, and says so. Without the drive's
-    # equations supply takes voltage and current as lines (tests/own_actuator/test_supply.py).
-    further = {"heat": (capabilities.AMBIENT_TEMPERATURE,), "supply": (capabilities.DRIVE_STEP,)}
+    # equations supply and saturation take voltage and current as lines (tests/own_actuator/test_supply.py).
+    further = {"heat": (capabilities.AMBIENT_TEMPERATURE,), "supply": (capabilities.DRIVE_STEP,),
+               "saturation": (capabilities.DRIVE_STEP,)}
     needs = (*get_extension(extension).needs, *further.get(extension, ()))
     base = STRAIN_WAVE if get(STRAIN_WAVE).provides.issuperset(needs) else "nonlinear"
     path = tmp_path / "least.py"
