@@ -9,8 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property
-from itertools import combinations
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -95,11 +94,22 @@ class OpenedFmu:
 def model_of(name: str) -> str | None:
     """Return the model, such as ``elastic+faults``, of an FMU by its modelName; None for any other name."""
     match = _NAME.fullmatch(name)
-    model = match and _models().get(match[1] + match[3])
+    model = _model(match[3]) if match else None
     try:
         return get(model).name if model else None
     except EmcasError:  # extensions that cannot be combined
         return None
+
+
+def _model(suffix: str) -> str | None:
+    """Return the model whose modelName of one fin is EMCAS and a suffix: actuator and extensions in their order."""
+    for actuator in NAMES:
+        known = model_name(actuator).removeprefix("EMCAS")
+        added = suffix.removeprefix(known).split("_")[1:]
+        ordered = [each for each in (*EXTENSIONS, *FMU_ONLY) if each in added]
+        if suffix == "_".join((known, *ordered)):
+            return "+".join((actuator, *ordered))
+    return None
 
 
 def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError] = EmcasError) -> str:
@@ -115,15 +125,6 @@ def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError
         raise error(f"{file}: is of the model {named}, but {model} is requested; leave the model out, or build the FMU "
                     f"with emcas build --model {model}")
     return str(named or model)
-
-
-@cache
-def _models() -> Mapping[str, str]:
-    """Return the models, with all combinations of extensions, by the modelName of one fin."""
-    subsets = [(*subset, *half) for n in range(len(EXTENSIONS) + 1) for subset in combinations(EXTENSIONS, n)
-               for half in ((), *((each,) for each in FMU_ONLY))]
-    models = ["+".join((actuator, *subset)) for subset in reversed(subsets) for actuator in reversed(NAMES)]
-    return {model_name(model): model for model in models}
 
 
 @contextmanager
