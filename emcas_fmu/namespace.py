@@ -46,6 +46,11 @@ def with_values(p: Any, changes: Mapping[str, Any]) -> Any:
     return copy
 
 
+def with_values_where(ops: Any, condition: Any, p: Any, changes: Mapping[str, Any]) -> Any:
+    """Return a copy of a namespace with the values of some dotted names changed where a condition holds."""
+    return with_values(p, {name: ops.where(condition, value, value_of(p, name)) for name, value in changes.items()})
+
+
 def value_of(p: Any, name: str) -> Any:
     """Return the value at a dotted name. Raises AttributeError for a name that the namespace does not have."""
     return reduce(getattr, name.split("."), p)

@@ -123,6 +123,13 @@ def with_extension(name: str, extension: str) -> str:
     return full_name(_SEPARATOR.join((name, extension)))
 
 
+def of_fmu(name: str, part: str | None, interface: str) -> str:
+    """Return the name of the actuator in an FMU of a `part`, or with an `interface`. Raises EmcasError."""
+    if part:
+        return half(name, part)
+    return with_extension(name, TORQUE) if interface == TORQUE else name
+
+
 @checked
 def get(name: str) -> Actuator:
     """Return the actuator of a name, its extensions in any order. Raises EmcasError."""

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from ..actuators import NONLINEAR, TORQUE, half, with_extension
+from ..actuators import NONLINEAR, of_fmu
 from . import common
 
 EPILOG = common.examples(
@@ -68,8 +68,8 @@ def build(
     from ..parameters import load_parameters
     from ..studies.overview import in_words, remaining_estimates
 
-    kind = half(model, part) if part else with_extension(model, TORQUE) if interface == TORQUE else model
-    target = output or Path(f"{FmuInterface(fins, kind, own_identifier=identifier).identifier}.fmu")
+    unit = FmuInterface(fins, of_fmu(model, part, interface), own_identifier=identifier)
+    target = output or Path(f"{unit.identifier}.fmu")
     placement, files = common.placed(fins, layout, fin)
     common.check_outputs(target, inputs=(parameters, files.values()))
     chosen = load_parameters(parameters, model=model)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantFault, PlantInputs
 from ..errors import EmcasError, location
-from ..namespace import Names, Record, value_of, with_values
+from ..namespace import Names, Record, value_of, with_values, with_values_where
 from ..ops.base import Ops, Value
 from ..physics import mechanics, winding
 from ..variables import Variable, in_group, tunable
@@ -205,14 +205,8 @@ def _of_winding(ops: Ops, p: Any, f: Held, x: Record, h: Value) -> Any:
     """
     short, lost = p.fault.winding_short, p.fault.phase_loss
     angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
-
-    p = _where(ops, f.phase, p, winding.single_phase(ops, p, lost.pole_pairs, angle))
-    return _where(ops, f.shorted, p, winding.shorted(p, short.pole_pairs, x.motor_speed))
-
-
-def _where(ops: Ops, active: Value, p: Any, changes: Mapping[str, Value]) -> Any:
-    """Return parameters with `changes` where `active` is above 0."""
-    return with_values(p, {name: ops.where(active > 0.0, value, value_of(p, name)) for name, value in changes.items()})
+    p = with_values_where(ops, f.phase > 0.0, p, winding.single_phase(ops, p, lost.pole_pairs, angle))
+    return with_values_where(ops, f.shorted > 0.0, p, winding.shorted(p, short.pole_pairs, x.motor_speed))
 
 
 def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:

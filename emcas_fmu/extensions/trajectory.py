@@ -20,7 +20,7 @@ from typing import Any
 from ..actuators import capabilities
 from ..actuators.declaration import Actuator, SampleInputs, State, Values
 from ..control import controllers, trajectory
-from ..namespace import Record, value_of, with_values
+from ..namespace import Record, value_of, with_values_where
 from ..ops.base import Ops, Value
 from ..rules import SLACK, Rule, rule, when
 from ..variables import in_group, parameter, tunable
@@ -70,8 +70,7 @@ def _resting(angle: Value) -> dict[str, Value]:
 def _changed(ops: Ops, p: Any, actuator: Actuator, when: Value, values: Mapping[str, Value]) -> Any:
     """Return parameters with other values of those that the actuator has, where a condition holds."""
     declared = {v.name for v in actuator.parameters}
-    return with_values(p, {name: ops.where(when, value, value_of(p, name)) for name, value in values.items()
-                           if name in declared})
+    return with_values_where(ops, when, p, {name: value for name, value in values.items() if name in declared})
 
 
 def _alone(ops: Ops, p: Any, actuator: Actuator, on: Value) -> Any:

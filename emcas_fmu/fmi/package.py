@@ -10,7 +10,7 @@ from typing import Any
 from uuid import UUID
 
 from .. import __version__
-from ..actuators import TORQUE, half, with_extension
+from ..actuators import TORQUE, of_fmu
 from ..errors import BuildError
 from ..parameters import ParameterSet
 from ..runtime import codegen
@@ -117,10 +117,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
             raise BuildError(reason)
     output = Path(output)
     check_target(output, ".fmu", BuildError)
-    if part:
-        parameters = replace(parameters, model=half(parameters.model, part))
-    if torque:
-        parameters = replace(parameters, model=with_extension(parameters.model, TORQUE))
+    parameters = replace(parameters, model=of_fmu(parameters.model, part, interface))
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
     unit = FmuInterface(fins, parameters.model, names, inputs, identifier)
     chosen = replace(FORMATS[fmi], clock=clock, scalars=scalars)

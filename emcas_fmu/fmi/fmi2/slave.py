@@ -185,13 +185,15 @@ class Slave(ReportingSlave):
 
     def _check_drive(self, inputs: tuple[Any, ...]) -> None:
         """Log why no fin follows its first command: hosts leave inputs that are not connected at 0."""
-        for fin in (fin for fin in inputs if fin[0] != 0.0):
-            self._commanded = True
-            supply, enable = fin[1 + self.sizes.loads:3 + self.sizes.loads]
-            for missing, said in ((self.no_supply and supply == 0.0, self.no_supply), (not enable, "enable = 0")):
-                if missing:
-                    self._log(UNCONNECTED % said, "warning")
+        fin = next((fin for fin in inputs if fin[0] != 0.0), None)
+        if fin is None:
             return
+        self._commanded = True
+        supply, enable = fin[1 + self.sizes.loads:3 + self.sizes.loads]
+        if self.no_supply and supply == 0.0:
+            self._log(UNCONNECTED % self.no_supply, "warning")
+        if not enable:
+            self._log(UNCONNECTED % "enable = 0", "warning")
 
     def _core_inputs(self, core: Any) -> tuple[Any, ...]:
         motion = self._values[self.motion]
