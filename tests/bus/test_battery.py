@@ -28,6 +28,7 @@ from emcas_fmu.physics import bus
 from emcas_fmu.simulation import simulate, simulate_fins
 from tests.fmu.built import both, slave_class
 from tests.fmu.host import ERROR, OK, WARNING, Fmu, Instance
+from tests.fmu.lockstep import Lockstep
 
 MODEL = str(Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py")
 VALUES = load_parameters(model=MODEL).values
@@ -268,40 +269,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
 @pytest.mark.slow
 def test_both_back_ends_are_one_model(built: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory) -> None:
     """In lockstep under changing inputs, with the states restored on the way: the same bits; fresh ones start anew."""
-    four = FmuInterface(4, MODEL)
-    sets = [each.values for each in fin_sets(load_parameters(model=MODEL), 4, "cross", {})]
     folder = tmp_path_factory.mktemp("unpacked")
     shutil.unpack_archive(built["native"], folder, "zip")
-    python, unit = slave_class(four, sets)(instance_name="fins"), Instance(Fmu(str(folder)))
-    rng, time = np.random.default_rng(11), 0.0
-    python.setup_experiment(0.0)
-    python.enter_initialization_mode()
-    assert [unit.setup(), unit.enter()] == [OK, OK]
-
-    def put(name: str, value: float) -> None:
-        python.set_real([four.reference[name]], [value])
-        assert unit.set(name, value) == OK
-
-    for name, value in WITH_LINK.items():
-        put(name, value)
-    python.exit_initialization_mode()
-    assert unit.call("ExitInitializationMode") == OK
-    real = [v.name for v in four.outputs if v.kind == "Real"]
-    levels = []
-    for _ in range(8):
-        put(f"fin[{rng.integers(1, 5)}].fin_command", rng.uniform(-0.4, 0.4))
-        put("supply_voltage", rng.uniform(20.0, 42.0))
-        kept, here = (python._get_fmu_state(), unit.serialize(unit.save())), time
-        for size in (1e-3, 3.7e-4):
-            python._set_fmu_state(kept[0])
-            assert unit.restore(kept[1]) == OK
-            time = here
-            for _ in range(8):
-                assert python.do_step(time, size)
-                assert unit.step(time, size) == OK
-                time += size
-            assert python.get_real([four.reference[name] for name in real]) == [unit.get(name) for name in real]
-            levels.append(unit.get("bus_voltage"))
+    fins = Lockstep(MODEL, Fmu(str(folder)), WITH_LINK)
+    unit = fins.unit
+    levels = [unit.get("bus_voltage") for _ in fins.run(8, "supply_voltage", 20.0, 42.0)]
     assert min(levels) < 30.0
     spoiled = bytearray(unit.serialize(unit.save()))
     spoiled[-9] ^= 64

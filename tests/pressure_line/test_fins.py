@@ -20,12 +20,13 @@ from typer.testing import CliRunner
 from emcas_fmu.actuators import get
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.interface import FmuInterface, fin_sets
+from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import read_csv
 from emcas_fmu.simulation import simulate, simulate_fins
-from tests.fmu.built import both, slave_class
+from tests.fmu.built import both
 from tests.fmu.host import OK, Fmu, Instance
+from tests.fmu.lockstep import Lockstep
 
 MODEL = str(Path(__file__).with_name("throttled.py"))
 VALUES = load_parameters(model=MODEL).values
@@ -164,38 +165,10 @@ def test_the_unit_s_interface(built: Mapping[str, Path], backend: str) -> None:
 @pytest.mark.slow
 def test_both_back_ends_are_one_model(native: Fmu) -> None:
     """In lockstep under changing inputs, states restored on the way: the same bits."""
-    sets = [each.values for each in fin_sets(load_parameters(model=MODEL), 4, "cross", {})]
-    python, unit = slave_class(FOUR, sets)(instance_name="fins"), Instance(native)
-    rng, time = np.random.default_rng(11), 0.0
-    python.setup_experiment(0.0)
-    python.enter_initialization_mode()
-    assert [unit.setup(), unit.enter()] == [OK, OK]
-
-    def put(name: str, value: float) -> None:
-        python.set_real([FOUR.reference[name]], [value])
-        assert unit.set(name, value) == OK
-
-    for name, value in {**SAG, "line.polytropic_exponent": 1.2, "supply_pressure": 18e6}.items():
-        put(name, value)
-    python.exit_initialization_mode()
-    assert unit.call("ExitInitializationMode") == OK
-    real, lowest = [v.name for v in FOUR.outputs if v.kind == "Real"], 21e6
-    for _ in range(12):
-        put(f"fin[{rng.integers(1, 5)}].fin_command", rng.uniform(-0.4, 0.4))
-        put("supply_pressure", rng.uniform(0.0, 25e6))
-        kept, here = (python._get_fmu_state(), unit.serialize(unit.save())), time
-        for size in (1e-3, 3.7e-4):
-            python._set_fmu_state(kept[0])
-            assert unit.restore(kept[1]) == OK
-            time = here
-            for _ in range(8):
-                assert python.do_step(time, size)
-                assert unit.step(time, size) == OK
-                time += size
-            assert python.get_real([FOUR.reference[name] for name in real]) == [unit.get(name) for name in real]
-            lowest = min(lowest, unit.get("line_pressure"))
-    assert lowest < 16e6
-    unit.free()
+    fins = Lockstep(MODEL, native, {**SAG, "line.polytropic_exponent": 1.2, "supply_pressure": 18e6})
+    levels = [fins.unit.get("line_pressure") for _ in fins.run(12, "supply_pressure", 0.0, 25e6)]
+    assert min(levels) < 16e6
+    fins.unit.free()
 
 
 @pytest.mark.fmu
