@@ -28,7 +28,7 @@ class _Fitting(Table):
         least = [max((min(len(word), len(word) if column.justify == "right" and n else _SHORT)
                       for n, text in enumerate(each) for word in text.split()), default=0)
                  for each, column in zip(texts, self.columns, strict=True)]
-        room = options.max_width - (3 if self.pad_edge else 2) * len(widths) - 1
+        room = options.max_width - (3 * len(widths) + 1 if self.pad_edge else 2 * len(widths))  # lines and spaces
         every = range(len(widths))
         left = [k for k in every if self.columns[k].justify == "left"]
         others = [k for k in every if k not in self.whole]
