@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import combinations
 from math import copysign, inf, radians
 from typing import Any
 
 import pytest
 
-from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, fin_port, get
+from emcas_fmu.actuators import NONLINEAR, fin_port, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi import description, model_description
 from emcas_fmu.fmi.interface import MIXING, FmuInterface, fin_sets, start_values
@@ -19,6 +18,7 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.variables import Variable, real_output
 from tests.actuators.test_declaration import WITH_EXTENSIONS
 from tests.fmu.built import slave_class
+from tests.kernels import models
 from tests.marks import is_plain, others_slow, slow
 
 # Those of the runs below that are quick: the default actuator with two sets of extensions, and one of each kind.
@@ -29,23 +29,15 @@ def is_quick(model: str) -> bool:
     return model in QUICK or (is_plain(model) and model.startswith(NONLINEAR))
 
 
-def kinds() -> Iterator[str]:
-    """Every actuator with each extension that it takes, and with as many as go together."""
-    for name in NAMES:
-        there = [""]
-        for options in (o for n in range(1, len(EXTENSIONS) + 1) for o in combinations(EXTENSIONS, n)):
-            try:
-                there.append(get("+".join((name, *options))).name)
-            except EmcasError:
-                continue
-        yield from (name, *(kind for kind in there[1:-1] if kind.count("+") == 1), there[-1])
+# Every actuator with each extension that it takes, and with as many as go together.
+KINDS = tuple(dict.fromkeys((*models(), *WITH_EXTENSIONS)))
 
 
 @pytest.mark.parametrize("fins", [2, *slow(1)])
 def test_every_real_variable_and_enumeration_has_a_type(fins: int) -> None:
     """It agrees with it, and no type is called as a variable is (FMI 2.0.5, section 2.2.3)."""
     measured: dict[str, set[str]] = {}
-    for unit in (FmuInterface(fins, kind) for kind in kinds()):
+    for unit in (FmuInterface(fins, kind) for kind in KINDS):
         types = description.types(unit)
         assert not types.keys() & unit.reference.keys()
         defined = {(u.attrib["name"], d.attrib["name"]) for u in model_description.unit_definitions(unit)

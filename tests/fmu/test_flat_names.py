@@ -30,7 +30,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.variables import parameter
 from tests.fmu.built import slave_class
-from tests.fmu.test_description import kinds
+from tests.fmu.test_description import KINDS
 from tests.marks import slow
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,7 +46,7 @@ each_unit = pytest.mark.parametrize("unit", [
 @pytest.mark.parametrize("fins", [1, 2, *slow(8)])
 def test_names_are_words_of_their_own(fins: int) -> None:
     """Of every actuator, its extensions, and any number of fins; of FMI 3.0's arrays, too."""
-    for kind in kinds():
+    for kind in KINDS:
         unit = FmuInterface(fins, kind, "flat")
         for names in ([v.name for v in unit.variables], [v.variable.name for v in arrays(unit)]):
             spelt = [unit.spelt(name) for name in names]
@@ -68,7 +68,7 @@ def test_two_names_that_would_be_one_are_refused(monkeypatch: pytest.MonkeyPatch
 def test_texts_name_what_there_is() -> None:
     """Descriptions, rules' messages and the page: not a name with a dot is left, and nothing else is changed."""
     names_of: dict[str, set[str]] = defaultdict(set)  # by a text, which many units have: names that it must not have
-    for kind in kinds():
+    for kind in KINDS:
         unit = FmuInterface(2, kind, "flat")
         names = {v.name for v in unit.actuator.parameters if flat(v.name) != v.name}
         for text in (*(v.description for v in unit.variables), *(rule.message for rule in unit.actuator.all_rules)):
