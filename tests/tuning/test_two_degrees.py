@@ -10,7 +10,9 @@ import pytest
 from emcas_fmu.actuators import NAMES, NONLINEAR, get
 from emcas_fmu.actuators.capabilities import POSITION_LOOP
 from emcas_fmu.bench.measure import Test, measure
+from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.bench.verdict import judge, missed
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.studies.analysis.final_values import final_values
 from emcas_fmu.studies.tuning.evaluate import evaluate
@@ -42,6 +44,14 @@ def test_every_case_meets_its_study(kind: str) -> None:
     study = shipped_study(load_parameters(SET, model=kind))
     assert len(study.cases) >= 5
     assert not _missed(study)
+
+
+@pytest.mark.parametrize("kind", slow(*FED_FORWARD))
+def test_a_set_meets_what_is_required_of_every_actuator(kind: str) -> None:
+    """As `emcas validate` judges it: at rest it is at rest, and it stays sound after use."""
+    parameters = load_parameters(SET, model=kind)
+    judged = judge(ParameterSubject(parameters), load_requirements(None, parameters))
+    assert [f"{j.name}: {j.measured:.4g}" for j in missed(judged)] == []
 
 
 @pytest.mark.parametrize("kind", FED_FORWARD)
