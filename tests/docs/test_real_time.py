@@ -59,6 +59,25 @@ def test_two_units_in_one_program(place: Path, compiler: str) -> None:
     assert np.abs(rows[:, 1] - rows[:, 2]).max() > 0.01
 
 
+@pytest.mark.slow
+def test_two_units_of_fmi_3_in_one_library(place: Path) -> None:
+    """They link, and each has the functions of FMI 3.0 under its own prefix; nothing else is visible."""
+    gcc, seen = tool("gcc", "gcc"), dict[str, set[str]]()
+    for unit in ("EMCAS3", "Tuned3"):
+        lean(load_parameters(), place / f"{unit}.fmu", identifier=unit, fmi="3")
+        shutil.unpack_archive(place / f"{unit}.fmu", place / unit, "zip")
+        subprocess.run([gcc, "-std=c99", "-fPIC", "-O0", "-Iheaders", "-c", f"{unit}/sources/fmi3.c", "-o", f"{unit}.o"],
+                       cwd=place, check=True)
+        listed = subprocess.run([tool("nm", "binutils"), "-gj", "--defined-only", f"{unit}.o"], cwd=place,
+                                capture_output=True, text=True, check=True)
+        seen[unit] = set(listed.stdout.split())
+    subprocess.run([gcc, "-shared", "EMCAS3.o", "Tuned3.o", "-lm", "-o", "both.so"], cwd=place, check=True)
+    own = {unit: {name.removeprefix(f"{unit}_") for name in names} for unit, names in seen.items()}
+    assert own["EMCAS3"] == own["Tuned3"]
+    assert all(name.startswith("fmi3") for name in own["EMCAS3"])
+    assert {"fmi3DoStep", "fmi3InstantiateCoSimulation"} < own["EMCAS3"]
+
+
 def deepest(graph: str, entry: str) -> int:
     """The bytes of stack on the deepest path of calls from a function, of a call graph that gcc has written."""
     nodes = re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes', graph)
