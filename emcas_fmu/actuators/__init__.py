@@ -40,8 +40,8 @@ _MODULES = {
 NAMES = tuple(_MODULES)
 _OVER = {"worm-gear-elastic": "worm-gear"}  # shipped actuators whose parameter file overrides that of another
 # In the order in which they extend an actuator.
-EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "uneven", "efficiency", "saturation", "sensors", "heat", "filters",
-                               "homing", "trajectory", "supply", "faults")
+EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "uneven", "efficiency", "saturation", "inverter", "sensors", "heat",
+                               "filters", "homing", "trajectory", "supply", "faults")
 HALVES: tuple[str, ...] = ("controller", "plant")
 """An actuator's controllers or plant alone (:mod:`emcas_fmu.extensions.halves`), named behind its extensions."""
 TORQUE = "torque"

@@ -13,10 +13,14 @@ from ..steppers.electrical import electrical_mode
 
 
 def flowing(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs) -> Value:
-    """Return the current [A] with which a step from `x` starts; none flows through the open bridge of a disabled drive.
+    """Return the current [A] with which a step from `x` starts; none flows through the open bridge of a disabled drive,
+    unless its diodes conduct.
     """
     current = actuator.motor_current(ops, p, x, u)
-    return ops.where(u.enabled, current, 0.0) if capabilities.DRIVE_STEP in actuator.provides else current
+    if capabilities.DRIVE_STEP not in actuator.provides:
+        return current
+    flows = ops.either(u.enabled, p.inverter.pole_pairs > 0.0) if p.structure.inverter else u.enabled
+    return ops.where(flows, current, 0.0)
 
 
 def mean_square(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs, h: Value, moved: Values, used: Value

@@ -201,12 +201,14 @@ def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
 def _of_winding(ops: Ops, p: Any, f: Held, x: Record, h: Value) -> Any:
     """Return the plant's parameters with failed windings: shorted at the speed of `x`, or open at mid-step's angle.
 
-    A speed at mid-step would need the step's torque.
+    A speed at mid-step would need the step's torque. The switches that short the terminals have no dead time.
     """
     short, lost = p.fault.winding_short, p.fault.phase_loss
     angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
     p = with_values_where(ops, f.phase > 0.0, p, winding.single_phase(ops, p, lost.pole_pairs, angle))
-    return with_values_where(ops, f.shorted > 0.0, p, winding.shorted(p, short.pole_pairs, x.motor_speed))
+    still = {"inverter.dead_time": 0.0} if p.structure.inverter else {}
+    return with_values_where(ops, f.shorted > 0.0, p, {
+        **winding.shorted(p, short.pole_pairs, x.motor_speed), **still})
 
 
 def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:

@@ -24,6 +24,11 @@ def shares(ops: Ops, ratio: Value) -> tuple[Value, Value]:
     return first, second
 
 
+def mean(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
+    """Return the mean of a value that goes from `start` to `end`; `ratio` as in :func:`shares`."""
+    return start + (end - start) * shares(ops, ratio)[0]
+
+
 def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
     """Return the mean of i^2 [A^2] over a step in which i goes from `start` to `end` [A]; `ratio` as in :func:`shares`.
     """

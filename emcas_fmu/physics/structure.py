@@ -14,7 +14,8 @@ class Structure:
     controls the motor current, an ideal loop sets it to its reference at once, or a PWM amplifier applies a voltage to
     the winding. `drive_line`: the drive line between rotor and fin is elastic. `torsion_bar`: a torsion bar loads the
     fin. `stribeck`: friction at the motor falls with speed. `screw_losses`: the screw has efficiencies; those of a
-    `worm` follow from its lead angle and friction.
+    `worm` follow from its lead angle and friction. `inverter`: the bridge has a dead time, and diodes that conduct
+    while it is open.
     """
 
     constant_ratio: bool = False
@@ -24,3 +25,4 @@ class Structure:
     stribeck: bool = False
     screw_losses: bool = False
     worm: bool = False
+    inverter: bool = False

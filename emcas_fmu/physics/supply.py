@@ -8,7 +8,7 @@
 
 U_d |i| is the loss of a fixed drop and of switching, R_d i^2 that of a resistance. The bridge opens when v falls below
 V_t, and works again above the recovery voltage. The losses load the link and do not reduce the motor's voltage; an open
-bridge does not rectify the back-EMF.
+bridge does not rectify the back-EMF (:mod:`emcas_fmu.physics.inverter` does).
 """
 
 from __future__ import annotations

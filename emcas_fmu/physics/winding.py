@@ -29,8 +29,9 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 
-_NO_GAIN = 1e-12  # V/A, of a current loop without effect; some equations divide by it
 _LEAST = 1e-6  # share of the torque; some equations divide by it
+WITHOUT_LOOP: Mapping[str, Value] = {"motor.pole_pairs": 0, "drive.kp": 1e-12, "drive.ki": 0.0}
+"""Parameters of a current loop without effect: the gain [V/A] is not 0, as some equations divide by it."""
 
 
 def shorted(p: Any, pole_pairs: Value, speed: Value) -> Mapping[str, Value]:
@@ -40,8 +41,7 @@ def shorted(p: Any, pole_pairs: Value, speed: Value) -> Mapping[str, Value]:
     """
     resistance = p.motor.resistance
     across = pole_pairs * speed * p.motor.inductance
-    return {"motor.resistance": resistance + across * across / resistance, "motor.pole_pairs": 0,
-            "drive.kp": _NO_GAIN, "drive.ki": 0.0}
+    return {"motor.resistance": resistance + across * across / resistance, **WITHOUT_LOOP}
 
 
 def single_phase(ops: Ops, p: Any, pole_pairs: Value, angle: Value) -> Mapping[str, Value]:

@@ -2,7 +2,8 @@
 
     L di/dt = v - R i - K_e w        v = clip(K_p (i_ref - i) + xi, +-limit)        dxi/dt = K_i (i_ref - i), free only
 
-A drive is FREE, clipped on a side (1 or -1), gliding along the limit on a side (2 or -2), or OPEN (bridge disabled).
+A drive is FREE, clipped on a side (1 or -1), gliding along the limit on a side (2 or -2), or OPEN (bridge disabled);
+DIODES of an open bridge conduct a current of a side (8 or -8). An inverter's dead time takes a part of v along i.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from .actuator import Actuator
-from .events import Changes, Event, State
+from .events import Changes, Event, Margin, State
 from .vehicle import Surroundings, clip
 
-FREE, ON_LIMIT, OPEN = 0, 2, 9
+FREE, ON_LIMIT, DIODES, OPEN = 0, 2, 8, 9
 # V. A demand this close to the voltage limit is on it: far above the rounding of a 39 V signal (1e-14), and a voltage
 # wrong by this much for a millisecond moves the current by less than 2e-9 A.
 EDGE = 1e-9
@@ -78,17 +79,52 @@ class Driven(Actuator):
     def voltage(self, y: State, around: Surroundings) -> float:
         """Return the motor terminal voltage [V]; the back-EMF while the bridge is open."""
         m = Motor(self.speed(y), y[self.current], y[self.current + 1])
-        if not around.enable:
+        mode = self.drive_mode(m, around)
+        if mode == OPEN:
             return self.p["motor.back_emf_constant"] * m.speed  # without current
-        return clip(self.demand(m, around), self.limit(m, around))
+        if abs(mode) == DIODES:
+            return self._rectified(m, mode, around)
+        return clip(self.demand(m, around), self.limit(m, around)) - self._dead(m, around)
+
+    def _dead(self, m: Motor, around: Surroundings) -> float:
+        """Return the voltage along the current that the dead time takes [V]: the fundamental of +-V t_d f a phase."""
+        lost = self.p.get("inverter.dead_time", 0.0)
+        if not lost:
+            return 0.0
+        often = self.p["inverter.switching_frequency"]
+        ripple = around.supply / (16.0 * self.p["motor.inductance"] * often)
+        return math.sqrt(3.0) * 4.0 / math.pi * around.supply * lost * often * clip(m.current / ripple, 1.0)
+
+    def _conduction(self, around: Surroundings) -> float:
+        """Return the back-EMF [V] beyond which the diodes of an open bridge conduct: its mean there is the supply."""
+        return around.supply * math.pi / 3.0 if self.p.get("inverter.pole_pairs") else math.inf
+
+    def _begin(self, around: Surroundings) -> list[Event]:
+        """Return the events at which diodes of an open bridge begin to conduct."""
+        onset = self._conduction(around)
+
+        def below(way: int) -> Margin:
+            return lambda y: onset - way * self.p["motor.back_emf_constant"] * self.speed(y)
+
+        return [] if math.isinf(onset) else [Event(below(way), {"drive": -way * DIODES}) for way in (1, -1)]
+
+    def _rectified(self, m: Motor, mode: int, around: Surroundings) -> float:
+        """Return the terminal voltage [V] while diodes conduct, of the fit to three phases on a stiff supply."""
+        p = self.p
+        reactance = 0.8 * p["inverter.pole_pairs"] * m.speed * p["motor.inductance"]
+        added = math.hypot(p["motor.resistance"], reactance) - p["motor.resistance"]
+        return -math.copysign(self._conduction(around), mode) - added * m.current
 
     def electrical(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
         """Return di/dt [A/s] and dxi/dt [V/s] in a mode of the drive."""
         if mode == OPEN:
             return 0.0, 0.0
+        if abs(mode) == DIODES:
+            return self._rise(m, self._rectified(m, mode, around)), 0.0
+        dead = self._dead(m, around)
         if mode == FREE:
-            return self._rise(m, self.demand(m, around)), self.p["drive.ki"] * (around.reference - m.current)
-        rise = self._rise(m, math.copysign(self.limit(m, around), mode))
+            return self._rise(m, self.demand(m, around) - dead), self.p["drive.ki"] * (around.reference - m.current)
+        rise = self._rise(m, math.copysign(self.limit(m, around), mode) - dead)
         if abs(mode) != ON_LIMIT:
             return rise, 0.0
         side = 1 if mode > 0 else -1  # xi keeps the demand exactly on the limit
@@ -131,7 +167,14 @@ class Driven(Actuator):
     def drive_mode(self, m: Motor, around: Surroundings) -> int:
         """Return the mode of the drive after motor or surroundings have jumped."""
         if not around.enable:
-            return OPEN
+            if math.isinf(self._conduction(around)):
+                return OPEN
+            if m.current:
+                return DIODES if m.current > 0.0 else -DIODES
+            emf = self.p["motor.back_emf_constant"] * m.speed
+            if abs(emf) <= self._conduction(around):
+                return OPEN
+            return -DIODES if emf > 0.0 else DIODES
         demand, limit = self.demand(m, around), self.limit(m, around)
         side = 1 if demand >= 0.0 else -1
         if abs(abs(demand) - limit) <= EDGE:
@@ -145,9 +188,12 @@ class Driven(Actuator):
         return super().surroundings(row, reference)
 
     def admit(self, y: State, mode: Any, around: Surroundings) -> Any:
-        """Return the mode after the surroundings have jumped; clears the current of an opened bridge in place."""
+        """Return the mode after the surroundings have jumped; clears the integral of an opened bridge in place, and its
+        current without diodes."""
         if not around.enable:
-            y[self.current] = y[self.current + 1] = 0.0
+            y[self.current + 1] = 0.0
+            if math.isinf(self._conduction(around)):
+                y[self.current] = 0.0
         mode = self.settled(y, mode, around)
         return mode._replace(drive=self.drive_mode(self.motor(y, mode, around), around))
 
@@ -164,9 +210,14 @@ class Driven(Actuator):
             return {"drive": lambda y, _: self._mode_on_limit(motor(y), around, side)}
 
         events, side = super().events(mode, around), 1 if mode.drive > 0 else -1
+        if abs(mode.drive) == DIODES:
+            return [*events, Event(lambda y: side * y[self.current] + EDGE, {
+                self.current: 0.0, "drive": lambda y, _: self.drive_mode(motor(y), around)})]
+        if mode.drive == OPEN:
+            return [*events, *self._begin(around)]
         if mode.drive == FREE:
             return [*events, Event(lambda y: -beyond(y, 1), reached(1)), Event(lambda y: -beyond(y, -1), reached(-1))]
         if abs(mode.drive) == ON_LIMIT:
             return [*events, Event(lambda y: -self._held_slope(motor(y), around, side), {"drive": side}),
                     Event(lambda y: self._free_slope(motor(y), around, side), {"drive": FREE})]
-        return events if mode.drive == OPEN else [*events, Event(lambda y: beyond(y, side), reached(side))]
+        return [*events, Event(lambda y: beyond(y, side), reached(side))]

@@ -22,7 +22,7 @@ from emcas_fmu.parameters import load_parameters
 from ..fmu.built import both
 
 ROOT = Path(__file__).resolve().parents[2]
-MODELS = ["nonlinear+lugre+uneven+heat+homing+trajectory+supply+faults",
+MODELS = ["nonlinear+lugre+uneven+inverter+heat+homing+trajectory+supply+faults",
           "elastic+stribeck+efficiency+saturation+sensors+heat+filters+homing+faults"]
 
 
@@ -36,7 +36,8 @@ def model(request: pytest.FixtureRequest) -> str:
 def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
     # These runs are of closed loop: the angle is known.
     parameters = load_parameters(model=model)
-    changes = parameters.having({"homing.required": False, "uneven.load_share": 0.03, "uneven.ripple": 0.2})
+    changes = parameters.having({"homing.required": False, "uneven.load_share": 0.03, "uneven.ripple": 0.2,
+                                  "inverter.dead_time": 1e-6, "inverter.pole_pairs": 4})
     return both(parameters.with_values(changes), tmp_path_factory.mktemp("options"))
 
 

@@ -22,8 +22,8 @@ from .fault_runs import scheduled
 FED = [name for name in NAMES if get(name).supply is not None]
 # Motors with a back-EMF, which the shaft's work is the counterpart of.
 RETURNING = ["nonlinear+faults", "electrohydrostatic+faults", *slow(
-    "nonlinear+efficiency+heat+homing+faults", "linear+faults", "ozkan+faults", "nonlinear+supply+faults",
-    "habibi+faults", "worm-gear+faults")]
+    "nonlinear+efficiency+heat+homing+faults", "nonlinear+inverter+faults", "linear+faults", "ozkan+faults",
+    "nonlinear+supply+faults", "habibi+faults", "worm-gear+faults")]
 SETTINGS = settings(derandomize=True, max_examples=8, suppress_health_check=[HealthCheck.too_slow])
 
 
@@ -71,6 +71,8 @@ def test_returned_energy_is_no_more_than_the_shafts_work(model: str, share: floa
         extras["homing__required"] = False
     if "supply" in model:
         extras["supply__one_way"] = False
+    if "inverter" in model:
+        extras |= {"inverter__dead_time": 3e-6, "inverter__pole_pairs": 4}
     v = scheduled(model, *names, *(["brown_out"] if "brown_out" in has else []), begin=0.05,
                   fault__brown_out__share=share, **extras)
     step = 2e-5

@@ -25,6 +25,7 @@ NEUTRAL: Mapping[str, Mapping[str, Any]] = {
     "uneven": {},
     "efficiency": {"efficiency.forward": 1.0, "efficiency.backward": 1.0},
     "saturation": {"saturation.share": 0.0},
+    "inverter": {},
     "heat": {"heat.resistance_coefficient": 0.0, "heat.torque_coefficient": 0.0, "heat.peak_time": 1e3},
     "filters": {"filters.speed_bandwidth": 0.0},
     "homing": {"homing.required": False},

@@ -40,6 +40,7 @@ OTHER: Mapping[str, Any] = {
     "sensor.current.offset": 0.7, "sensor.current.gain_error": 0.04, "sensor.encoder.once": 4e-3,
     "sensor.encoder.once_phase": 0.5, "sensor.encoder.twice": 3e-3, "sensor.encoder.twice_phase": 1.2,
     "sensor.encoder.noise": 5e-4, "uneven.load_share": 0.03, "uneven.ripple": 0.2, "uneven.phase": 0.5,
+    "inverter.dead_time": 2e-6, "inverter.pole_pairs": 4,
     **{f"deviation.{name}": value for name, value in {
         "kinematics.moment_arm": 0.03, "kinematics.initial_angle": 0.01, "screw.lead": -0.02,
         "motor.torque_constant": 0.04, "mass.fin": 0.2, "friction.coulomb": 0.3, "friction.viscous": 0.4,

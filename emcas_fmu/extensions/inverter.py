@@ -1,0 +1,144 @@
+"""Inverter: dead time that is not compensated, and the diodes of an open bridge (:mod:`emcas_fmu.physics.inverter`).
+
+Both are a resistance of the motor that is no loss: the dead time's that of the step's mean current, the diodes' that
+of its mean speed, which a first step predicts. That has second order in the tick, but first order where the current
+starts at zero or changes its sign under dead time. While the bridge is open a step ends where the diodes begin to
+conduct and where their current ends. The linear analysis is without dead time, as it is without dry friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from ..actuators import capabilities
+from ..actuators.declaration import Actuator, PlantInputs, Values
+from ..namespace import Record, with_values, with_values_where
+from ..ops.base import Ops, Value
+from ..physics import course, drive, inverter, winding
+from ..rules import rule, when
+from ..steppers.electrical import electrical_mode
+from ..steppers.events import PROGRESS
+from ..variables import in_group, integer_parameter, parameter
+from .declaration import Extension
+
+PARAMETERS = in_group(
+    "inverter",
+    parameter("dead_time", "s", 0.0, 1e-3, "dead time between the switches of a phase that the drive does not "
+              "compensate (0: none)", sheet="drive: dead time, less its compensation", display="us"),
+    parameter("switching_frequency", "Hz", 1.0, 1e6, "switching periods a second",
+              sheet="drive: switching (PWM) frequency", display="kHz"),
+    integer_parameter("pole_pairs", 0, 1000, "pole pairs of the motor that an open bridge rectifies (0: its diodes do "
+                      "not conduct)", sheet="motor: pole pairs, half the number of poles"),
+)
+# Share of the current at the start of a step that may remain where it is set to zero, the end of its conduction.
+_LEFT = 0.01
+
+
+def extend(actuator: Actuator) -> Actuator:
+    """Return the actuator with this inverter."""
+    assert actuator.supply is not None  # RETURNS_POWER
+    power = actuator.supply.power.name
+
+    def conducting(ops: Ops, q: Any, x: Record, u: PlantInputs) -> Value:
+        """Return the sign of the current through the diodes of an open bridge, or 0."""
+        return ops.where(u.enabled, 0.0, inverter.current_side(ops, q, u.supply, x.motor_speed, x.motor_current))
+
+    def acting(ops: Ops, q: Any, x: Record, u: PlantInputs, side: Value, added: Value) -> tuple[Any, Record, Any]:
+        """Return parameters, states and inputs with an `added` resistance [Ohm], and with conducting diodes.
+
+        Of these the drive is enabled, without a loop: its integral is the voltage of the diodes.
+        """
+        conducts, onset = ops.negate(ops.equal(side, 0.0)), inverter.onset(ops, u.supply)
+        wound = with_values(q, {"motor.resistance": q.motor.resistance + added})
+        return (with_values_where(ops, conducts, wound, winding.WITHOUT_LOOP),
+                x.replace(drive_integral=ops.where(conducts, -side * onset, x.drive_integral)),
+                u.replace(enabled=ops.either(u.enabled, conducts),
+                          supply=ops.where(conducts, 2.0 * onset + 1.0, u.supply)))
+
+    def resistance(ops: Ops, q: Any, u: PlantInputs, speed: Value, current: Value) -> Value:
+        """Return the resistance [Ohm] that is no loss at a motor speed [rad/s] and current [A]."""
+        return ops.where(u.enabled, inverter.dead_resistance(ops, q, u.supply, current),
+                         inverter.rectifying_resistance(ops, q, speed))
+
+    def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
+        q, start = actuator.plant_parameters(ops, p), x.motor_current
+        side = conducting(ops, q, x, u)
+
+        def predicted() -> tuple[Value, ...]:
+            """Return the resistance [Ohm] of the step, its longest time [s], and 1 where the current ends there."""
+            mode = electrical_mode(ops, q, x, u, h)
+            ratio = h / mode.tau
+            final = inverter.settled(ops, q, u.supply, mode.source - drive.back_emf(q, x.motor_speed), mode.loop)
+            expected = course.mean(ops, start, final + (start - final) * ops.exp(-ratio), ratio)
+            first = resistance(ops, q, u, x.motor_speed, expected)
+            moved, used = actuator.step(ops, *acting(ops, q, x, u, side, first), h)
+            speed, end = moved["motor_speed"], moved["motor_current"]
+            ratio = used * (ops.where(u.enabled, mode.loop, q.motor.resistance) + first) / q.motor.inductance
+
+            time, ends = _event(ops, q, u, (x.motor_speed, speed), (side * start, side * end), (h, used, ratio))
+            middle = x.motor_speed + 0.5 * (speed - x.motor_speed) * (time / used)
+            return (resistance(ops, q, u, middle, course.mean(ops, start, end, ratio)),
+                    ops.where(u.enabled, h, time), ops.where(u.enabled, 0.0, ends))
+
+        acts = ops.where(u.enabled, inverter.dead_voltage(ops, q, u.supply), q.inverter.pole_pairs) > 0.0
+        added, time, ends = ops.branch(acts, predicted, lambda: (0.0, h, 0.0))
+        moved, used = actuator.step(ops, *acting(ops, q, x, u, side, added), time)
+        conducts, current = ops.negate(ops.equal(side, 0.0)), moved["motor_current"]
+        flows = side * current > ops.where(ends > 0.0, _LEFT * ops.fabs(start), 0.0)
+        return {**moved, "motor_current": ops.where(ops.both(conducts, ops.negate(flows)), 0.0, current),
+                "drive_integral": ops.where(conducts, 0.0, moved["drive_integral"])}, used
+
+    def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
+        q = actuator.plant_parameters(ops, p)
+        side, shown = conducting(ops, q, x, u), actuator.output_values(ops, p, x, u)
+        added = resistance(ops, q, u, x.motor_speed, x.motor_current)
+        names = ("motor_current", "motor_torque", "motor_voltage", power)
+
+        def through_diodes() -> tuple[Value, ...]:
+            electrical = actuator.output_values(ops, *acting(ops, q, x, u, side, added))
+            return tuple(electrical[name] for name in names)
+
+        current, torque, voltage, drawn = ops.branch(ops.negate(ops.equal(side, 0.0)), through_diodes,
+                                                     lambda: tuple(shown[name] for name in names))
+        dropped = added * current
+        return {**shown, **dict(zip(names, (current, torque, voltage - dropped, drawn - dropped * current),
+                                    strict=True))}
+
+    return replace(actuator, structure=replace(actuator.structure, inverter=True), step=step,
+                   output_values=output_values)
+
+
+def _event(ops: Ops, q: Any, u: PlantInputs, speed: tuple[Value, Value], current: tuple[Value, Value],
+           times: tuple[Value, Value, Value]) -> tuple[Value, Value]:
+    """Return when [s] the diodes of an open bridge begin to conduct or their current ends, and 1 where it ends.
+
+    `speed` [rad/s] and `current` [A], along its sign, are those at the ends of a first step. `times` are the whole step
+    and this one [s], and this one over the time constant of the current.
+    """
+    h, used, ratio = times
+    before, after = current
+    onset = inverter.onset(ops, u.supply)
+    below, beyond = (onset - ops.fabs(drive.back_emf(q, w)) for w in speed)
+    ends = ops.both(before > 0.0, after < 0.0)
+    begins = ops.both(ops.equal(before, 0.0), ops.both(below >= 0.0, beyond < 0.0))
+    # The current on its exponential, the back-EMF on a line.
+    gone = (1.0 - ops.exp(-ratio)) * before / ops.where(ends, before - after, 1.0)
+    at_end = -(used / ratio) * ops.log(ops.where(ends, 1.0 - gone, 1.0))
+    at_begin = used * below / ops.where(begins, below - beyond, 1.0)
+    time = ops.where(ends, at_end, ops.where(begins, at_begin, h))
+    return ops.maximum(time, PROGRESS * h), ops.where(ends, 1.0, 0.0)
+
+
+@rule("inverter.dead_time = %.6g s must be shorter than half the period, 1/inverter.switching_frequency = %.6g s")
+def _dead_period(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    period = 1.0 / p.inverter.switching_frequency
+    return when(ops, 2.0 * p.inverter.dead_time >= period), p.inverter.dead_time, period
+
+
+EXTENSION = Extension(
+    "inverter", "dead time of the inverter and diodes of an open bridge", extend,
+    needs=(capabilities.PHASES, capabilities.DRIVE_STEP, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT,
+           capabilities.RETURNS_POWER),
+    parameters=lambda actuator: PARAMETERS, rules=lambda actuator: (_dead_period,),
+    references=tuple(f"emcas_fmu.reference.{name}" for name in ("simulate", "worm_gear", "worm_gear_elastic")))
