@@ -14,7 +14,7 @@ from emcas_fmu.actuators.capabilities import PHASES, VOLTAGE_LIMIT
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.simulate import simulate as integrated
-from emcas_fmu.simulation import simulate
+from emcas_fmu.simulation import simulate, simulate_fins
 from tests.marks import others_slow, slow
 
 from . import inverter_reference as phases
@@ -79,7 +79,7 @@ def test_current_of_a_held_motor(reference: float) -> None:
 @pytest.mark.parametrize("model", others_slow(REFERENCES, lambda name: name == "nonlinear"))
 @pytest.mark.parametrize(("angle", "load"), [(1.0, 0.0), (20.0, -100.0), (20.0, 100.0)])
 def test_dead_time_against_the_independent_integration(model: str, angle: float, load: float) -> None:
-    """Ticks as shipped are within 0.002 deg (measured: 0.0010, of which 0.0004 without dead time)."""
+    """Ticks as shipped are within 0.002 deg (measured 0.0009; without dead time 0.0004)."""
     gear = 1.0 if model == "nonlinear" else 0.5
     inputs = {"fin_command": gear * radians(angle), "aero_torque": gear * load}
     assert _difference(model, 0.15, 1.0, inputs, DEAD) < 2e-3
@@ -88,7 +88,7 @@ def test_dead_time_against_the_independent_integration(model: str, angle: float,
 @pytest.mark.parametrize("load", [0.0, -100.0])
 def test_the_dead_time_converges_with_the_tick(load: float) -> None:
     """Of first order at least, where the current starts at zero or changes its sign: an eighth of the tick leaves less
-    than a quarter (measured 0.08 to 0.16)."""
+    than a quarter (measured 0.08 and 0.04)."""
     inputs = {"fin_command": radians(20.0), "aero_torque": load}
     coarse, fine = (_difference("nonlinear", 0.15, tick, inputs, DEAD) for tick in (1.0, 0.125))
     assert fine < 0.25 * coarse
@@ -126,7 +126,7 @@ def test_against_three_phases() -> None:
 @pytest.mark.parametrize("load", [100.0, 150.0])
 def test_a_released_fin_against_three_phases(load: float) -> None:
     """From rest to the stop, the motor on three phases: the fin is within a tenth of what the diodes move it by
-    (0.32 and 1.24 deg; measured 0.005 and 0.028 off)."""
+    (0.70 and 1.57 deg, without friction; measured 0.003 and 0.029 off)."""
     open_, braked = (simulate(_values(SMOOTH, inverter__pole_pairs=pairs), 0.15, 1e-3, model=MODEL, aero_torque=load,
                               enable=False)["fin_angle"] for pairs in (0, 4))
     lead, arm, tilt = 5e-3 / (2.0 * pi), 0.05, tan(radians(5.0))
@@ -149,11 +149,11 @@ def test_a_released_fin_against_three_phases(load: float) -> None:
 
 @pytest.mark.parametrize("model", others_slow(REFERENCES, lambda name: name == "nonlinear"))
 def test_diodes_against_the_independent_integration(model: str) -> None:
-    """Opened in a slew, driven by a load and under a supply that jumps: within 0.002 deg at ticks as shipped (measured
-    0.0003, as without diodes)."""
+    """Opened in a slew under a supply that jumps, and then driven by a load: within 0.002 deg at ticks as shipped
+    (measured 0.0004, as without diodes), of 0.8 deg and more by which they move the fin."""
     time = np.arange(201) * 1e-3
     inputs = {"fin_command": radians(-20.0), "aero_torque": np.where(time < 0.03, 0.0, 150.0), "enable": time < 0.03,
-              "supply_voltage": np.where(time < 0.08, 39.0, np.where(time < 0.1, 28.0, 45.0))}
+              "supply_voltage": np.where(time < 0.03, 39.0, np.where(time < 0.1, 12.0, 45.0))}
     assert _difference(model, 0.2, 1.0, inputs, DIODES) < 2e-3
 
 
@@ -229,6 +229,16 @@ def test_returned_current_charges_the_link() -> None:
     assert 0.5 * 2.2e-3 * (link[-1] ** 2 - link[1] ** 2) == pytest.approx(returned, rel=2e-3)
 
 
+def test_returned_current_charges_the_link_of_two_fins() -> None:
+    """5 mF before a battery that must not be charged: to 0.2 %, by updates of the bus every 0.1 ms (measured 0.1)."""
+    run = simulate_fins([_values(DIODES)] * 2, 0.1, 2e-5, MODEL, {
+        "bus.source_resistance": 0.05, "bus.capacitance": 5e-3}, enable=False, **{"fin[1].aero_torque": 150.0})
+    bus = run["bus_voltage"]
+    returned = np.trapezoid(-run["fin[1].supply_power"], dx=2e-5)
+    assert bus[-1] > 50.0
+    assert 0.5 * 5e-3 * (bus[-1] ** 2 - bus[0] ** 2) == pytest.approx(returned, rel=2e-3)
+
+
 def test_the_diodes_current_warms_the_winding() -> None:
     """By R i^2 over its capacity, of an open bridge under a load; rest is what flows on to the case."""
     model = "nonlinear+inverter+heat"
@@ -242,12 +252,12 @@ def test_the_diodes_current_warms_the_winding() -> None:
 
 @pytest.mark.parametrize("model", [MODEL, *slow(*(f"{name}+saturation+inverter+heat+supply+faults" for name in HAVE))])
 def test_both_kernels(model: str) -> None:
-    """The same bits, with dead time and with conduction."""
+    """The same bits, with dead time and, where no worm locks, with conduction."""
     python, compiled = (simulate(_values(DEAD, DIODES, model=model), 0.2, model=model, kernel=kernel,
                                  aero_torque=lambda t: -150.0 if t > 0.1 else 20.0, enable=lambda t: t < 0.1,
                                  fin_command=lambda t: 0.3 * sin(20.0 * t)) for kernel in ("python", "compiled"))
     assert equal(python, compiled)
-    assert np.abs(python["motor_current"][110:]).max() > 2.0
+    assert "worm" in model or np.abs(python["motor_current"][110:]).max() > 2.0
 
 
 def test_dead_time_as_long_as_the_period_is_refused() -> None:

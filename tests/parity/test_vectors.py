@@ -20,8 +20,10 @@ from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
 
 WIDTHS = (4, 8)
+# An extension whose branches its default values leave out.
+FURTHER = {"nonlinear+inverter": {"inverter.dead_time": 2e-6, "inverter.pole_pairs": 4}}
 # The default actuator always; each of the others takes up to a minute to compile.
-MODELS = others_slow((*NAMES, DIRECT_DRIVE, *TOGETHER), lambda model: model == NONLINEAR)
+MODELS = others_slow((*NAMES, DIRECT_DRIVE, *TOGETHER, *FURTHER), lambda model: model == NONLINEAR)
 SEEDS = st.integers(0, 2**32 - 1)
 LARGEST = {"fin_command": 0.6, "aero_torque": 150.0}
 STEPS = (1e-3, 1e-3, 1e-3, 3.3e-4, 5e-5, 2.7e-3, 0.0)  # s: samples, and points inside ticks
@@ -35,7 +37,7 @@ def widths(model: str) -> list[int]:
 
 def varied(model: str, count: int, rng: np.random.Generator) -> Array:
     """Return parameters [count, parameters] that differ by some percent, delays by more; all are sound."""
-    given = load_parameters(model=model)
+    given = load_parameters(model=model).with_values(FURTHER.get(model, {}))
     row, parameters = parameter_row(given.values, model), get(model).parameters
     sets = np.tile(row, (count, 1))
     for k, variable in enumerate(parameters):
