@@ -68,8 +68,9 @@ BOXES = (
     Box(10, 394, 200, 268, BLUE, "trace/", (
         "tracer: runs a function", "once, over symbols, and", "notes what it does", "",
         "python_source · c_source ·", "vector_source: the notes as", "straight-line code")),
-    Box(224, 394, 426, 70, GREEN, "extensions/", (
-        "stribeck · lugre · efficiency · heat · homing · faults:", "an actuator in, an actuator out")),
+    Box(224, 394, 426, 70, GREEN, "extensions/ · an actuator in, an actuator out", (
+        "stribeck · lugre · uneven · efficiency · saturation · inverter ·",
+        "sensors · heat · filters · homing · trajectory · supply · faults")),
     Box(224, 478, 426, 106, GREEN, "actuators/", (
         "declaration: states, variables, rules, equations",
         "fin_port: the variables of all · capabilities: of some",

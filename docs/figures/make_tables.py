@@ -224,7 +224,8 @@ def extensions() -> str:
     rows = []
     for name in EXTENSIONS:
         extension = get_extension(name)
-        page = {**dict.fromkeys(("stribeck", "lugre", "uneven"), "friction"), "saturation": "drive",
+        page = {**dict.fromkeys(("stribeck", "lugre", "uneven"), "friction"),
+                **dict.fromkeys(("saturation", "inverter"), "drive"),
                 **dict.fromkeys(("filters", "trajectory"), "control")}.get(name, name)
         model = next(model for model in NAMES if _over(name, model))
         plain = {v.name for v in (*get(model).inputs, *get(model).outputs)}
