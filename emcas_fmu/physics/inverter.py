@@ -1,13 +1,14 @@
 """Inverter of a three-phase motor: dead time between its switches, and the diodes of an open bridge.
 
 In the dead time t_d between two switches of a phase, its current flows through a diode. At f switching periods a second
-the phase lacks V t_d f along its current on average (Jeong and Park, 1991): in the field-oriented drive, over an
-electrical turn, the fundamental of that square wave, line to line,
+the phase lacks V t_d f along its current on average (Jeong and Park, *The analysis and compensation of dead-time
+effects in PWM inverters*, IEEE Trans. Ind. Electron. 38, 1991): in the field-oriented drive, over an electrical turn,
+the fundamental of that square wave, line to line,
 
     V_d = (4 sqrt(3)/pi) V t_d f        v - V_d clip(i/i_r, +-1)        i_r = V/(16 L f)
 
 below the ripple i_r in proportion to the current, which then reverses in each period. i_r is the largest amplitude of
-the ripple, that of pulses of half the time; from 0.05 to 0.4 A it moves the default fin by less than 0.002 deg. The
+the ripple, that of pulses of half the time; 0.05 or 0.4 A instead move the default fin by less than 0.002 deg. The
 missing voltage does not leave the supply and is no loss: the motor's power is that of the voltage that remains.
 
 An open bridge rectifies: its diodes conduct from the motor into the supply V where the mean of the rectified back-EMF E
