@@ -15,7 +15,7 @@ from .bench import metrics
 from .bench.conditions import ESTIMATE
 from .bench.excitation import COMMAND
 from .bench.runs import Columns, Run
-from .figures.plots import COLORS, figure, legend, shade
+from .figures.plots import COLORS, figure, legend, shade, time_axis
 from .figures.plots import COMMAND as COMMAND_LINE
 from .fmi.interface import FmuInterface
 from .variables import Variable
@@ -31,8 +31,8 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
     actuator's outputs in each panel, `estimated` the names of extensions' outputs that rest on estimates. Call it
     inside `style()`.
     """
-    brief = columns["time"][-1] <= 1.0
-    time, unit_of_time = columns["time"] * (1e3 if brief else 1.0), "ms" if brief else "s"
+    label, unit_of_time = time_axis(columns["time"][-1])
+    time = columns["time"] * unit_of_time
     extensions = extension_outputs(unit.kind)
     shared = unit.line.outputs if unit.line else ()
     count = len(panels) + len(shared) + len(extensions)
@@ -59,7 +59,7 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
         axes.margins(x=0.0)
     for axes in grid.ravel()[:count][-2:]:  # the lowest panel of each column
         axes.tick_params(labelbottom=True)
-        axes.set_xlabel(f"time [{unit_of_time}] (shaded: a limit {'of any fin ' * (len(fins) > 1)}is active)")
+        axes.set_xlabel(f"{label} (shaded: a limit {'of any fin ' * (len(fins) > 1)}is active)")
     return plotted
 
 

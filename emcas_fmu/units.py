@@ -9,11 +9,14 @@ from __future__ import annotations
 import re
 from decimal import Context, Decimal, localcontext
 from functools import cache, lru_cache
-from math import isfinite
+from math import isfinite, pi
 
 from pint import Unit, UnitRegistry
 
 from .errors import hint
+
+RPM = 30.0 / pi
+"""rpm in 1 rad/s: pages and terminals show speeds of motors and screws in rpm."""
 
 # In pint's notation: "name = definition = symbol = alias = ...".
 _DEFINITIONS = """

@@ -90,4 +90,5 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Take marks out of what docstrings say, and make headings without words empty cells."""
-    return re.sub(r"<th([^>]*)></th>", r"<td\1></td>", _MARKS.sub(lambda match: "".join(filter(None, match.groups())), html))
+    html = _MARKS.sub(lambda match: "".join(filter(None, match.groups())), html)
+    return re.sub(r"<th([^>]*)></th>", r"<td\1></td>", html)

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, inf, nan, pi, radians
+from math import degrees, inf, nan, radians
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..units import RPM
 
 if TYPE_CHECKING:
     from ..variables import Variable
@@ -89,7 +91,7 @@ def shown(unit: str) -> tuple[str, float]:
 
 def shown_output(v: Variable) -> tuple[str, float]:
     """Return the unit in which people read an output, and the factor from SI."""
-    return ("rpm", 30.0 / pi) if v.display == "rpm" else shown(v.unit)
+    return ("rpm", RPM) if v.display == "rpm" else shown(v.unit)
 
 
 # Ending of a figure's name in a result, by unit; longer endings first.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import chain
-from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..errors import EmcasError
+from ..units import RPM
 from . import common
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def _table(f: dict[str, Any]) -> Table:
 
     def cells(label: str, key: str) -> list[Any]:
         values = [{**f, **f[curve]}[key] for curve in ("continuous", "short_term")]
-        return [label + ESTIMATE * (key in f["estimates"]), *(30.0 / pi * x if "rpm" in label else x for x in values)]
+        return [label + ESTIMATE * (key in f["estimates"]), *(RPM * x if "rpm" in label else x for x in values)]
 
     return common.table(["", ">continuous", f">{f['duration_s']:g} s{preload}"],
                         [cells(*row) for row in _ROWS.items()], "torque-speed envelope")

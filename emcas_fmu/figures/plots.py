@@ -89,6 +89,11 @@ def panels(count: int, columns: int, **more: Any) -> tuple[Figure, list[Any]]:
     return empty, list(grid.flat[:count])
 
 
+def time_axis(duration: float) -> tuple[str, float]:
+    """Return the label of a time axis of a `duration` [s], in ms up to 1 s, and the number of its units in a second."""
+    return ("time [ms]", 1e3) if duration <= 1.0 else ("time [s]", 1.0)
+
+
 def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True, **look: Any) -> None:
     """Draw levels as limits `across` the panel or along it, with `sides` also at their negatives.
 

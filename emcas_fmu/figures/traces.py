@@ -43,10 +43,11 @@ def trace(axes: Axes, columns: Mapping[str, Any], name: str, window: tuple[float
     axes.plot((columns["time"][at] - zero) * unit, columns[name][at] * SHOWN[name][1], **{**held, **look})
 
 
-def shade(axes: Axes, columns: Mapping[str, Any], flag: str, window: tuple[float, float], label: str) -> None:
-    """Shade the times within a `window` [s] at which a flag is set."""
+def shade(axes: Axes, columns: Mapping[str, Any], flag: str, window: tuple[float, float], label: str,
+          unit: float = 1.0) -> None:
+    """Shade the times within a `window` [s] at which a flag is set; `unit` as in `trace`."""
     at = _within(columns, window)
-    plots.shade(axes, columns["time"][at], columns[flag][at] > 0.5, label)
+    plots.shade(axes, columns["time"][at] * unit, columns[flag][at] > 0.5, label)
 
 
 def _within(columns: Mapping[str, Any], window: tuple[float, float]) -> Any:

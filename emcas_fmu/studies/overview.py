@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from math import degrees, pi
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from ..ops.floats import FLOATS
 from ..parameters import Entry, ParameterError, ParameterSet, load_parameters
 from ..physics import kinematics
 from ..simulation import Array, simulate
+from ..units import RPM
 
 if TYPE_CHECKING:
     from .analysis.capability import Capability
@@ -156,7 +157,7 @@ def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
     free = p.drive.supply_voltage / p.motor.back_emf_constant if p.motor.back_emf_constant else float("inf")
     return {
         "motor turns per turn of the fin": f"{ratio:.4g} to {float(np.max(can.ratio)):.4g}",
-        "no-load speed of the motor at the supply": f"{30.0 / pi * free:.4g} rpm",
+        "no-load speed of the motor at the supply": f"{RPM * free:.4g} rpm",
         "least fin rate without load": f"{degrees(float(np.min(can.rate))):.4g} deg/s",
         "least hinge moment that stalls it": f"{float(np.min(can.stall)):.4g} N.m",
         "stroke of the nut from stop to stop": f"{1e3 * (travel[1] - travel[0]):.4g} mm",

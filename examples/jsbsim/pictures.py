@@ -87,10 +87,10 @@ def kinds(results: Results, name: str) -> Drawing:
     share.set_xlim(left=min(share.get_xlim()[0], 0.0) / 4)
     share.axvline(0.0, color=GRAY, linewidth=0.8)
     share.grid(visible=False, axis="y")
-    for axes, words in ((pitch, "pitch from launch / deg"), (apart, "attitude from that\nof ideal fins / deg"),
-                        (energy, "energy drawn less\nwhat is returned / J")):
-        axes.set(ylabel=words, xlabel="time / s", xlim=(0.0, float(ideal["time"][-1])))
-    share.set(xlabel="energy drawn, hatched: returned / J")
+    for axes, words in ((pitch, "pitch from launch [deg]"), (apart, "attitude from that\nof ideal fins [deg]"),
+                        (energy, "energy drawn less\nwhat is returned [J]")):
+        axes.set(ylabel=words, xlabel="time [s]", xlim=(0.0, float(ideal["time"][-1])))
+    share.set(xlabel="energy drawn, hatched: returned [J]")
     pitch.set_title(results.manoeuvres[name].title)
     energy.set_title("Four fins")
     drawn.legend(*pitch.get_legend_handles_labels(), loc="outside upper center", ncols=5)
@@ -117,9 +117,9 @@ def attitude(results: Results, name: str, flown: Mapping[str, Flight]) -> Drawin
                           linewidth=0.8, linestyle="--", label="wanted")
             axes.plot(time, np.degrees(_thin(flight[f"{axis}_rad"]) - begin), **_look(results, actuator),
                       label=results.labels[actuator])
-        axes.set_ylabel(f"{axis} / deg")
+        axes.set_ylabel(f"{axis} [deg]")
     _legend(grid[0, 0])
-    grid[-1, 0].set_xlabel("time / s")
+    grid[-1, 0].set_xlabel("time [s]")
     return Drawing("Attitude", drawn, f"{results.manoeuvres[name].title}. Angles from those at launch.")
 
 
@@ -140,13 +140,13 @@ def actuation(results: Results, flown: Mapping[str, Flight]) -> Drawing:
         limited = fins(flown[limiting], "saturated{}").any(axis=0)
         for axes in (first, rates, moments, power):
             shade(axes, flown[limiting]["time"], limited)
-    for axes, label in zip(grid[:, 0], ("fin 1 / deg", "rate / (deg/s)", "hinge moment / N.m", "power / W"),
+    for axes, label in zip(grid[:, 0], ("fin 1 [deg]", "rate [deg/s]", "hinge moment [N.m]", "power [W]"),
                            strict=True):
         axes.set_ylabel(label)
     _legend(first)
     if power.lines:
         _legend(power)
-    power.set_xlabel("time / s")
+    power.set_xlabel("time [s]")
     return Drawing("Actuators", drawn, f"Fin 1 and the power of all four.{shaded} An ideal actuator has no finite rate "
                    "or power after a step, and is left out there.")
 
@@ -154,7 +154,7 @@ def actuation(results: Results, flown: Mapping[str, Flight]) -> Drawing:
 def bus(results: Results, flown: Mapping[str, Flight]) -> Drawing:
     """Voltage at the drives, current and power of all four: the whole flight, and where the voltage is lowest."""
     drawn, grid = figure(3, 2, width=9.0, height=1.9, sharex="col", width_ratios=[2, 1])
-    columns = {"bus_voltage_v": "voltage / V", "bus_current_a": "current / A", "power_w": "power / W"}
+    columns = {"bus_voltage_v": "voltage [V]", "bus_current_a": "current [A]", "power_w": "power [W]"}
     # The stiff bus first, under the other.
     on_bus = {a: f for a, f in sorted(flown.items(), key=lambda each: each[0] != STIFF) if "bus_voltage_v" in f}
     sagging = list(on_bus.values())[-1 if STIFF in on_bus else 0]
@@ -168,7 +168,7 @@ def bus(results: Results, flown: Mapping[str, Flight]) -> Drawing:
         pair[0].set_ylabel(label)
     grid[0, 1].set_xlim(lowest - 0.03, lowest + 0.12)
     for axes in grid[-1]:
-        axes.set_xlabel("time / s")
+        axes.set_xlabel("time [s]")
     _legend(grid[0, 0])
     return Drawing("Bus", drawn, "Voltage at the drives, current and power of all four; right, around the lowest "
                    "voltage. Negative: the motors brake and feed the bus.")
@@ -186,10 +186,10 @@ def convergence(results: Results) -> Drawing:
             axes.loglog(steps, 0.3 * (steps / steps[0])**order, color=VERMILLION, linewidth=0.7, linestyle="--")
             axes.annotate(f"H{'²' if order == 2 else ''}", (steps[-1], 0.3 * (steps[-1] / steps[0])**order),
                           color=VERMILLION, fontsize=8)
-        axes.set(xlabel="communication step H / ms", title=f"largest error of {quantity}")
+        axes.set(xlabel="communication step H [ms]", title=f"largest error of {quantity}")
         axes.set_xticks(steps, [f"{step:g}" for step in steps])
         axes.set_xticks([], minor=True)
-    grid[0, 0].set_ylabel("error / deg")
+    grid[0, 0].set_ylabel("error [deg]")
     grid[0, 0].legend(loc="best")
     return Drawing("Convergence", drawn, "Against a flight with 0.0625 ms; dashed: slopes of first and second order.")
 

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from math import isfinite, pi
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ from ...pages.page import write_page
 from ...parameters import ParameterSet
 from ...physics import drive, heat
 from ...simulation import Array
+from ...units import RPM
 
 NEEDS = (capabilities.MOTOR_CURRENT, capabilities.PROPORTIONAL_TORQUE, capabilities.CURRENT_LIMIT,
          capabilities.VOLTAGE_LIMIT, capabilities.SCREW_DRIVE)
@@ -232,7 +233,7 @@ def draw(e: Envelope) -> Figure:
     """Draw both envelopes against the motor speed, with their limits."""
     plot, (axes,) = column(f"motor torque [N.m]{ESTIMATE * (TORQUE in e.estimates)}", x="motor speed [rpm]", width=7.5,
                             height=4.4)
-    rpm = e.speed * 30.0 / pi
+    rpm = e.speed * RPM
     for curve, color, name in ((e.short_term, VERMILLION, f"for {e.duration:g} s"),
                                (e.continuous, BLUE, "for any time")):
         axes.fill_between(rpm, curve.torque, color=color, alpha=0.18, linewidth=0.0)

@@ -16,6 +16,7 @@ from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
 from ...figures import plots
 from ...figures.plots import LIMIT, Drawing
+from ...units import RPM
 from .analyse import Analysis, ClosedLoop
 from .steps import STOP
 from .sweep import LIMITS, shared
@@ -243,11 +244,11 @@ def limit_shares(analysis: Analysis) -> Drawing:
 
 def torque_speed(analysis: Analysis) -> Drawing:
     """Draw the envelope, with the operating points of the reference cases."""
-    figure, (axes,) = plots.column("motor torque [N.m]", x="motor speed [rad/s]", height=4.0, width=7.5)
+    figure, (axes,) = plots.column("motor torque [N.m]", x="motor speed [rpm]", height=4.0, width=7.5)
     e, cases = analysis.envelope, analysis.cases
     assert e is not None
-    speed, highest, prompt = e["speed_rad_per_s"], e["torque_nm"], e["prompt_torque_nm"]
-    free, integral = e["no_load_speed_rad_per_s"], e["integral_time_s"]
+    speed, highest, prompt = e["speed_rad_per_s"] * RPM, e["torque_nm"], e["prompt_torque_nm"]
+    free, integral = e["no_load_speed_rad_per_s"] * RPM, e["integral_time_s"]
     axes.fill_between(speed, -highest[::-1], highest, color=plots.GRAY, alpha=0.13, linewidth=0)
     for side in (1.0, -1.0):
         axes.plot(side * speed, side * highest, label="motor and drive, steady", color=plots.INK, linewidth=1.2)
@@ -259,17 +260,17 @@ def torque_speed(analysis: Analysis) -> Drawing:
         dots = slice(None, None, max(len(columns["time"]) // _DOTS, 1))
         look = {"color": named[name], "alpha": 0.9, "zorder": 3.0, "label": name} if name in named else {
             "color": plots.SKY, "alpha": 0.35, "zorder": 2.0, "label": "other cases"}
-        axes.plot(columns["motor_speed"][dots], columns["motor_torque"][dots], ".", markersize=2.6, **look)
+        axes.plot(columns["motor_speed"][dots] * RPM, columns["motor_torque"][dots], ".", markersize=2.6, **look)
     if np.isfinite(limit := _speed_limit(analysis)):
-        plots.limits(axes, limit, sides=True, across=False)
+        plots.limits(axes, limit * RPM, sides=True, across=False)
     fastest, most = (max(float(np.max(np.abs(columns[name]))) for columns in cases.values())
                      for name in ("motor_speed", "motor_torque"))
-    end, top = 1.05 * max(free, fastest), max(1.05 * most, 1.1 * float(np.max(highest)))
+    end, top = 1.05 * max(free, fastest * RPM), max(1.05 * most, 1.1 * float(np.max(highest)))
     axes.set(xlim=(-end, end), ylim=(-top, top))
     plots.legend_above(figure, 4, markerscale=3)
     slow = f", in some {integral:.0f} s" if np.isfinite(integral) else ""
     return Drawing("Torque and speed", figure, "Grey: steady torque within the drive's current "
-                   f"({e['stall_torque_nm']:.3g} N.m at stall) and the supply (no torque at {free:.0f} rad/s). "
+                   f"({e['stall_torque_nm']:.3g} N.m at stall) and the supply (no torque at {free:.0f} rpm). "
                    f"Dashed: at first, before the drive's integral has closed the rest{slow}. Points: the reference "
                    "cases with these parameters; dotted verticals: the controllers' speed limit. Points outside are "
                    "transients, in which the current outlasts the voltage that made it.")

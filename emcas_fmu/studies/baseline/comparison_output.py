@@ -17,12 +17,13 @@ from rich.text import Text
 
 from ... import __version__
 from ...bench import writers
+from ...pages.numbers import with_unit
 from ...pages.page import write_page
 from ...pages.terminal import table
 from ...support.writing import append
 from .comparison import Comparison, Row
 from .files import SCHEMA as BASELINE
-from .model import NEVER, output_units
+from .model import output_units
 
 if TYPE_CHECKING:
     from ...figures import plots
@@ -33,13 +34,13 @@ HEADER = ("case", "figure", ">approved", ">now", ">change", ">limit", "verdict")
 _STYLES = {"ok": "green", "not judged": "dim", "DRIFT": "bold red"}
 
 
-def _number(value: float, form: str = ".5g", missing: str = NEVER) -> str:
+def _number(value: float, form: str = ".5g", missing: str = "not reached") -> str:
     return format(value + 0.0, form) if isfinite(value) else missing
 
 
 def cells(row: Row) -> tuple[str, ...]:
     """Return the cells of a row, in the order of HEADER."""
-    name = row.name if row.at is None else f"{row.name}({row.at:g} s)"
+    name = row.name if row.at is None else f"{row.name}({with_unit(row.at, 's')})"
     judged = "not judged" if row.limit is None else "ok" if row.passed else "DRIFT"
     return (row.case, f"{name} [{row.unit}]", _number(row.approved), _number(row.now),
             _number(row.change, "+.3g", "-"), "-" if row.limit is None else f"{row.limit:.3g}", judged)
@@ -167,9 +168,10 @@ def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
     for case, traces in comparison.response.baseline.traces.items():
         for name, new in traces.items():
             old, unit, limit = comparison.baseline.traces[case][name], units[name][0], limits.traces[name]
-            time = np.arange(len(new)) * limits.sample_time
+            x, unit_of_time = plots.time_axis((len(new) - 1) * limits.sample_time)
+            time = np.arange(len(new)) * limits.sample_time * unit_of_time
             figure, (above, below) = plots.column(f"{name.replace('_', ' ')} [{unit}]", f"change [{unit}]",
-                                                  x="time [s]", height=1.5, height_ratios=(2, 1))
+                                                  x=x, height=1.5, height_ratios=(2, 1))
             above.plot(time, old, color=plots.GRAY, linewidth=3.0, label="approved")
             above.plot(time, new, color=plots.BLUE, label="now")
             above.legend(loc="best")

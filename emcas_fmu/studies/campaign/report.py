@@ -100,11 +100,12 @@ def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -
     if not by_sample:
         return None
     ranked = sorted(by_sample.items(), key=lambda item: -len(item[1]))[:_MOST_WORST]
-    drawn, (angle, error) = plots.column("fin angle [deg]", "tracking error [deg]", x="time from the command [s]",
+    responses = [history(summary.study, experiment, index) for index, _ in ranked]
+    label, unit_of_time = plots.time_axis(max(each.time[-1] for each in responses))
+    drawn, (angle, error) = plots.column("fin angle [deg]", "tracking error [deg]", x=f"{label} from the command",
                                          width=10.0, height=2.4)
-    for k, (index, names) in enumerate(ranked):
-        response = history(summary.study, experiment, index)
-        time = response.time - response.excitation.begin
+    for k, ((index, names), response) in enumerate(zip(ranked, responses, strict=True)):
+        time = (response.time - response.excitation.begin) * unit_of_time
         look = {"color": COLORS[k % len(COLORS)], "label": f"{index}: {', '.join(names)}"}
         if not k:
             angle.step(time, np.degrees(response.excitation.command), where="post", **COMMAND)

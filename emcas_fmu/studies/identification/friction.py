@@ -21,6 +21,7 @@ from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import friction, mechanics
+from ...units import RPM
 from . import motion, pictures
 from .estimation import Fit
 from .records import DIRECTIONS, Array, Record, distinct, divided, require
@@ -75,7 +76,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     parameters = estimates(fit, base)
     bands = _require_certain(parameters, fit, base)
     limit = degrees(float(base.values["command.limit"]))
-    notes = [f"{len(sweeps)} sweeps at {_listed(sweeps, 'speed')} rad/s and {_listed(sweeps, 'temperature')} degC.",
+    notes = [f"{len(sweeps)} sweeps at {_listed(sweeps, 'speed')} rpm and {_listed(sweeps, 'temperature')} degC.",
              *(f"Coulomb friction, {d} direction: 1 sigma is at most {band:.2g} N.m within +-{limit:.3g} deg; the "
                "coefficients are strongly correlated, so that each alone is less certain."
                for d, band in bands.items()),
@@ -132,9 +133,9 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
         require(along, f"no sweep in the {word} direction: friction differs with direction; measure both")
         speeds = distinct([s.speed for s in along])
         require(len(speeds) >= FEWEST_SPEEDS, f"too few speeds in the {word} direction ({_listed(along, 'speed')} "
-                f"rad/s): viscous friction needs at least {FEWEST_SPEEDS} different ones, one of them slow")
+                f"rpm): viscous friction needs at least {FEWEST_SPEEDS} different ones, one of them slow")
         require(speeds[-1] >= SPEED_SPREAD * speeds[0], f"the speeds in the {word} direction "
-                f"({_listed(along, 'speed')} rad/s) are too alike to tell Coulomb from viscous friction: the fastest "
+                f"({_listed(along, 'speed')} rpm) are too alike to tell Coulomb from viscous friction: the fastest "
                 f"must be at least {SPEED_SPREAD:g} times the slowest")
         fin = np.concatenate([s.fin for s in along])
         require(fin.min() <= -COVERAGE * limit and fin.max() >= COVERAGE * limit,
@@ -157,8 +158,8 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
 
 
 def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
-    """Return the different speeds [rad/s] or temperatures [degC] of sweeps, for a message."""
-    numbers = [getattr(s, quantity) for s in sweeps]
+    """Return the different speeds [rpm] or temperatures [degC] of sweeps, for a message."""
+    numbers = [getattr(s, quantity) * (RPM if quantity == "speed" else 1.0) for s in sweeps]
     return ", ".join(f"{x:.3g}" for x in distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
 
 
@@ -229,11 +230,11 @@ def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> I
         "2-sigma band, per direction of motion.")
     yield Drawing(
         "Friction against speed",
-        pictures.panels([("", _against_speed(sweeps, values))], "motor speed [rad/s]",
+        pictures.panels([("", _against_speed(sweeps, values))], "motor speed [rpm]",
                         "friction at fin angle 0 [N.m]"),
         "Mean of each sweep at constant speed, reduced to fin angle 0 with the fitted polynomials, and the fitted "
         "line: its slope is the viscous coefficient.")
-    yield pictures.residuals([(f"{s.direction * s.speed:+.3g} rad/s", np.degrees(s.fin)) for s in sweeps], fit,
+    yield pictures.residuals([(f"{s.direction * s.speed * RPM:+.3g} rpm", np.degrees(s.fin)) for s in sweeps], fit,
                              "fin angle [deg]", "residual torque [N.m]")
 
 
@@ -272,5 +273,5 @@ def _against_speed(sweeps: Sequence[Sweep], values: Mapping[str, Any]) -> list[p
             speed = np.array([s.speed for s in alike])
             grid = np.linspace(0.0, speed.max(), 2)
             line = centre + float(friction.viscous(FLOATS, p, direction)) * grid
-            series.append(pictures.Series(f"{word}, {t:.3g} degC", speed, torque, grid, line))
+            series.append(pictures.Series(f"{word}, {t:.3g} degC", speed * RPM, torque, grid * RPM, line))
     return series

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from ...figures.plots import COLORS, GRAY, Drawing, column, figure, legend
+from ...figures.plots import COLORS, GRAY, Drawing, column, figure, legend, time_axis
 from .estimation import Fit
 from .records import Array
 
@@ -98,9 +98,11 @@ def comparisons(compared: Sequence[Comparison], fit: Fit) -> Iterator[Drawing]:
     """Yield a picture of each record, measured and simulated, and one of the residuals of those that were fitted."""
     for (name, use), group in groupby(compared, key=lambda c: (c.record.name, c.use)):
         panels_of = list(group)
-        plot, axes = column(*(f"{c.variable.name} [{c.unit}]" for c in panels_of), x="time [s]", height=2.4)
+        label, unit_of_time = time_axis(float(np.ptp(panels_of[0].record["time"])))
+        plot, axes = column(*(f"{c.variable.name} [{c.unit}]" for c in panels_of), x=label, height=2.4)
         for panel, c in zip(axes, panels_of, strict=True):
             time, measured, simulated = _thinned(c.record["time"] - c.record["time"][0], c.measured, c.simulated)
+            time = time * unit_of_time
             panel.plot(time, measured, ".", markersize=3, label="measured")
             panel.plot(time, simulated, label="simulated")
         legend(axes[0], loc="best")

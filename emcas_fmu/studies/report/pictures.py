@@ -62,9 +62,9 @@ def _steps(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
                      linewidth=1.0, **look)
     _limit(angle, limits, "ms", across=False)
     legend_above(angle, 8)
-    angle.set(xlabel="time from the command [ms]", xlim=(-20, 400))
+    angle.set(xlabel="time [ms] from the command", xlim=(-20, 400))
     error.axhspan(-_ACCURACY, _ACCURACY, color=plots.GREEN, alpha=0.10, linewidth=0)
-    error.set(xlabel="time from the command [s]", ylabel="angle - command [mdeg]", xlim=(0.0, HOLD),
+    error.set(xlabel="time [s] from the command", ylabel="angle - command [mdeg]", xlim=(0.0, HOLD),
               ylim=(-2.0 * _ACCURACY, 2.0 * _ACCURACY))
     return figure, ("Above, the first 0.4 s; negative steps dashed, dotted lines the commands. Below, what is left of "
                     f"the error; the green band is the accuracy of Table 2 of Yerlikaya (2016), ±{_ACCURACY:g} mdeg.")
@@ -81,7 +81,7 @@ def _bode(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
 def _slew(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     recorded = outcome.groups["unloaded_positive"].data.columns
     names = [name for name in ("fin_angle", "fin_rate", "motor_current") if name in recorded]
-    figure, grid = traces.panels(names, 2, height=1.7, x="time from the command [ms]")
+    figure, grid = traces.panels(names, 2, height=1.7, x="time [ms] from the command")
     for panels, direction, sign in zip(grid, ("positive", "negative"), (1.0, -1.0), strict=True):
         for color, load in zip(plots.COLORS, ("unloaded", "opposing", "aiding"), strict=False):
             group = outcome.groups[f"{load}_{direction}"]

@@ -69,19 +69,21 @@ def _over_time(result: Result, view: View) -> Drawing:
     shown = [series[name] for _, cases in view.columns for name in cases]
     names = [name for name in view.panels if name in shown[0].judged.columns]
     error = "error" in view.panels and any(case.reference for case in shown)
+    label, unit = plots.time_axis(max(min(window[1], series[name].judged.columns["time"][-1])
+                                      for window, cases in view.columns for name in cases))
     figure, grid = traces.panels([*names, *["error"] * error], len(view.columns),
-                                 height={1: 2.8, 2: 2.0}.get(len(names) + error, 1.6), x="time [s]", sharex="col",
+                                 height={1: 2.8, 2: 2.0}.get(len(names) + error, 1.6), x=label, sharex="col",
                                  height_ratios=[2.1] * len(names) + [1.0] * error)
     for panels, (window, cases) in zip(grid, view.columns, strict=True):
         for case, look in ((series[name], look) for name, look in cases.items()):
             for name in names:
-                _output(panels[name], name, result, case, window, view.dots, look)
+                _output(panels[name], name, result, case, window, view.dots, unit, look)
                 if len(cases) == 1:
-                    traces.shade(panels[name], case.judged.columns, "saturated", window, "a limit is active")
+                    traces.shade(panels[name], case.judged.columns, "saturated", window, "a limit is active", unit)
             if error and case.reference:
                 response, reference = case.compared("fin_angle")
                 trace(panels["error"], {"time": case.compared("time")[0], "error": response - reference}, "error",
-                      window, **{**look, "linewidth": 0.9})
+                      window, unit=unit, **{**look, "linewidth": 0.9})
         for j in (j for j in result.requirements if j.name == view.rate):
             plots.limits(panels["fin_rate"], j.limit, label=f"required {with_unit(j.limit, j.unit)}", **REQUIRED)
         if error:
@@ -94,20 +96,20 @@ def _over_time(result: Result, view: View) -> Drawing:
 
 
 def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: tuple[float, float], dots: int,
-            look: Look) -> None:
-    """Plot an output of a case with its reference, its command or its limits."""
+            unit: float, look: Look) -> None:
+    """Plot an output of a case with its reference, its command or its limits; see `traces.trace`."""
     excitation = case.run.excitation
     inputs = {"time": excitation.time, **excitation.columns}
-    trace(axes, case.judged.columns, name, window, **look)
+    trace(axes, case.judged.columns, name, window, unit=unit, **look)
     if dots and name in case.reference:
         label = "independent reference" if result.independent else "recorded response"
-        trace(axes, case.reference, name, window, every=dots, label=label, **_DOTS)
+        trace(axes, case.reference, name, window, unit=unit, every=dots, label=label, **_DOTS)
     if name == "fin_angle":
-        trace(axes, inputs, "fin_command", window)
+        trace(axes, inputs, "fin_command", window, unit=unit)
     elif name == "motor_voltage" and "supply_voltage" in inputs:
         for sign in (1.0, -1.0):
             trace(axes, {**inputs, "supply_voltage": sign * inputs["supply_voltage"]}, "supply_voltage", window,
-                  drawstyle="steps-post", label="limit", **LIMIT)
+                  unit=unit, drawstyle="steps-post", label="limit", **LIMIT)
     elif (parameter := _LIMITED.get(name, "")) in result.parameters:
         plots.limits(axes, result.parameters[parameter], sides=True, label="limit")
 
@@ -162,7 +164,7 @@ def _slew_caption(result: Result) -> str:
 def _loaded_caption(result: Result) -> str:
     against, along = (degrees(metrics.motion(result.series[name].run, 1)["sustained_rate"])
                       for name in ("load_opposing", "load_aiding"))
-    return ("From -20 to +20 deg at 0.35 s while 100 N.m come on within 20 ms. Mean rate over the middle 60 % of the "
+    return ("From -20 to +20 deg at 350 ms while 100 N.m come on within 20 ms. Mean rate over the middle 60 % of the "
             f"travel: {against:.0f} deg/s against the load, {along:.0f} deg/s with it. The error the load leaves "
             "decays with the integral action of the position loop, where there is one.")
 
@@ -171,7 +173,7 @@ def _sag_caption(result: Result) -> str:
     supply = result.series["sag"].run.excitation.columns["supply_voltage"]
     shipped = result.of_thesis and not result.differences
     brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" * shipped
-    return ("A slew from +20 to -20 deg at 0.35 s; from 0.4 to 0.47 s the supply is down from "
+    return ("A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply is down from "
             f"{supply[0]:.3g} to {np.min(supply):.3g} V{brakes}.")
 
 
@@ -190,7 +192,7 @@ _VIEWS = (
         f"step_{sign}{size}": {"color": color, "linestyle": line, "label": f"±{size} deg"}
         for size, color in zip((20, 10, 5, 1), plots.COLORS[3::-1], strict=True)
         for sign, line in (("plus", "-"), ("minus", (0, (5, 1.2))))})],
-        _ANGLE, 12, lambda _: "Steps of up to ±20 deg at 0.05 s, negative ones dashed."),
+        _ANGLE, 12, lambda _: "Steps of up to ±20 deg at 50 ms, negative ones dashed."),
     *(View(f"Sine sweep of {label}", [((0.0, 12.0), _fin(name, color, linewidth=0.5)), ((4.0, 5.2), _fin(name, color)),
                                       ((9.0, 9.4), _fin(name, color))],
            _ANGLE, 0, lambda _: "Logarithmic sweep from 0.5 to 30 Hz; on the right about 2 to 3 Hz, and 11 Hz.")
