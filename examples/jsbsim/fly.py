@@ -129,24 +129,19 @@ def fly(
 
 
 def _print(results: Any) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
     from emcas_fmu.commands.common import out
+    from emcas_fmu.pages.terminal import table
     from examples.jsbsim.results import agreements, all_figures
 
-    shown = {"attitude_error_rms_deg": "error\nRMS\ndeg", "attitude_difference_to_ideal_deg": "to\nideal\ndeg",
-             "attitude_difference_to_second_order_deg": "to 2nd\norder\ndeg",
-             "hinge_moment_largest_n_m": "hinge\ntorque\nN.m", "saturated_percent": "at a\nlimit\n%",
-             "energy_drawn_j": "energy\n\nJ", "bus_voltage_lowest_v": "bus,\nlowest\nV"}
+    shown = {"attitude_error_rms_deg": "error, RMS [deg]", "attitude_difference_to_ideal_deg": "to ideal [deg]",
+             "attitude_difference_to_second_order_deg": "to second order [deg]",
+             "hinge_moment_largest_n_m": "hinge moment [N.m]", "saturated_percent": "at a limit [%]",
+             "energy_drawn_j": "energy [J]", "bus_voltage_lowest_v": "lowest voltage [V]"}
     for manoeuvre, flown in all_figures(results).items():
-        table = Table(box=SIMPLE_HEAD, collapse_padding=True, title=manoeuvre, title_justify="left")
-        table.add_column("actuator", no_wrap=True)
-        for heading in shown.values():
-            table.add_column(heading, justify="right", no_wrap=True)
-        for actuator, figures in flown.items():
-            table.add_row(actuator, *(f"{figures[k]:.3g}" if k in figures else "-" for k in shown))
-        out.print(table)
+        out.print(table(["actuator", *(f">{heading}" for heading in shown.values())],
+                        ([actuator, *(f"{figures[k]:.3g}" if k in figures else None for k in shown)]
+                         for actuator, figures in flown.items()), manoeuvre,
+                        whole=(0,), plain=True))
     for manoeuvre, found in agreements(results).items():
         first = next(iter(found))
         for master, a in found.items():
