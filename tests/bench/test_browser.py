@@ -19,6 +19,7 @@ from emcas_fmu.pages.provenance import Source
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.compare.sets import Column, Result
 from tests.explore.browser import Browser, chromium
+from tests.looks.looks import contrast
 
 CURVES = "charts[0].panels"
 A4 = 687  # px between the margins of a page on end
@@ -143,27 +144,25 @@ def test_text_stands_out(opened: Browser, scheme: str) -> None:
     opened.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {
         "features": [{"name": "prefers-color-scheme", "value": scheme}]})
 
-    def luminance(selector: str, what: str) -> float:
+    def color(selector: str, what: str) -> list[int]:
         # A canvas turns every notation of a colour into bytes.
-        color = opened.run("(() => { const c = document.createElement('canvas').getContext('2d'); c.fillStyle = "
-                           f"getComputedStyle(document.querySelector('{selector}')).{what}; c.fillRect(0, 0, 1, 1); "
-                           "return [...c.getImageData(0, 0, 1, 1).data]; })()")
-        assert color[3] == 255 or what == "color"
-        red, green, blue = (float(s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4)
-                            for s in (byte / 255.0 for byte in color[:3]))
-        return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+        shown: list[int] = opened.run(
+            "(() => { const c = document.createElement('canvas').getContext('2d'); c.fillStyle = "
+            f"getComputedStyle(document.querySelector('{selector}')).{what}; c.fillRect(0, 0, 1, 1); "
+            "return [...c.getImageData(0, 0, 1, 1).data]; })()")
+        assert shown[3] == 255 or what == "color"
+        return shown
 
-    back = luminance("body", "backgroundColor")
+    back = color("body", "backgroundColor")
     if scheme == "dark":  # curves and bars, too; on a light page some are paler
         curve = "document.querySelector('.toggles i').style.setProperty('color', '{}')"
-        for color in (*plots.COLORS, plots.GRAY):
-            opened.run(curve.format(color.replace(plots.BLUE, "var(--blue)")))
-            assert (luminance(".toggles i", "color") + 0.05) / (back + 0.05) >= 4.5, color
+        for each in (*plots.COLORS, plots.GRAY):
+            opened.run(curve.format(each.replace(plots.BLUE, "var(--blue)")))
+            assert contrast(color(".toggles i", "color"), back) >= 4.5, each
         drawn = opened.run("charts[0].panels[0].plot.series[1].stroke()")
         assert drawn == opened.run("css('--blue')") != plots.BLUE
     for selector in ("body", "figcaption", ".about td", ".toggles button"):
-        text = luminance(selector, "color")
-        assert (max(text, back) + 0.05) / (min(text, back) + 0.05) >= 4.5, selector
+        assert contrast(color(selector, "color"), back) >= 4.5, selector
 
 
 @pytest.fixture(scope="module")

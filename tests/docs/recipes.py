@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
+
+from tests.hosts.host import missing
 
 ROOT = Path(__file__).resolve().parents[2]
 _BLOCK = re.compile(r"<!-- run: (\w+) -->\n```(\w+)\n(.*?)```", re.DOTALL)
@@ -24,6 +27,16 @@ def run_block(document: str, name: str, folder: Path) -> None:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     subprocess.run(["sh", "-euc", recipes(document)[name][1]], cwd=folder, check=True,
                    env={**os.environ, "PATH": path}, stdout=subprocess.DEVNULL, timeout=120)
+
+
+def build_site(folder: Path) -> Path:
+    """Build the site into a folder, and return it. Skips the test where there is no MkDocs."""
+    if importlib.util.find_spec("mkdocs") is None or importlib.util.find_spec("mkdocstrings") is None:
+        missing("there is no mkdocs (pip install -e '.[docs]')")
+    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder],
+                          cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr  # a dead link, a missing heading, a page that is not in the navigation
+    return folder
 
 
 def commands(document: str) -> list[list[str]]:

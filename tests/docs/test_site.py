@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +15,15 @@ from docs.thesis.entries import ENTRIES
 from emcas_fmu.actuators import NAMES
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.interface import FmuInterface
-from tests.hosts.host import missing
 
-from .recipes import ROOT
+from .recipes import ROOT, build_site
 
 pytestmark = pytest.mark.slow  # a minute or more; tests/docs/test_links.py looks for dead links in the files
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if importlib.util.find_spec("mkdocs") is None or importlib.util.find_spec("mkdocstrings") is None:
-        missing("there is no mkdocs (pip install -e '.[docs]')")
-    folder = tmp_path_factory.mktemp("site")
-    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder],
-                          cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr  # a dead link, a missing heading, a page that is not in the navigation
-    return folder
+    return build_site(tmp_path_factory.mktemp("site"))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,160 @@
+"""Pictures of pages, and how they differ from approved ones.
+
+A page is cut into parts: its sections, tables and figures, each from its top to that of the next. An approved picture
+has a grey pixel for each cell of 16 px: enough to miss a column, a figure or a curve, and too coarse for the shapes of
+letters. The browser has the fonts of Matplotlib only, without hinting, so that the fonts of a machine are not used: the
+same page gives the same picture to the bit.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+from PIL.PngImagePlugin import PngInfo
+
+from tests.explore.browser import Browser, chromium
+
+APPROVED = Path(__file__).with_name("approved")
+CELL = 16  # px
+# Of 255. A cell has ink where it differs from paper by 6, and is another one if it changes by 8. Two runs differ in no
+# cell. Of the cells with ink, a hidden column of a table changes 6 % where it is sparse and 60 % where it is full, grey
+# text 8 %, missing curves 26 %, an empty chart 47 %, and inverted colours all.
+INK, OTHER, SHARE = 6.0, 8.0, 0.04
+FEW = 8  # cells with ink, at least, so that one cell of a short line is no defect
+TALLER = 8  # px, less than half a line
+LOOKS: Mapping[str, tuple[int, str, str]] = {  # width [px], medium, colour scheme
+    "400_light": (400, "screen", "light"), "400_dark": (400, "screen", "dark"),
+    "1400_light": (1400, "screen", "light"), "1400_dark": (1400, "screen", "dark"),
+    "print": (687, "print", "dark")}  # an A4 sheet between its margins; paper is white with every scheme
+_PARTS = """[...document.querySelectorAll("main > *, article > *, section.entry > *, body > footer")].map(each => {
+    const box = each.getBoundingClientRect(), words = each.querySelector("caption, figcaption") ?? each;
+    return [box.top + scrollY, box.height, `${each.localName} ${words.textContent.trim().slice(0, 40)}`]; })"""
+_PASS = """const done = arguments[0]; (async () => {
+    if (typeof loaded !== "undefined") await loaded;
+    for (let y = 0; y < document.documentElement.scrollHeight; y += 600) {
+        scrollTo(0, y); await new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn))); }
+    scrollTo(0, 0);
+    for (let before, now = ""; now !== before; now = `${document.body.dataset.ready} ${document.body.scrollHeight}`) {
+        before = now; await new Promise(rested => setTimeout(rested, 300)); }
+    done(); })()"""
+_FONTS = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
+<fontconfig><dir>{fonts}</dir><cachedir>{folder}</cachedir>
+<selectfont><rejectfont><glob>*</glob></rejectfont><acceptfont><glob>*/DejaVuSans*</glob></acceptfont></selectfont>
+<match target="font"><edit name="hinting" mode="assign"><bool>false</bool></edit>
+<edit name="antialias" mode="assign"><bool>true</bool></edit><edit name="rgba" mode="assign"><const>none</const></edit>
+</match></fontconfig>"""
+
+
+class Part(NamedTuple):
+    """A part of a page: its words, and its place [px]."""
+
+    name: str
+    top: int
+    height: int
+
+
+@contextmanager
+def camera(folder: Path) -> Iterator[Browser]:
+    """Start a browser whose fonts are those of Matplotlib, on every machine."""
+    file = folder / "fonts.conf"
+    file.write_text(_FONTS.format(fonts=Path(mpl.get_data_path(), "fonts", "ttf"), folder=folder), "utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FONTCONFIG_FILE", str(file))
+        with chromium() as browser:
+            yield browser
+
+
+def opened(browser: Browser, path: Path, look: str) -> None:
+    """Open a page in a look, as nobody has opened it before, with all of its charts drawn."""
+    width, medium, scheme = LOOKS[look]
+    for command, arguments in (
+            ("Emulation.setEmulatedMedia", {"media": medium, "features": [
+                {"name": "prefers-color-scheme", "value": scheme},
+                {"name": "prefers-reduced-motion", "value": "reduce"}]}),
+            ("Emulation.setScrollbarsHidden", {"hidden": True}),
+            ("Storage.clearDataForOrigin", {"origin": "file://", "storageTypes": "all"})):  # a site's choice of colours
+        browser.driver.execute_cdp_cmd(command, arguments)
+    browser.size(width)
+    browser.load(path)
+    browser.driver.execute_async_script(_PASS)
+
+
+def taken(browser: Browser) -> tuple[Image.Image, list[Part]]:
+    """Return the picture of all of the open page, and its parts from the top."""
+    width, height = browser.run("[document.documentElement.clientWidth, document.documentElement.scrollHeight]")
+    whole = Image.new("RGB", (width, height))
+    for top in range(0, height, 4000):  # Chromium takes 16384 px at once
+        clip = {"x": 0, "y": top, "width": width, "height": min(4000, height - top), "scale": 1}
+        data = browser.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
+        whole.paste(Image.open(io.BytesIO(base64.b64decode(data["data"]))), (0, top))
+    tops = {0: "top"} | {round(top): name for top, tall, name in sorted(browser.run(_PARTS)) if tall and top < height}
+    ends = [*list(tops)[1:], height]
+    return whole, [Part(name, top, end - top) for (top, name), end in zip(tops.items(), ends, strict=True)]
+
+
+def contrast(one: Sequence[int], other: Sequence[int]) -> float:
+    """Return the contrast of two colours, each red, green and blue of 255: 1 to 21 (WCAG 2.1)."""
+    def luminance(color: Sequence[int]) -> float:
+        red, green, blue = (float(s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4)
+                            for s in (byte / 255.0 for byte in color[:3]))
+        return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def rows(height: int) -> int:
+    """Return the number of cells above each other in a part of a height [px]."""
+    return max(1, round(height / CELL))
+
+
+def cells(picture: Image.Image, part: Part, count: int) -> np.ndarray[Any, Any]:
+    """Return the mean grey, 0 to 255, of each cell of a part in `count` rows."""
+    strip = picture.crop((0, part.top, picture.width, part.top + part.height)).convert("L")
+    return np.asarray(strip.resize((round(strip.width / CELL), count), Image.Resampling.BOX), dtype=float)
+
+
+def approve(picture: Image.Image, parts: list[Part], path: Path) -> None:
+    """Write an approved picture: the cells of the parts one below another, with the parts' names and heights."""
+    about = PngInfo()
+    about.add_text("parts", json.dumps([[part.name, part.height] for part in parts]))
+    grey = np.vstack([cells(picture, part, rows(part.height)) for part in parts])
+    path.parent.mkdir(exist_ok=True)
+    Image.fromarray(grey.round().astype(np.uint8)).save(path, pnginfo=about, optimize=True)
+
+
+def differences(picture: Image.Image, parts: list[Part], approved: Path) -> list[str]:
+    """Return in words what differs from an approved picture; frame the cells that do in the new one."""
+    with Image.open(approved) as stored:
+        names: list[tuple[str, int]] = json.loads(stored.info["parts"])
+        grey = np.asarray(stored, dtype=float)
+    if len(names) != len(parts):
+        first = [f"; the first other one: “{new.name}”, approved “{old}”" for (old, _), new in zip(names, parts)
+                 if old != new.name][:1]
+        return [f"{len(parts)} parts, approved {len(names)}{''.join(first)}"]
+    found, pen, paper = [], ImageDraw.Draw(picture), float(np.median(grey))
+    for (name, height), part, old in zip(names, parts, np.split(grey, np.cumsum([rows(h) for _, h in names])[:-1]),
+                                         strict=True):
+        new = cells(picture, part, len(old))
+        other = np.abs(new - old) >= OTHER
+        ink = np.maximum(np.abs(new - paper), np.abs(old - paper)) >= INK
+        share = other.sum() / max(ink.sum(), FEW)
+        if abs(part.height - height) > TALLER:
+            found.append(f"“{name}” is {part.height} px high, approved {height}")
+        elif share > SHARE:
+            found.append(f"“{name}” differs in {share:.0%} of its cells, allowed {SHARE:.0%}")
+        else:
+            continue
+        for y, x in np.argwhere(other):
+            pen.rectangle((x * CELL, part.top + y * CELL, (x + 1) * CELL, part.top + (y + 1) * CELL), outline="red")
+    return found

@@ -1,0 +1,96 @@
+"""Every kind of page, at both widths, light, dark and printed: as approved, and without violations that axe finds."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from PIL import Image, ImageColor
+
+from emcas_fmu.figures import plots
+from tests.explore.browser import Browser
+from tests.hosts.host import missing
+
+from .looks import APPROVED, LOOKS, camera, contrast, differences, opened, taken
+from .pages import NAMES, made
+
+try:
+    from axe_core_python.selenium import Axe
+except ImportError:
+    Axe = None
+
+pytestmark = pytest.mark.slow  # 4 minutes
+
+
+class Seen(NamedTuple):
+    """What differs from the approved pictures of a page, and what axe finds, each with its look."""
+
+    differences: list[str]
+    violations: list[str]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("looks")
+
+
+@pytest.fixture(scope="module")
+def browser(folder: Path) -> Iterator[Browser]:
+    with camera(folder) as opened:
+        yield opened
+
+
+def violations(browser: Browser) -> list[str]:
+    """Return the rules of axe that the open page breaks, each with its first element."""
+    found: list[dict[str, Any]] = Axe().run(browser.driver, options={"resultTypes": ["violations"]})["violations"]
+    return [f"{each['id']}, {len(each['nodes'])} elements: {each['nodes'][0]['html'][:200]}" for each in found]
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def seen(request: pytest.FixtureRequest, browser: Browser, folder: Path) -> Seen:
+    name, result = request.param, Seen([], [])
+    page = made(name, folder)
+    for look in LOOKS:
+        opened(browser, page, look)
+        picture, parts = taken(browser)
+        if found := differences(picture, parts, APPROVED / f"{name}_{look}.png"):
+            new = folder / f"{name}_{look}.png"
+            picture.save(new)
+            result.differences.append(f"{look}: {'; '.join(found)}; new picture: {new}")
+        if Axe and look != "print":
+            result.violations.extend(f"{look}: {each}" for each in violations(browser))
+    return result
+
+
+def test_a_page_looks_as_approved(seen: Seen) -> None:
+    """After a change on purpose, and a look at the new pictures: python -m tests.looks NAME."""
+    assert not seen.differences, "\n".join(seen.differences)
+
+
+def test_axe_finds_no_violation(seen: Seen) -> None:
+    if Axe is None:
+        missing("there is no axe (pip install axe-core-python)")
+    assert not seen.violations, "\n".join(seen.violations)
+
+
+def test_figures_of_the_site_stand_out_on_dark_pages(browser: Browser, folder: Path) -> None:
+    """4.5 to 1, of every colour on white in a picture, as the page shows it: its paper is the page's."""
+    colors, side = [ImageColor.getrgb(name)[:3] for name in ("#ffffff", *plots.COLORS, plots.GRAY)], 20
+    picture, data = Image.new("RGB", (side * len(colors), side)), io.BytesIO()
+    for n, color in enumerate(colors):
+        picture.paste(color, (side * n, 0, side * (n + 1), side))
+    picture.save(data, "png")
+    opened(browser, made("models", folder), "1400_dark")
+    x, y = browser.run("(async image => { image.src = arguments[0]; image.style.width = `${arguments[1]}px`;"
+                       "await image.decode(); const box = image.getBoundingClientRect();"
+                       "return [box.left, box.top + scrollY]; })(document.querySelector('article img'))",
+                       f"data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}", picture.width)
+    shown = np.asarray(taken(browser)[0])
+    paper, *curves = shown[round(y + 0.5 * side), [round(x + side * (n + 0.5)) for n in range(len(colors))]].tolist()
+    assert paper == shown[round(y), round(x) - 5].tolist()
+    assert min(contrast(curve, paper) for curve in curves) >= 4.5
