@@ -53,7 +53,8 @@ def thesis(
 ) -> None:
     """Go through the thesis's lists of figures and tables: what meets the thesis, what has own values, and why not.
 
-    The whole takes about twenty seconds of processor time. Exit code 1: an entry could not be carried out with these parameters.
+    The whole takes about twenty seconds of processor time. Exit code 1: an entry could not be carried out with these
+    parameters.
     """
     from .entries import find
     from .output import summary, write_json, write_page
