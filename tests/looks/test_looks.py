@@ -16,7 +16,7 @@ from emcas_fmu.figures import plots
 from tests.explore.browser import Browser
 from tests.hosts.host import missing
 
-from .looks import APPROVED, LOOKS, camera, contrast, differences, opened, taken
+from .looks import APPROVED, LOOKS, approve, camera, contrast, differences, opened, taken
 from .pages import NAMES, made
 
 try:
@@ -76,6 +76,29 @@ def test_axe_finds_no_violation(seen: Seen) -> None:
     if Axe is None:
         missing("there is no axe (pip install axe-core-python)")
     assert not seen.violations, "\n".join(seen.violations)
+
+
+@pytest.mark.parametrize("look", ["400_light", "1400_dark"])
+@pytest.mark.parametrize(("defect", "found"), [
+    ("0", ""),
+    ("document.querySelectorAll('tr').forEach(row => row.lastElementChild.style.visibility = 'hidden')", "differs in"),
+    ("document.querySelectorAll('canvas').forEach(chart => chart.style.visibility = 'hidden')", "differs in"),
+    ("charts[0].panels.forEach(panel => panel.plot.series.slice(1).forEach((_, n) => panel.plot.setSeries(n + 1, "
+     "{show: false})))", "differs in"),
+    ("document.querySelector('figure .live').remove()", "px high"),
+    ("document.querySelector('figure').remove()", "parts, approved"),
+    ("document.documentElement.style.filter = 'invert(1)'", "differs in")],
+    ids=["nothing", "column", "chart empty", "curves", "picture", "figure", "inverted"])
+def test_a_planted_defect_is_found(browser: Browser, folder: Path, look: str, defect: str, found: str) -> None:
+    page, approved = made("simulate", folder), folder / f"planted_{look}.png"
+    if not approved.is_file():
+        opened(browser, page, look)
+        approve(*taken(browser), approved)
+    opened(browser, page, look)
+    browser.run(f"(() => {{ {defect}; }})()")
+    browser.settled()
+    differing = differences(*taken(browser), approved)
+    assert any(found in each for each in differing) if found else not differing
 
 
 def test_figures_of_the_site_stand_out_on_dark_pages(browser: Browser, folder: Path) -> None:
