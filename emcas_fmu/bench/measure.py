@@ -39,7 +39,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 BANDWIDTHS = 2.0, 60.0  # Hz, between which a bandwidth is looked for
 GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval between two neighbours is bisected
 BISECTIONS = 6  # to 2 parts in 1000
-_LOOP_LOWEST, _LOOP_POINTS = 0.05, 200  # Hz, and a number of points that gives margins to 1e-6
+LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # Hz, and a number of points that gives margins to 1e-6
 CYCLES, FITTED = 4.0, 0.15  # fitted cycles of a sine, and their least duration in s
 TRANSIENT = (2.0, 0.1)  # cycles before them, and their least duration in s
 USE, REST = 6.0, 4.0  # s of the history of use and of the rest after it, four time constants of the integral
@@ -363,5 +363,5 @@ def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, 
     if linear.idle or not linear.stable:
         return dict.fromkeys(_MARGINS, nan)
     loop = linear.loop("reference")
-    broken = margins(loop, np.geomspace(_LOOP_LOWEST, highest(loop), _LOOP_POINTS))
+    broken = margins(loop, np.geomspace(LOOP_LOWEST, highest(loop), LOOP_POINTS))
     return dict(zip(_MARGINS, (broken.gain_db, broken.phase, broken.delay), strict=True))

@@ -30,6 +30,9 @@ from .browser import Browser, written
 DEG = math.radians(1.0)
 # Sums are taken in another order, and sin and expm1 are another library's: last digits of 12 000 terms.
 ROUNDING = 1e-9
+# Differences of the equations have 1e-7 of a Jacobian, splines between the bench's frequencies 1e-6 of a margin:
+# 1.5e-6 at most (ristanovic).
+MARGINS = 1e-5
 
 
 @pytest.fixture
@@ -110,12 +113,13 @@ def test_tests_of_the_requirements_are_the_bench_s(scripts: Browser, subject: Pa
     """To the bit, at another supply than the page's."""
     changed = ParameterSubject(subject.parameters.with_values({"drive.supply_voltage": 31.7}))
     listed = load_requirements(None, changed.parameters).requirements
-    tests = dict.fromkeys(r.test for r in listed if r.test and r.test.kind != "linear")
+    tests = dict.fromkeys(r.test for r in listed if r.test)
     starts = {name: float(v.initial(changed.values)) for name, v in changed.inputs.items()}
     assert len(tests) == scripts.run("DATA.tests.length")
     for k, test in enumerate(tests):
         made: Iterable[Excitation] = (
-            () if test.kind == "sine" else measure.histories(test, changed, starts) if test.kind == "repeat" else
+            () if test.kind in ("sine", "linear") else
+            measure.histories(test, changed, starts) if test.kind == "repeat" else
             [measure.excitation(test, sign, changed) for sign in (1.0, -1.0)])
         for run, each in enumerate(made):
             found = columns_of(scripts, f"embedded(DATA.tests[{k}].runs[{run}], new Setting({{supply_voltage: 31.7}}))")
@@ -143,7 +147,7 @@ def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[
                         "r => r.left_out ? null : judged(r, measured)))", values or {})
     for j, one in zip(expected, found, strict=True):
         if one is None:
-            assert j.skipped or j.figure.endswith("_margin"), j.name
+            assert j.skipped, j.name
             continue
         assert not j.skipped, j.name
         assert (one["passed"], bool(one["beyond"])) == (j.passed, j.beyond), j.name
@@ -151,11 +155,12 @@ def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[
             assert one["value"] is None or not math.isfinite(one["value"]), j.name
         else:
             # As of figures; sines differ in their last bit, which shows in no bisection.
-            assert one["value"] == pytest.approx(j.measured, rel=ROUNDING, abs=1e-9), j.name
+            off = MARGINS if j.figure.endswith("_margin") else ROUNDING
+            assert one["value"] == pytest.approx(j.measured, rel=off, abs=1e-9), j.name
             assert j.case in ("", one["case"]), j.name
             # A margin is a difference of values, and less exact than these where it is small.
-            assert one["margin"] == pytest.approx(j.margin, rel=ROUNDING, abs=1e-9 * max(1.0, abs(j.limit))), j.name
-            assert one["percent"] == pytest.approx(j.margin_percent, rel=ROUNDING, abs=1e-7), j.name
+            assert one["margin"] == pytest.approx(j.margin, rel=off, abs=off * max(1.0, abs(j.limit))), j.name
+            assert one["percent"] == pytest.approx(j.margin_percent, rel=off, abs=100.0 * off), j.name
 
 
 COLD = {"friction.temperature": -40.0, "supply_voltage": 25.0, "controller.position.kp": 80.0}
@@ -176,12 +181,13 @@ TESTS = {"step": ('{ kind = "step", amplitude = "5 deg", torque = "-60 N*m" }',)
          "slew": ('{ kind = "slew", amplitude = "90 %", duration = "0.4 s", supply = "60 %" }',),
          "load": ('{ kind = "load", torque = "-390 N*m", duration = "0.5 s" }',),
          "release": ('{ kind = "release", torque = "-200 N*m", settle = "0.4 s" }',),
-         "repeat": ('{ kind = "repeat", amplitude = "10 deg", torque = "300 N*m" }',)}
+         "repeat": ('{ kind = "repeat", amplitude = "10 deg", torque = "300 N*m" }',),
+         "linear": ('{ kind = "linear" }',)}
 
 
 @pytest.fixture
 def every_figure(tmp_path: Path) -> Path:
-    """Requirements of every figure of every test but the linear ones, in two cases, and of the acceptance report."""
+    """Requirements of every figure of every test, in two cases, and of the acceptance report."""
     entries = [f"[[requirements]]\nname = '{kind}_{k}_{figure}'\ntest = {test}\nfigure = '{figure}'\n{sense} = "
                f"'1 {metrics.FIGURES[figure].unit}'\n".replace("1 1", "1").replace("1 Hz", "10 Hz")
                for kind, tests in TESTS.items() for k, test in enumerate(tests) for figure in measure.KINDS[kind]

@@ -23,7 +23,7 @@ from typing import Any
 import control as ct
 import numpy as np
 
-from ...actuators import NONLINEAR, capabilities, get, parts, require
+from ...actuators import NONLINEAR, capabilities, get, require
 from ...control import command as bus
 from ...errors import EmcasError
 from ...namespace import with_values
@@ -32,6 +32,7 @@ from ...ops.symbols import Linearised
 from ...parameters import ParameterSet
 from ...physics import kinematics
 from ...runtime.schedule import schedule
+from .equations import LEFT_OUT, plain
 from .plant import LinearPlant, UnsmoothError, linear_plant, solve
 from .smooth import gains_of, traced
 from .systems import Array, System, cleared, decays, delay_line, measured, moving, reaches, shown, wire
@@ -40,10 +41,7 @@ LOOPS = {"current": (capabilities.CURRENT_LOOP, capabilities.DRIVE_STEP), "veloc
          "position": (capabilities.CASCADE,), "reference": (capabilities.POSITION_LOOP,)}
 """Loops by name, with the capabilities that each needs."""
 _ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0}
-_LEFT_OUT = ("homing", "faults")
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
-# The controllers' command is the one on the bus; its latency is a separate block, in no loop.
-_AT_ONCE = {"command.latency": 0.0, "command.resolution": 0.0, "command.update_time": 0.0}
 _MOST_GROWTH = 100.0  # logarithm of the largest growth of a mode within a sample
 _CONTROLLERS = ("the controllers do not react to a small deviation at rest (a dead band, switch or gain of 0 in "
                 "`sample`)")
@@ -76,8 +74,7 @@ def sound(parameters: ParameterSet) -> ParameterSet:
 
     Raises EmcasError for an actuator that cannot be analysed linearly.
     """
-    actuator, extensions = parts(parameters.model)
-    model = "+".join((actuator, *(each for each in extensions if each not in _LEFT_OUT)))
+    model = plain(parameters.model)
     require(parameters.model, "emcas analyse", capabilities.POSITION_LOOP, actuator=get(model))
     names = {v.name for v in get(model).file_entries}
     return ParameterSet(tuple(e for e in parameters.entries if e.variable.name in names), model)
@@ -85,9 +82,9 @@ def sound(parameters: ParameterSet) -> ParameterSet:
 
 def obstacle(parameters: ParameterSet) -> str:
     """Return in words why an actuator with a sampled position loop has no margins at 0; empty if it has."""
-    plain = sound(parameters)
+    homed = sound(parameters)
     try:
-        return LinearActuator(plain.values, model=plain.model).idle
+        return LinearActuator(homed.values, model=homed.model).idle
     except NotLinearError as error:
         return str(error)
     except (EmcasError, ArithmeticError):  # its margins have no value
@@ -115,8 +112,7 @@ class LinearActuator:
                              f"±{degrees(limit):g} deg (command.limit)")
         p = actuator.namespace(values)
         self._latency = int(bus.latency(FLOATS, p))
-        left_out = {"compensation.gain": 0.0, **_AT_ONCE}
-        self.values, self.p = {**values, **left_out}, with_values(p, left_out)
+        self.values, self.p = {**values, **LEFT_OUT}, with_values(p, LEFT_OUT)
         self.period = float(p.controller.sample_time)
         self.loops = tuple(name for name, needs in LOOPS.items() if actuator.provides.issuperset(needs))
         self._at, self.model = (fin_angle, aero_torque), model

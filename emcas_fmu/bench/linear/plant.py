@@ -10,7 +10,7 @@ import control as ct
 import numpy as np
 
 from ...ops.symbols import Linearised
-from .smooth import OUTPUTS
+from .equations import OUTPUTS
 from .systems import Array, System, measured
 from .systems import sampled as sampled_plant
 

@@ -19,6 +19,8 @@ function formatted(message, values) {
         kind === "%" ? "%" : kind === "s" ? values[next++] : general(values[next++], Number(digits ?? 6)));
 }
 
+const MOST_ARGUMENTS = 256; // of an equation, and of its results
+
 class Actuator {
     static async load(base64) {
         const bytes = Uint8Array.from(atob(base64), character => character.charCodeAt(0));
@@ -34,6 +36,8 @@ class Actuator {
         this.parameters = this.reserve(8 * DATA.parameters.length);
         this.numbers = this.reserve(8 * DATA.most_numbers);
         this.result = this.reserve(8);
+        this.point = this.reserve(8 * MOST_ARGUMENTS);
+        this.values = this.reserve(8 * MOST_ARGUMENTS);
     }
 
     /** Reserves memory [bytes]; returns its address. */
@@ -81,6 +85,21 @@ class Actuator {
         this.doubles(from, count).set(speeds);
         this.code.limit_torques(this.parameters, supply, from, count, to);
         return this.doubles(to, count).slice();
+    }
+
+    /** The equations of bench/linear/equations.py: start values, functions of arrays, and the schedule. */
+    equations(values, supply) {
+        this.put(values);
+        const {states, kept, sampled} = DATA.linear;
+        const of = (name, count) => x => {
+            this.doubles(this.point, MOST_ARGUMENTS).set([supply, ...x]);
+            this.code[name](this.parameters, this.point, this.values);
+            return this.doubles(this.values, count).slice();
+        };
+        this.code.scheduled(this.parameters, this.values);
+        const schedule = this.doubles(this.values, 9).slice();
+        return {schedule, start: of("at_rest_start", states + kept)([]), plant: of("at_rest_plant", states + 1),
+            controllers: of("at_rest_controllers", kept + 2 + sampled)};
     }
 
     /** Simulates rows `step` [s] apart. Inputs by name are columns or constants, outputs of `names` are columns. */

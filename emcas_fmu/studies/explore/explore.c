@@ -1,6 +1,7 @@
-/* The actuator of a page: batch.c, the rules of its parameters, and the limits of motor and drive. */
+/* The actuator of a page: batch.c, the rules of its parameters, the limits of motor and drive, the actuator at rest. */
 #include "batch.c"
 #include "limits.h"
+#include "linear.h"
 
 /* Returns whether the parameters break a rule; its message's numbers begin at numbers[1]. */
 API int rule_broken(size_t number, const double *parameters, double *numbers)
@@ -18,5 +19,15 @@ API void limit_torques(const double *parameters, double supply, const double *sp
     limits_prepare(parameters, constants);
     for (size_t k = 0; k < count; ++k)
         limits_torque(parameters, constants, supply, speeds[k], &torques[k]);
+}
+#endif
+
+#ifdef LINEAR
+/* Writes the fields of a schedule (runtime/schedule.py). */
+API void scheduled(const double *parameters, double *out)
+{
+    double constants[KERNEL_CONSTANTS + 1];
+    kernel_prepare(parameters, constants);
+    kernel_schedule(parameters, constants, out);
 }
 #endif

@@ -26,6 +26,7 @@ class Page {
         this.plane = DATA.plane && new Plot("Motor torque over motor speed", {
             x: `motor speed [${DATA.plane.speed[0]}]`, y: `[${DATA.plane.torque[0]}]`, shared: false, height: 235});
         if (this.plane) $("plane").append(this.plane.figure);
+        this.loop = DATA.linear && new LoopPlots($("loop"));
         this.listen();
         this.restore();
     }
@@ -143,6 +144,7 @@ class Page {
         this.mechanism.take(this.live.run, this.live.setting.parameters);
         if (this.plane) drawPlane(this.plane, this.actuator, this.cases);
         drawFigures($("figures"), this.cases);
+        if (this.loop) this.loop.draw(this.cases, $("loop-summary"));
         document.body.classList.add("waiting");
         this.resting = setTimeout(() => this.rest(), REST);
     }
@@ -156,6 +158,7 @@ class Page {
         try {
             each.run = this.respond(setting, setting.excite());
             each.figures = figures(each.run);
+            each.loop = DATA.linear && loopOf(this.actuator, setting);
             each.warnings = [...clipped(setting, each.run.excitation), ...this.actuator.broken(parameters, true)];
         } catch (error) {
             each.problems = [error.message];
@@ -238,7 +241,9 @@ class Page {
         for (const test of DATA.tests) {
             const figures = {};
             for (const name of test.cases) {
-                figures[name] = await measure(test, setting, this.beside(setting, DATA.cases[name]));
+                const changes = DATA.cases[name];
+                figures[name] = test.kind === "linear" ? [loopOf(this.actuator, setting, changes) ?? {}] :
+                    await measure(test, setting, this.beside(setting, changes));
             }
             measured.push(figures);
         }
@@ -278,7 +283,7 @@ class Page {
     }
 
     redraw() {
-        for (const plot of [...this.plots, this.plane, this.gain, this.phase]) plot?.redraw();
+        for (const plot of [...this.plots, this.plane, this.loop, this.gain, this.phase]) plot?.redraw();
     }
 }
 

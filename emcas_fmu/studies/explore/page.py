@@ -20,6 +20,7 @@ from ...actuators.declaration import Actuator
 from ...bench import measure, metrics
 from ...bench.excitation import COMMAND, LOAD, Excitation
 from ...bench.frequency_response import PURE
+from ...bench.linear import equations
 from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.subject import Identification, ParameterSubject, Subject
 from ...bench.verdict import SENSES, at_start
@@ -43,15 +44,16 @@ from ...variables import Variable
 
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
-SCRIPTS = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "plots.js", "results.js",
-           "mechanism.js", "controls.js", "page.js")
+SCRIPTS = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "eigenvalues.js", "linear.js",
+           "plots.js", "results.js", "loop.js", "mechanism.js", "controls.js", "page.js")
 _MOST_FIRST = 12  # parameters with sliders of an actuator without gains
 _PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
-_NOT_HERE = "not judged here: emcas validate"  # margins need a linear model, which the page does not have
+_NO_LOOP = f"margins need {capabilities.POSITION_LOOP} and derivatives, which this actuator does not have"
 _CONSTANTS = {
     "MOST_ROWS": 60_000,  # of a CSV file; a minute
-    **{name: getattr(measure, name) for name in ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT")},
+    **{name: getattr(measure, name) for name in ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT",
+                                                 "LOOP_LOWEST", "LOOP_POINTS")},
     "STEP": motions.STEP, "LEAD_IN": motions.LEAD_IN, "ACCURACY": metrics.ACCURACY, "HELD": metrics.HELD, "PURE": PURE}
 
 
@@ -72,7 +74,27 @@ def sources(model: str) -> dict[str, str]:
         torque: Traced = ("torque", ("supply", "speed"), lambda ops, p, *at: (drive.limit_torque(ops, p, *at),))
         limits = f"#define LIMITS\n{c_source(traced_functions(model, [torque]), 'limits')}"
     return {_MAIN: handwritten(_MAIN, _HERE), **batch_sources(model),
-            "limits.h": header("limits", "Limits of motor and drive", f"#include <math.h>\n\n{limits}")}
+            "limits.h": header("limits", "Limits of motor and drive", f"#include <math.h>\n\n{limits}"),
+            "linear.h": header("linear", "The actuator at rest without quantisation", _linear_functions(model))}
+
+
+def _linear_functions(model: str) -> str:
+    """Return the equations of linear analysis, each as a function of the parameters and of an array of arguments."""
+    if not _linear(get(model)):
+        return ""
+    tracer = equations.program(model)
+    whole = [f"#include <math.h>\n\n#include \"elementary.h\"\n\n#define LINEAR\n{c_source(tracer, 'linear')}"]
+    for function in tracer.functions:
+        arguments = ", ".join(f"x[{k}]" for k in range(len(function.arguments)))
+        whole.append(f"API void at_rest_{function.name}(const double *p, const double *x, double *out)\n{{\n"
+                     "    double c[LINEAR_CONSTANTS + 1];\n    linear_prepare(p, c);\n"
+                     f"    linear_{function.name}(p, c, {arguments}, out);\n}}\n")
+    return "\n".join(whole)
+
+
+def _linear(actuator: Actuator) -> bool:
+    """Return whether an actuator has a loop that linear analysis breaks at the reference."""
+    return capabilities.POSITION_LOOP in actuator.provides and actuator.derivatives is not None
 
 
 def _limited(actuator: Actuator) -> bool:
@@ -103,7 +125,7 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float], specificatio
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
         "outputs": [v.name for v in actuator.outputs],
-        "presets": _presets(parameters, inputs), "plane": _plane(actuator),
+        "presets": _presets(parameters, inputs), "plane": _plane(actuator), "linear": _sizes(model),
         "panels": _panels(model, specification), "equal": actuator.equal_parameters,
         "rules": [{"message": rule.message, "warning": rule.warning} for rule in actuator.all_rules],
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
@@ -161,6 +183,16 @@ def _plane(actuator: Actuator) -> dict[str, Any] | None:
     assert actuator.supply is not None
     return {"supply": actuator.supply.input.name, "speed": _shown(speed.unit, metrics.shown_output(speed)),
             "torque": _shown(torque.unit, metrics.shown_output(torque))}
+
+
+def _sizes(model: str) -> dict[str, Any] | None:
+    """Return the numbers of states in the functions of linear analysis; None for an actuator without its loop."""
+    plain = get(equations.plain(model))
+    if not _linear(plain):
+        return None
+    return {"states": len(plain.states), "sampled": len(plain.sampled_states),
+            "kept": len(plain.controller_states) + len(plain.sampled_states),
+            "supply": plain.supply.input.name if plain.supply else ""}
 
 
 def _excitations(limit: float, torque: float) -> dict[str, Any]:
@@ -231,7 +263,9 @@ def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
     listed = []
     for r in specification.requirements:
         unit, size = r.shown
-        left_out = _NOT_HERE if r.test and r.test.kind == "linear" else r.obstacle(subject)
+        # Without the extra `analysis` a page is the same: it has its own linear model.
+        left_out = (("" if _linear(subject.actuator) else _NO_LOOP) if r.test and r.test.kind == "linear" else
+                    r.obstacle(subject))
         index = None
         if r.test and not left_out:
             tests.setdefault(r.test, []).append(r)
@@ -250,7 +284,7 @@ def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> di
     runs: Sequence[Excitation] = ()
     if test.kind == "repeat":
         runs = measure.histories(test, subject, {**dict.fromkeys(subject.inputs, 1.0), COMMAND: 0.0, LOAD: 0.0})
-    elif test.kind != "sine":
+    elif test.kind not in ("sine", "linear"):
         runs = [measure.excitation(replace(test, supply=1.0), sign, subject) for sign in (1.0, -1.0)]
         if test.supply != 1.0:
             runs = [run.holding({subject.supply or "": test.supply}) for run in runs]
@@ -295,6 +329,7 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
         "studies/explore/page.html.j2", about=about, requirements=specification.file, digest=digest,
         source_digest=source_digest, parameters=parameters, model=described["model"], kinds=described["kinds"],
         presets=described["presets"], plane=described["plane"],
+        linear=described["linear"],
         controls=controls, described=words, first=_first(parameters), groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=base64.b64encode(code).decode(),
         style=handwritten("page.css", _HERE), script="\n".join(map(_dense, SCRIPTS)))

@@ -4,6 +4,8 @@
 const gray = () => css("--gray");
 const COLORS = Array.from({length: 6}, (_, k) => () => css(`--curve-${k}`));
 
+const TURNS = {incrs: [15, 45, 90]}; // ticks [°] of a phase
+
 function axis(label, size) {
     const values = (_, at) => at.map(x => x === null ? "" : general(x, 6).replace("-", "−"));
     return {...AXIS, label, size, labelSize: 18, values};
@@ -86,7 +88,7 @@ class Plot {
         this.box = element("div", {class: "plot", role: "img"});
         this.figure = element("figure", {}, element("figcaption", {}, title), this.box);
         this.title = title;
-        this.look = {log: false, height: 190, shared: true, ...look};
+        this.look = {log: false, height: 190, shared: true, legend: true, ...look};
         this.ticks = [];  // of an axis of names: position, name
         this.reach = [Infinity, -Infinity];  // of what is painted beside the curves, along y
         this.under = this.over = this.pointed = () => undefined;
@@ -113,7 +115,7 @@ class Plot {
     }
 
     options(curves) {
-        const {x, y, log, height, shared} = this.look, range = (_, low, high) => {
+        const {x, y, log, height, shared, turns, legend} = this.look, range = (_, low, high) => {
             const least = Math.min(low, this.reach[0]), most = Math.max(high, this.reach[1]);
             const [first] = this.ticks[0] ?? [];
             return this.ticks.length ? [first - 0.3, first + this.ticks.length - 0.2] :
@@ -123,11 +125,12 @@ class Plot {
         const dash = ({dash: [on] = []} = {}) => !on ? "solid" : on > 2 ? "dashed" : "dotted";
         return {
             width: this.box.clientWidth || 300, height,
-            legend: {markers: {width: 2, dash: (_, k) => dash(curves[k - 1])}},
+            legend: {show: legend, markers: {width: 2, dash: (_, k) => dash(curves[k - 1])}},
             cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
             scales: {x: {time: false, distr: log ? 3 : 1, range: (_, least, most) => [least, most]},
                 y: {range}},
-            axes: [axis(x, 26), this.ticks.length ? this.axisOfNames() : axis(y, 58)],
+            axes: [{...axis(x, 26), ...(turns === "x" ? TURNS : {})}, this.ticks.length ? this.axisOfNames() :
+                {...axis(y, 58), ...(turns === "y" ? TURNS : {})}],
             series: [{label: x.replace(/ .*/, ""), value: number},
                 ...curves.map(({label, stroke, dash, step, width = 1.6, value = number}) => ({
                     label, stroke, dash, width, value, spanGaps: true, points: {show: false},
