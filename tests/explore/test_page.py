@@ -216,6 +216,8 @@ def test_speeds_are_in_rpm_and_frequencies_end_with_the_data(opened: Browser) ->
     opened.rested("window.page.refresh()")
     shown = opened.run("DATA.panels.find(({names}) => names[0] === 'motor_speed').shown")
     assert shown == ["rpm", pytest.approx(np.pi / 30.0)]
+    opened.run("window.page.gain.redraw()")  # it is out of view
+    opened.settled()
     ends, last = opened.run("(({chart}) => [chart.scales.x.max, chart.data[0].at(-1)])(window.page.gain)")
     assert ends == last
 
@@ -338,6 +340,35 @@ def test_two_settings_stand_side_by_side(opened: Browser) -> None:
     assert abs(kept) < abs(live)
     labels = opened.run("[...document.querySelectorAll('#main-plot .u-label')].map(e => e.textContent)")
     assert {"fin angle A", "fin angle B", "command"} <= set(labels)
+
+
+def test_long_computations_are_in_a_worker(opened: Browser) -> None:
+    """Its outputs have the page's bits; the page itself computes nothing while it judges the requirements."""
+    opened.driver.execute_script("""const {actuator} = window.page, run = actuator.run;
+        window.runs = 0;
+        actuator.run = function(...of) { ++window.runs; return run.apply(this, of); };""")
+    opened.rested("Object.assign(window.page.live, {verdicts: null, responses: null}); window.page.refresh()")
+    assert opened.run("[window.runs, window.page.live.verdicts.size > 20]") == [0, True]
+    found = opened.driver.execute_async_script("""const done = arguments[0], {page} = window;
+        const {setting, run} = page.live;
+        page.runs.run(...page.runOf(setting, run.excitation)).then(outputs => done(DATA.outputs.map(name =>
+            outputs[name].length > 500 && outputs[name].every((x, k) => Object.is(x, run.outputs[name][k])))));""")
+    assert all(found)
+    assert len(found) > 10
+    refused = opened.driver.execute_async_script("""const done = arguments[0], {page} = window;
+        const of = page.runOf(page.live.setting, page.live.run.excitation, {"motor.resistance": 0});
+        page.runs.run(...of).then(done);""")
+    assert refused is None
+
+
+def test_plots_out_of_view_are_drawn_when_they_come_into_it(opened: Browser) -> None:
+    opened.run("scrollTo(0, 0)")
+    opened.settled()
+    opened.set("excitation.amplitude", 0.1)
+    assert opened.run("window.page.gain.waiting !== null || !window.page.gain.drawn")
+    opened.run("document.getElementById('bode').scrollIntoView()")
+    opened.rested("window.page.refresh()")
+    assert opened.run("window.page.gain.waiting === null && window.page.gain.drawn.data[0].length > 10")
 
 
 def test_the_page_is_one_file_that_asks_for_nothing(opened: Browser) -> None:

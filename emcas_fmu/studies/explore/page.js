@@ -3,11 +3,11 @@
 
 const $ = id => document.getElementById(id);
 const REST = 300; // ms without a change before long computations
-const BUSY = 16; // ms after which a long computation lets the browser respond
 
 class Page {
     constructor(actuator) {
         this.actuator = actuator;
+        this.runs = new Runs();
         this.controls = [...document.querySelectorAll("[data-name]")].map(row =>
             new Control(row, (name, value) => this.change(name, value)));
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) => new Plot(title, {
@@ -166,25 +166,23 @@ class Page {
         return each.problems;
     }
 
-    respond(setting, excitation, changes = {}, outputs = undefined) {
-        const inputs = setting.inputs(excitation), parameters = {...setting.parameters, ...changes};
-        return {excitation, outputs: this.actuator.run(parameters, inputs, excitation.time.length, STEP, outputs)};
+    respond(setting, excitation) {
+        return {excitation, outputs: this.actuator.run(...this.runOf(setting, excitation))};
     }
 
-    /** The function `respond` of measure.js for a setting with changes; the page stays responsive. */
+    /** The arguments of Actuator.run. */
+    runOf(setting, excitation, changes = {}, outputs = DATA.outputs) {
+        const parameters = {...setting.parameters, ...changes};
+        return [parameters, setting.inputs(excitation), excitation.time.length, STEP, outputs];
+    }
+
+    /** The function `respond` of measure.js for a setting with changes, in the worker. */
     beside(setting, changes) {
-        const {live, kept} = this;
-        return async (excitation, outputs) => {
-            if (performance.now() > this.due) {
-                await new Promise(resolve => setTimeout(resolve));
-                this.due = performance.now() + BUSY;
-            }
-            if (this.live !== live || this.kept !== kept) return new Promise(() => undefined);  // no longer needed
-            try {
-                return this.respond(setting, excitation, changes, outputs);
-            } catch {
-                return null;
-            }
+        const {live, kept} = this, never = new Promise(() => undefined);
+        const needed = () => this.live === live && this.kept === kept;
+        return async (excitation, names) => {
+            const outputs = needed() ? await this.runs.run(...this.runOf(setting, excitation, changes, names)) : null;
+            return needed() ? outputs && {excitation, outputs} : never;
         };
     }
 
@@ -214,7 +212,6 @@ class Page {
     async rest() {
         this.writeLink();
         this.describe();
-        this.due = 0;
         for (const [, each] of this.cases) each.verdicts ??= verdictsOf(await this.measured(each.setting));
         drawStrip($("verdicts"), $("verdict"), this.cases);
         drawRequirements($("requirements"), this.cases);

@@ -82,6 +82,11 @@ function trajectory(u, {x: xs, y: ys, stroke, dash = []}) {
     }, true);
 }
 
+/* Plots by their boxes, and those in or near the window. */
+const PLOTS = new WeakMap(), IN_VIEW = new IntersectionObserver(entries => {
+    for (const {target, isIntersecting} of entries) PLOTS.get(target).shown(isIntersecting);
+}, {rootMargin: "50%"});
+
 /** A plot as wide as its figure in the page. */
 class Plot {
     constructor(title, look) {
@@ -93,25 +98,46 @@ class Plot {
         this.reach = [Infinity, -Infinity];  // of what is painted beside the curves, along y
         this.under = this.over = this.pointed = () => undefined;
         new ResizeObserver(() => this.resize()).observe(this.box);
+        IN_VIEW.observe(this.box);
+        PLOTS.set(this.box, this);
+    }
+
+    /** The chart, drawn. */
+    get chart() {
+        const curves = this.waiting;
+        this.waiting = null;
+        if (curves) this.render(curves);
+        return this.drawn;
+    }
+
+    shown(inView) {
+        this.inView = inView;
+        if (inView && this.waiting) this.draw(this.waiting);
     }
 
     resize() {
         const width = this.box.clientWidth;
-        if (this.chart && width) this.chart.setSize({width, height: this.look.height});
+        if (this.drawn && width) this.drawn.setSize({width, height: this.look.height});
     }
 
-    /** Draws curves {label, x, y, stroke, dash, width, step}, which may have different x. */
+    /** Draws curves {label, x, y, stroke, dash, width, step}, which may have different x: out of view as late as they
+        are needed, since a dozen plots keep the page busy. */
     draw(curves) {
+        this.waiting = curves;
+        if (this.inView) this.chart;
+    }
+
+    render(curves) {
         const xs = [...new Set(curves.map(curve => curve.x))], by = x => curves.filter(curve => curve.x === x);
         const ordered = xs.flatMap(by), names = ordered.map(({label}) => label).join("\n");
         const data = uPlot.join(xs.map(x => [x, ...by(x).map(({y}) => y)]));
         if (names === this.names) {
-            this.chart.setData(data);
+            this.drawn.setData(data);
             return;
         }
-        this.chart?.destroy();
+        this.drawn?.destroy();
         this.names = names;
-        this.chart = new uPlot(this.options(ordered), data, this.box);
+        this.drawn = new uPlot(this.options(ordered), data, this.box);
     }
 
     options(curves) {
