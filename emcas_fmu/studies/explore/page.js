@@ -26,6 +26,8 @@ class Page {
         this.plane = DATA.plane && new Plot("Motor torque over motor speed", {
             x: `motor speed [${DATA.plane.speed[0]}]`, y: `[${DATA.plane.torque[0]}]`, shared: false, height: 235});
         if (this.plane) $("plane").append(this.plane.figure);
+        this.drawing = new Drawing(this.plots[0], text =>
+            this.fly(DRAWN, text).catch(error => this.say([error.message])));
         this.loop = DATA.linear && new LoopPlots($("loop"));
         this.listen();
         this.restore();
@@ -79,13 +81,17 @@ class Page {
         if (!file) return;
         try {
             if (file.size > MOST_BYTES) throw new Error(`${file.name}: is larger than ${MOST_BYTES / 1e6} MB`);
-            const text = await file.text(), rows = fromCsv(text, file.name);
-            const whole = {...rows, packed: await packed(file.name, text)};
-            this.show({setting: this.live.setting.withFile(whole)});
+            await this.fly(file.name, await file.text());
         } catch (error) {
             this.say([error.message]);
         }
         $("file").value = "";
+    }
+
+    /** Shows the response to the text of a CSV file. Throws an Error. */
+    async fly(title, text) {
+        const rows = fromCsv(text, title);
+        this.show({setting: this.live.setting.withFile({...rows, text, packed: await packed(title, text)})});
     }
 
     /** Reads the settings in the page's address; waits only for a CSV file. */
@@ -122,6 +128,7 @@ class Page {
         $("preset-about").textContent = setting.preset?.about ?? "";
         $("file-row").hidden = setting.kind !== "csv";
         $("file-name").textContent = setting.file ? setting.file.title : "none chosen";
+        this.drawing.show(setting);
         for (const control of this.controls) {
             control.show(setting);
             const [, field] = control.control.name.split("excitation.");

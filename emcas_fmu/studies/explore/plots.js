@@ -96,7 +96,7 @@ class Plot {
         this.look = {log: false, height: 190, shared: true, legend: true, ...look};
         this.ticks = [];  // of an axis of names: position, name
         this.reach = [Infinity, -Infinity];  // of what is painted beside the curves, along y
-        this.under = this.over = this.pointed = () => undefined;
+        this.under = this.over = this.sketch = this.pointed = () => undefined;
         new ResizeObserver(() => this.resize()).observe(this.box);
         IN_VIEW.observe(this.box);
         PLOTS.set(this.box, this);
@@ -166,7 +166,7 @@ class Plot {
                     root.classList.toggle("idle", idx === null);
                     if (idx !== null) this.pointed(time[idx]);
                 }],
-                drawAxes: [u => this.under(u)], draw: [u => this.over(u)]},
+                drawAxes: [u => this.under(u)], draw: [u => this.over(u), u => this.sketch(u)]},
         };
     }
 

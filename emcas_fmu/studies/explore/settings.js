@@ -128,8 +128,8 @@ async function unpacked(text) {
         whole += read.value;
         if (whole.length > MOST_BYTES) throw new Error("it is too large");
     }
-    const [title] = whole.split("\n", 1);
-    return {...fromCsv(whole.slice(title.length + 1), title), packed: text};
+    const [title] = whole.split("\n", 1), rows = whole.slice(title.length + 1);
+    return {...fromCsv(rows, title), text: rows, packed: text};
 }
 
 /** Warnings of commands beyond the limit, as Response.warnings of response.py; only a file may be in degrees. */

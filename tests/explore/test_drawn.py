@@ -1,0 +1,110 @@
+"""A command drawn by hand, or written as points."""
+
+from __future__ import annotations
+
+from math import degrees, radians
+from typing import Any
+
+import numpy as np
+import pytest
+
+from .browser import SHOWN, Browser
+
+DRAWN = "window.page.live.setting.kind === 'csv' && window.page.live.setting.file?.title === 'drawn command'"
+COMMAND = "(({columns: {fin_command: c}}) => [...c])(window.page.live.run.excitation)"
+PLACE = """(({chart}) => (box => arguments[0].map(([t, x]) => [box.left + chart.valToPos(t, "x"),
+    box.top + chart.valToPos(x, "y")]))(chart.over.getBoundingClientRect()))(window.page.plots[0])"""
+
+
+@pytest.fixture(autouse=True)
+def undrawn(opened: Browser) -> None:
+    """Drawing is off."""
+    opened.run("window.page.drawing.turn(false)")
+
+
+def button(browser: Browser) -> Any:
+    return browser.driver.find_element("id", "draw")
+
+
+def drag(browser: Browser, points: list[tuple[float, float]], touch: bool = False) -> None:
+    """Draw through points, time [s] and angle [deg], by mouse or by finger."""
+    browser.run("scrollTo(0, 0)")
+    browser.settled()
+    places = browser.run(PLACE, points)
+    browser.run("window.before = window.page.live.setting.file")
+    for k, (x, y) in enumerate([*places, places[-1]]):
+        last = k == len(places)
+        if touch:
+            event = {"type": "touchEnd" if last else "touchMove" if k else "touchStart",
+                     "touchPoints": [] if last else [{"x": x, "y": y}]}
+            browser.driver.execute_cdp_cmd("Input.dispatchTouchEvent", event)
+        else:
+            event = {"type": "mouseReleased" if last else "mouseMoved" if k else "mousePressed", "x": x, "y": y,
+                     "button": "left", "buttons": 0 if last else 1, "clickCount": int(k in (0, len(places)))}
+            browser.driver.execute_cdp_cmd("Input.dispatchMouseEvent", event)
+    browser.wait(f"{DRAWN} && window.page.live.setting.file !== window.before")
+    browser.settled()
+
+
+STROKE = [(0.1, 0.0), (0.2, 10.0), (0.3, -5.0)]
+
+
+@pytest.mark.parametrize("touch", [False, True], ids=["mouse", "finger"])
+def test_a_command_is_drawn(opened: Browser, touch: bool) -> None:
+    button(opened).click()
+    assert button(opened).get_attribute("aria-pressed") == "true"
+    opened.settled()
+    assert opened.run("window.page.plots[0].chart.scales.y.max") >= 20.0  # to the largest command
+    drag(opened, STROKE, touch)
+    command = np.degrees(opened.run(COMMAND))
+    end = len(command) - 1
+    assert end == 550
+    # To a pixel: 0.7 ms and 0.2 deg, which at the slope of 150 deg/s is 0.3 deg.
+    expected = np.interp(np.arange(end + 1) / 1000, [t for t, _ in STROKE], [x for _, x in STROKE])
+    np.testing.assert_allclose(command, expected, atol=0.4)
+    assert opened.run("window.page.live.run.outputs.fin_angle.at(-1)") == pytest.approx(radians(-5.0), abs=0.005)
+    # A second stroke replaces its part.
+    drag(opened, [(0.25, 5.0), (0.4, 5.0)], touch)
+    again = np.degrees(opened.run(COMMAND))
+    np.testing.assert_allclose(again[:249], command[:249], atol=1e-9)  # of interpolation
+    np.testing.assert_allclose(again[252:398], 5.0, atol=0.2)
+    np.testing.assert_allclose(again[402:], command[402:], atol=1e-9)
+    button(opened).click()
+    opened.settled()
+    assert opened.run("window.page.plots[0].chart.scales.y.max") < 20.0
+
+
+def test_going_back_takes_points_away(opened: Browser) -> None:
+    button(opened).click()
+    drag(opened, [(0.1, 0.0), (0.3, 15.0), (0.2, 3.0), (0.4, 3.0)])
+    assert max(opened.run(COMMAND)) == pytest.approx(radians(3.0), abs=radians(0.2))
+
+
+def write(browser: Browser, text: str) -> None:
+    """Write points by keyboard alone."""
+    from selenium.webdriver.common.keys import Keys
+
+    field = browser.driver.find_element("id", "points")
+    field.send_keys(Keys.CONTROL + "a")
+    field.send_keys(text + Keys.TAB)
+
+
+def test_points_are_written_by_keyboard_and_restored_by_a_link(opened: Browser) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    button(opened).send_keys(Keys.ENTER)
+    write(opened, "0 0\n0,1; 2\n")
+    opened.wait("document.getElementById('problems').textContent")
+    assert "drawn command: " in opened.run("document.getElementById('problems').textContent")
+    write(opened, "0, 0\n0.1 0\n0.1 5\n0.2, −2.5\n0.4, -2.5\n")
+    opened.wait(DRAWN)
+    opened.rested("window.page.refresh()")
+    command = opened.run(COMMAND)
+    assert [degrees(command[k]) for k in (0, 99, 100, 150, 400)] == pytest.approx([0.0, 0.0, 5.0, 1.25, -2.5])
+    assert len(command) == 401
+    button(opened).send_keys(Keys.ENTER)
+    opened.open(SHOWN, opened.run("location.hash"))
+    opened.wait(f"window.page.live.run && {DRAWN}")
+    assert opened.run(COMMAND) == command
+    field = opened.driver.find_element("id", "points")
+    assert field.get_attribute("value").splitlines() == ["0, 0", "0.1, 0", "0.1, 5", "0.2, -2.5", "0.4, -2.5"]
