@@ -12,7 +12,7 @@ import pytest
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.analysis.capability import envelope
 
-from .browser import SHOWN, Browser
+from .browser import SHOWN, Browser, written
 
 
 def choose(browser: Browser, identifier: str, text: str) -> None:
@@ -122,6 +122,48 @@ def test_the_mechanism_is_that_of_the_time_under_the_cursor(opened: Browser) -> 
     # The other way round: a cursor in a plot moves the mechanism.
     opened.run("(({chart}) => chart.setCursor({left: chart.valToPos(0.2, 'x'), top: 10}))(window.page.plots[0])")
     assert opened.run("window.page.mechanism.time") == pytest.approx(0.2, abs=1.5e-3)
+
+
+def drawn(browser: Browser, model: str, folder: Path, time: float) -> dict[str, float]:
+    """Open the page of an actuator under load, its mechanism at a time [s], and return the outputs there."""
+    browser.open(written(folder, model), "#B=excitation.torque%3D-40")
+    browser.run("window.page.mechanism.set(arguments[0])", time)
+    row: dict[str, float] = browser.run("Object.fromEntries(Object.entries(window.page.live.run.outputs).map("
+                                        "([name, column]) => [name, column[Math.round(arguments[0] / STEP)]]))", time)
+    assert browser.complaints == []
+    return row
+
+
+@pytest.mark.slow  # zig makes its C library for a browser: a minute, once
+def test_a_worm_s_threads_are_where_the_motor_is_and_teeth_where_the_fin_is(browser: Browser, tmp_path: Path) -> None:
+    row = drawn(browser, "worm-gear", tmp_path, 0.085)
+    teeth, starts = (load_parameters(model="worm-gear").values[f"worm.{name}"] for name in ("teeth", "starts"))
+    path = "document.querySelector('.mechanism .{}').getAttribute('d').match(/M\\S+ \\S+/g)"
+    tooth = [float(x) for x in browser.run(path.format("wheel"))[0][1:].split()]
+    assert np.arctan2(tooth[0], tooth[1]) == pytest.approx(-row["fin_angle"])
+    threads = np.array([float(each[1:].split()[0]) - 2.0 for each in browser.run(path.format("worm"))])
+    pitch = 38.0 * 2.0 * np.pi / teeth
+    np.testing.assert_allclose(np.diff(threads), pitch)
+    # A rigid gear: the bottom of the wheel has moved as far as the threads, and its teeth are between them.
+    assert row["motor_angle"] * starts / teeth == pytest.approx(row["fin_angle"])
+    between = (threads - 38.0 * row["fin_angle"]) / pitch + 46.0 / pitch
+    np.testing.assert_allclose(between % 1.0, 0.5, atol=1e-6)
+
+
+@pytest.mark.slow  # zig makes its C library for a browser: a minute, once
+@pytest.mark.parametrize("model", ["electrohydraulic", "electrohydrostatic"])
+def test_a_cylinder_s_piston_and_chambers(browser: Browser, model: str, tmp_path: Path) -> None:
+    row = drawn(browser, model, tmp_path, 0.075)
+    at = float(browser.run(PART.format("piston")).removeprefix("translate(").partition(" ")[0])
+    assert at == pytest.approx(55.0 * (row["piston_position"] / 0.05 + tan(radians(5.0))))
+    assert at == pytest.approx(55.0 * tan(row["fin_angle"] + radians(5.0)))
+    chambers = browser.run("[...document.querySelectorAll('.mechanism .pressure')].map(e => ['x', 'width', "
+                           "'fill-opacity'].map(name => Number(e.getAttribute(name))))")
+    (left, one, dark), (middle, two, light) = chambers
+    assert left + one == pytest.approx(-78.0 + at) == middle
+    assert one + two == pytest.approx(62.0)
+    assert dark / light == pytest.approx(row["pressure_1"] / row["pressure_2"])
+    assert dark > light  # chamber 1 moves the fin in the positive direction, against the load
 
 
 def player(browser: Browser) -> Any:

@@ -1,18 +1,8 @@
 "use strict";
-/* A sketch of the mechanism at one time of the response: fin, lever, and the nut or piston that moves it. */
+/* A sketch of the mechanism at one time of the response: the fin, its command, and the drive that moves it. */
 
 const PLAYED = 5; // s in which a shorter response is shown; longer ones are in real time
-const ARM = 55; // of the lever, in the drawing
-const GEARED = ["nut_position", "piston_position"].find(name => DATA.outputs.includes(name));
 const STILL = window.matchMedia("(prefers-reduced-motion: reduce)");
-
-/** An element of a drawing, with attributes and children. */
-function shape(tag, attributes = {}, ...children) {
-    const created = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    for (const [name, value] of Object.entries(attributes)) created.setAttribute(name, value);
-    created.append(...children);
-    return created;
-}
 
 class Mechanism {
     /** Calls `moved(time)` when the user or the player sets the time [s]. */
@@ -21,14 +11,8 @@ class Mechanism {
         this.time = Infinity;
         this.fin = shape("path", {class: "fin", d: "M-9 0 L-5 -88 L5 -88 L9 0 Z"});
         this.command = shape("path", {class: "thin", d: "M0 0 V-94"});
-        this.lever = shape("path", {class: "lever"});
-        this.nut = shape("path", {class: "nut", d: `M-9 ${ARM - 8} h18 v16 h-18 Z`});
-        this.spoke = shape("path", {class: "lever", d: "M0 0 V-11"});
-        const linear = [shape("path", {class: "thin", d: `M-72 ${ARM} H72`}), this.lever, this.nut];
-        const motor = [shape("circle", {class: "nut", r: 13}), this.spoke];
-        const drive = DATA.outputs.includes("motor_angle") ?
-            [shape("g", {transform: `translate(-88 ${GEARED ? ARM : 0})`}, ...motor)] : [];
-        this.picture = shape("svg", {viewBox: "-110 -100 220 178", role: "img"}, ...GEARED ? linear : [], ...drive,
+        this.drive = driveOf();
+        this.picture = shape("svg", {viewBox: "-110 -100 220 178", role: "img"}, ...this.drive?.shapes ?? [],
             this.command, this.fin, shape("circle", {class: "nut", r: 4}));
         this.slider = element("input", {type: "range", "aria-label": "Time at which the mechanism is shown", min: 0});
         this.button = element("button", {type: "button"}, "Play");
@@ -51,6 +35,7 @@ class Mechanism {
     /** Takes the response of a setting, shown at the same time as the last one. */
     take({excitation, outputs}, parameters) {
         Object.assign(this, {excitation, outputs, parameters});
+        this.highest = largest(["pressure_1", "pressure_2"].map(name => largest(outputs[name] ?? [1])));
         this.slider.max = this.end;
         this.slider.step = STEP;
         this.show(this.time);
@@ -72,13 +57,8 @@ class Mechanism {
         /* Positive angles turn the lever's end to the right; angles of the drawing are clockwise. */
         this.fin.setAttribute("transform", `rotate(${-degrees(fin)})`);
         this.command.setAttribute("transform", `rotate(${-degrees(command?.[k] ?? 0)})`);
-        this.spoke.setAttribute("transform", `rotate(${degrees(outputs.motor_angle?.[k] ?? 0)})`);
-        if (GEARED) {
-            const {"kinematics.moment_arm": arm, "kinematics.initial_angle": initial} = parameters;
-            const at = ARM * (outputs[GEARED][k] / arm + Math.tan(initial));
-            this.nut.setAttribute("transform", `translate(${at} 0)`);
-            this.lever.setAttribute("d", `M0 0 L${ARM * Math.tan(fin + initial)} ${ARM}`);
-        }
+        this.drive?.show(Object.fromEntries(Object.entries(outputs).map(([name, column]) => [name, column[k]])),
+            parameters, this.highest);
         const shown = `${shownNumber(k * STEP)} s`, angle = `fin angle ${withUnit(degrees(fin), "°")}`;
         this.slider.value = k * STEP;
         this.slider.setAttribute("aria-valuetext", `${shown}, ${angle}`);
