@@ -35,8 +35,9 @@ def drag(browser: Browser, points: list[tuple[float, float]], touch: bool = Fals
     for k, (x, y) in enumerate([*places, places[-1]]):
         last = k == len(places)
         if touch:
-            event = {"type": "touchEnd" if last else "touchMove" if k else "touchStart",
-                     "touchPoints": [] if last else [{"x": x, "y": y}]}
+            event: dict[str, Any] = {
+                "type": "touchEnd" if last else "touchMove" if k else "touchStart",
+                "touchPoints": [] if last else [{"x": x, "y": y}]}
             browser.driver.execute_cdp_cmd("Input.dispatchTouchEvent", event)
         else:
             event = {"type": "mouseReleased" if last else "mouseMoved" if k else "mousePressed", "x": x, "y": y,

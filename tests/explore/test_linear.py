@@ -12,7 +12,7 @@ import pytest
 from emcas_fmu.actuators import NAMES, capabilities, get
 from emcas_fmu.api import analyse
 from emcas_fmu.bench.linear.actuator import LinearActuator
-from emcas_fmu.bench.linear.frequency import evaluate, margins
+from emcas_fmu.bench.linear.frequency import continuous_poles, evaluate, margins
 from emcas_fmu.parameters import load_parameters
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
@@ -86,8 +86,9 @@ def test_both_cases_have_their_loops(opened: Browser) -> None:
     said = opened.run("document.getElementById('loop-summary').textContent")
     assert said.startswith("A: gain margin 7.216 dB at 47.2")
     assert ". B: gain margin " in said
-    ends = opened.run("(({chart: {scales: {x, y}}}) => [x.min, x.max, y.min, y.max])(window.page.loop.nichols)")
-    assert ends[0] == -360.0 < ends[1] == 0.0
+    opened.run("window.page.loop.nichols.redraw()")  # it is out of view
+    opened.settled()
+    assert opened.run("(({chart: {scales: {x}}}) => [x.min, x.max])(window.page.loop.nichols)") == [-360.0, 0.0]
 
 
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once
@@ -97,3 +98,70 @@ def test_margins_of_every_actuator_are_those_of_the_analysis(browser: Browser, m
     browser.open(written(tmp_path, model))
     check_margins(browser, analyse(parameters).linear.margins["reference"])
     assert browser.complaints == []
+
+
+POLE = "window.page.loop.poles.pole"
+GAINS = "PLACING.map(name => window.page.live.setting.get(name))"
+
+
+def handle(browser: Browser) -> Any:
+    """The handle of the slowest pair, in view."""
+    browser.run("document.getElementById('loop').scrollIntoView({block: 'center'})")
+    browser.settled()
+    browser.run("window.page.loop.poles.plot.redraw()")
+    browser.settled()
+    return browser.driver.find_element("css selector", ".handle")
+
+
+def drag_pole(browser: Browser, *places: tuple[float, float]) -> None:
+    """Drag the pole through places [Hz] by mouse."""
+    box = handle(browser).rect
+    top = browser.run("scrollY")
+    start = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 - top)
+    to = browser.run("(({chart}) => (box => arguments[0].map(([x, y]) => [box.left + chart.valToPos(x, 'x'), "
+                     "box.top + chart.valToPos(y, 'y')]))(chart.over.getBoundingClientRect()))("
+                     "window.page.loop.poles.plot)", places)
+    moves = [("mousePressed", start), *(("mouseMoved", place) for place in to), ("mouseReleased", to[-1])]
+    for event, (x, y) in moves:
+        browser.driver.execute_cdp_cmd("Input.dispatchMouseEvent", {
+            "type": event, "x": x, "y": y, "button": "left", "buttons": int(event != "mouseReleased"),
+            "clickCount": int(event != "mouseMoved")})
+        browser.settled()
+
+
+def test_a_pole_is_dragged_to_its_place(opened: Browser) -> None:
+    """The gains that follow have their poles there by the package's linear model."""
+    start = opened.run(POLE)
+    assert start == pytest.approx([-16.7489, 25.5167], abs=1e-3)
+    assert opened.run("window.page.loop.poles.handle.getAttribute('aria-label')").startswith(
+        "Pole, the slowest pair at 30.52 Hz with damping 0.5487")
+    drag_pole(opened, (-17.0, 24.0), (-20.0, 20.0))
+    gains = opened.run(GAINS)
+    values = dict(zip(("controller.position.kp", "controller.velocity.kp"), gains, strict=True))
+    poles = continuous_poles(LinearActuator(load_parameters().with_values(values).values).closed) / (2.0 * np.pi)
+    found = poles[np.argmin(np.abs(poles - (-20.0 + 20.0j)))]
+    assert abs(found - (-20.0 + 20.0j)) < 0.3  # Hz of a pixel
+    assert opened.run(POLE) == pytest.approx([found.real, found.imag], abs=1e-4)  # Jacobians of 1e-7
+    assert opened.run("document.querySelector('[data-name=\"controller.velocity.kp\"] [type=text]').value") == (
+        f"{gains[1]:.9g}")
+
+
+def test_a_dragged_pole_ends_at_the_sliders(opened: Browser) -> None:
+    for place in ((-2.0, 45.0), (20.0, 60.0), (-60.0, 2.0), (-1.0, 1.0)):
+        opened.run("window.page.loop.poles.move(arguments[0])", place)
+        opened.settled()
+        ranges = opened.run("PLACING.map(name => window.page.controls.find(c => c.control.name === name).range)")
+        assert all(low <= gain <= high for gain, (low, high) in zip(opened.run(GAINS), ranges, strict=True))
+        assert opened.run("window.page.live.loop.stable")
+
+
+def test_a_pole_is_moved_by_keys(opened: Browser) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    before, step = opened.run(POLE), opened.run("window.page.loop.poles.size / 100")
+    grip = handle(opened)
+    grip.send_keys(Keys.ARROW_LEFT * 2 + Keys.ARROW_UP)
+    opened.settled()
+    # Each key begins where gains of six digits have put the pole.
+    assert opened.run(POLE) == pytest.approx([before[0] - 2.0 * step, before[1] + step], abs=1e-3)
+    assert opened.run("document.activeElement.className") == "handle"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from math import nan
 from typing import Any
 
-from ...actuators import get, parts
+from ...actuators import external, get, parts
 from ...actuators.declaration import Actuator, PlantInputs, SampleInputs
 from ...actuators.positional import identifier
+from ...errors import EmcasError
 from ...namespace import Record
 from ...ops.base import Value
 from ...physics import loads
@@ -105,15 +107,25 @@ def program(model: str) -> Tracer:
     given = {v.name: tracer.parameter(v.name) for v in get(model).parameters}
     values: dict[str, Value] = {v.name: LEFT_OUT.get(v.name, given[v.name]) for v in actuator.parameters}
 
-    def equations(supply: Value) -> Equations:
+    def at(supply: Value) -> Equations:
         key = actuator.supply.input.key if actuator.supply else None
         return Equations(actuator, {**values, key or "": supply}, actuator.namespace(values), tracer, tracer)
 
-    names = equations(0.0)
+    def called(function: Callable[..., list[Value]], supply: Value, *x: Value) -> list[Value]:
+        return function(at(supply), *x)
+
+    names = at(0.0)
     states, kept = (tuple(map(identifier, each)) for each in (names.states, names.kept))
     count, after = len(states) + 1, ("reference", "aero_torque", *map(identifier, names.sampled))
-    tracer.function("start", ("supply",), lambda supply: equations(supply).start())
-    tracer.function("plant", ("supply", *states, *after), lambda supply, *x: equations(supply).plant(*x)[:count])
-    tracer.function("controllers", ("supply", *kept, *states, "command"),
-                    lambda supply, *x: equations(supply).controllers(*x))
+    traced: tuple[tuple[str, tuple[str, ...], Callable[..., list[Value]]], ...] = (
+        ("start", (), Equations.start),
+        ("plant", (*states, *after), lambda each, *x: each.plant(*x)[:count]),
+        ("controllers", (*kept, *states, "command"), Equations.controllers))
+    for name, arguments, function in traced:
+        try:
+            tracer.function(name, ("supply", *arguments), partial(called, function))
+        except Exception as error:
+            if actuator.source is None or isinstance(error, EmcasError):
+                raise
+            raise external.refusal(error, actuator.source) from error
     return tracer

@@ -160,6 +160,8 @@ function polesOf({a, b, c}, closed = false) {
     return eigenvalues(closed ? a.map((row, i) => row.map((x, j) => x + b[i] * c[j])) : a);
 }
 
+const isStable = poles => poles.every(z => Math.hypot(...z) < DECAYS);
+
 /** The frequency [Hz] between two at which a function changes its sign, by false position (Illinois). */
 function signChange(f, from, to) {
     let [low, high] = [Math.log(from), Math.log(to)], below = f(from), above = f(to), side = 0;
@@ -189,7 +191,7 @@ function openLoop(loop) {
         last = lag - 360 * Math.round((lag - last) / 360);
         return last;
     });
-    const poles = polesOf(loop, true), stable = poles.every(z => Math.hypot(...z) < DECAYS);
+    const poles = polesOf(loop, true), stable = isStable(poles);
     if (!stable || gain.every(value => value < -200)) {
         const none = {gain_margin: NaN, phase_margin: NaN, delay_margin: NaN, margins: []};
         return {frequency, gain, phase, poles, stable, idle: stable, ...none};

@@ -8,15 +8,17 @@ function loopOf(actuator, setting, changes = {}) {
     return loop && {...loop, ...openLoop(loop)};
 }
 
-/** The plots of the open loop. */
+/** The plots of the open loop, and the poles of the closed one. */
 class LoopPlots {
-    constructor(box) {
+    /** `change` moves a pole, as for Poles. */
+    constructor(box, change) {
         const bode = {x: "frequency [Hz]", log: true, shared: false};
         this.gain = new Plot("Gain of the open loop", {...bode, y: "[dB]"});
         this.phase = new Plot("Phase of the open loop", {...bode, y: "[°]", turns: "y"});
         this.nichols = new Plot("Nichols plot", {x: "phase [°]", y: "gain [dB]", shared: false,
             turns: "x", legend: false, height: 235});
-        this.all = [this.gain, this.phase, this.nichols];
+        this.poles = new Poles(change);
+        this.all = [this.gain, this.phase, this.nichols, this.poles.plot];
         box.append(...this.all.map(plot => plot.figure));
     }
 
@@ -39,7 +41,8 @@ class LoopPlots {
                 y: Array.from(y, value => part === "phase" && value < -360 ? null : value)})));
         }
         this.drawNichols(loops);
-        for (const plot of this.all) plot.describe(words.join(". "));
+        this.poles.draw(loops.map(loop => ({...loop, poles: upperPoles(loop)})));
+        for (const plot of [this.gain, this.phase, this.nichols]) plot.describe(words.join(". "));
     }
 
     /** Draws gain over phase near the point at which the closed loop oscillates, with it. */

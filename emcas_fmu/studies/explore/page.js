@@ -28,7 +28,7 @@ class Page {
         if (this.plane) $("plane").append(this.plane.figure);
         this.drawing = new Drawing(this.plots[0], text =>
             this.fly(DRAWN, text).catch(error => this.say([error.message])));
-        this.loop = DATA.linear && new LoopPlots($("loop"));
+        this.loop = DATA.linear && new LoopPlots($("loop"), (target, pole) => this.movePole(target, pole));
         this.listen();
         this.restore();
     }
@@ -60,6 +60,22 @@ class Page {
     change(name, value) {
         const {setting} = this.live;
         this.show({setting: setting.with(name, value ?? setting.default(name))});
+    }
+
+    /** Sets the two gains, within their sliders, that move a pole [Hz] towards a target; returns where it is then. */
+    movePole(target, pole) {
+        const {setting} = this.live, {supply} = DATA.linear, volts = supply ? Number(setting.get(supply)) : 0;
+        const polesAt = gains => {
+            const changes = Object.fromEntries(PLACING.map((name, k) => [name, gains[k]]));
+            const loop = linearised(this.actuator, {...setting.parameters, ...changes}, volts);
+            const poles = loop ? polesOf(loop, true) : [];
+            return isStable(poles) ? upperPoles({...loop, poles}) : [];  // the loop stays stable
+        };
+        const ranges = PLACING.map(name => this.controls.find(({control}) => control.name === name).range ?? [0, 0]);
+        const reached = placed(polesAt, PLACING.map(name => setting.get(name)), ranges, pole, target);
+        this.show({setting: PLACING.reduce((changed, name, k) =>
+            changed.with(name, Number(general(reached.gains[k], 6))), setting)});
+        return reached.pole;
     }
 
     show(live, kept = this.kept) {

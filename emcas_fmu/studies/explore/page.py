@@ -46,8 +46,8 @@ _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
 _PROGRAM = "actuator.js"  # of the page and of its worker
 SCRIPTS = ("excitations.js", "metrics.js", "measure.js", "settings.js", "eigenvalues.js", "linear.js",
-           "plots.js", "results.js", "loop.js", "drives.js", "mechanism.js", "controls.js", "drawn.js",
-           "runs.js", "page.js")
+           "plots.js", "results.js", "poles.js", "loop.js", "drives.js", "mechanism.js", "controls.js",
+           "drawn.js", "runs.js", "page.js")
 _MOST_FIRST = 12  # parameters with sliders of an actuator without gains
 _PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")

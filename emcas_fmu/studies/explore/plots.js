@@ -82,6 +82,32 @@ function trajectory(u, {x: xs, y: ys, stroke, dash = []}) {
     }, true);
 }
 
+/** A line of constant damping, with its value. */
+function ray(u, damping, size) {
+    paint(u, (ctx, x, y) => {
+        const [a, b] = [-damping * 0.95 * size, Math.sqrt(1 - damping * damping) * 0.95 * size];
+        Object.assign(ctx, {strokeStyle: gray(), fillStyle: gray(), font: SMALL(), textAlign: "right"});
+        ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+        ctx.moveTo(x(0), y(0));
+        ctx.lineTo(x(a), y(b));
+        ctx.stroke();
+        ctx.fillText(shownNumber(damping), x(a) - 3, y(b) - 3);
+    }, true);
+}
+
+/** A cross at a point. */
+function cross(u, [real, imaginary], stroke) {
+    paint(u, (ctx, x, y) => {
+        const [a, b, size] = [x(real), y(imaginary), 4 * devicePixelRatio];
+        Object.assign(ctx, {strokeStyle: stroke, lineWidth: 2 * devicePixelRatio});
+        for (const side of [-1, 1]) {
+            ctx.moveTo(a - size, b - side * size);
+            ctx.lineTo(a + size, b + side * size);
+        }
+        ctx.stroke();
+    }, true);
+}
+
 /* Plots by their boxes, and those in or near the window. */
 const PLOTS = new WeakMap(), IN_VIEW = new IntersectionObserver(entries => {
     for (const {target, isIntersecting} of entries) PLOTS.get(target).shown(isIntersecting);
