@@ -24,7 +24,8 @@ const MOST_ARGUMENTS = 256; // of an equation, and of its results
 class Actuator {
     static async load(base64) {
         const bytes = Uint8Array.from(atob(base64), character => character.charCodeAt(0));
-        const {instance} = await WebAssembly.instantiate(bytes);
+        const code = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
+        const {instance} = await WebAssembly.instantiate(await new Response(code).arrayBuffer());
         return new Actuator(instance.exports);
     }
 
@@ -36,6 +37,7 @@ class Actuator {
         this.parameters = this.reserve(8 * DATA.parameters.length);
         this.numbers = this.reserve(8 * DATA.most_numbers);
         this.result = this.reserve(8);
+        this.constants = this.reserve(8 * (code.at_rest_prepare?.(this.parameters, 0) ?? 0));
         this.point = this.reserve(8 * MOST_ARGUMENTS);
         this.values = this.reserve(8 * MOST_ARGUMENTS);
     }
@@ -90,10 +92,11 @@ class Actuator {
     /** The equations of bench/linear/equations.py: start values, functions of arrays, and the schedule. */
     equations(values, supply) {
         this.put(values);
+        this.code.at_rest_prepare(this.parameters, this.constants);
         const {states, kept, sampled} = DATA.linear;
         const of = (name, count) => x => {
             this.doubles(this.point, MOST_ARGUMENTS).set([supply, ...x]);
-            this.code[name](this.parameters, this.point, this.values);
+            this.code[name](this.parameters, this.constants, this.point, this.values);
             return this.doubles(this.values, count).slice();
         };
         this.code.scheduled(this.parameters, this.values);

@@ -11,7 +11,7 @@ function balanced(a) {
             const own = Math.abs(whole[k][k]), rows = sum(whole[k]) - own;
             const columns = sum(whole.map(row => row[k])) - own;
             const factor = rows && columns ? 2 ** Math.round(Math.log2(rows / columns) / 2) : 1;
-            if (factor === 1) continue;
+            if (rows / factor + columns * factor >= 0.95 * (rows + columns)) continue;
             again = true;
             whole.forEach(row => { row[k] *= factor; });
             whole[k].forEach((x, j) => { whole[k][j] = x / factor; });

@@ -23,6 +23,13 @@ API void limit_torques(const double *parameters, double supply, const double *sp
 #endif
 
 #ifdef LINEAR
+/* Writes the constants of the actuator at rest, and returns their number. */
+API size_t at_rest_prepare(const double *parameters, double *constants)
+{
+    if (constants) linear_prepare(parameters, constants);
+    return LINEAR_CONSTANTS;
+}
+
 /* Writes the fields of a schedule (runtime/schedule.py). */
 API void scheduled(const double *parameters, double *out)
 {

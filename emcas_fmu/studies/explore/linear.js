@@ -138,6 +138,7 @@ function linearised(actuator, parameters, supply) {
         ...Array.from({length: late}, (_, k) => Float64Array.from(columns, (_, j) => Number(k > 0 && j === n + k - 1))),
         ...own.map(row)];
     const b = Float64Array.from(columns, (_, i) => i < n ? lines[0][i] : Number(late > 0 && i === n));
+    if (!a.every(each => each.every(Number.isFinite))) return null;
     /* Scaled, and with few elements below the diagonal, so that responses are fast. */
     const [[, ...c], ...rows] = hessenberg(balanced([[0, ...row(kept)], ...a.map((each, i) => [b[i], ...each])]));
     return {a: rows.map(each => each.subarray(1)), b: rows.map(each => each[0]), c, period, size};

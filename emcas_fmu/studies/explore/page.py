@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -81,16 +82,15 @@ def sources(model: str) -> dict[str, str]:
 
 
 def _linear_functions(model: str) -> str:
-    """Return the equations of linear analysis, each as a function of the parameters and of an array of arguments."""
+    """Return the equations of linear analysis, functions of parameters, constants, an array of arguments."""
     if not _linear(get(model)):
         return ""
     tracer = equations.program(model)
     whole = [f"#include <math.h>\n\n#include \"elementary.h\"\n\n#define LINEAR\n{c_source(tracer, 'linear')}"]
     for function in tracer.functions:
         arguments = ", ".join(f"x[{k}]" for k in range(len(function.arguments)))
-        whole.append(f"API void at_rest_{function.name}(const double *p, const double *x, double *out)\n{{\n"
-                     "    double c[LINEAR_CONSTANTS + 1];\n    linear_prepare(p, c);\n"
-                     f"    linear_{function.name}(p, c, {arguments}, out);\n}}\n")
+        whole.append(f"API void at_rest_{function.name}(const double *p, const double *c, const double *x, double *out)"
+                     f"\n{{\n    linear_{function.name}(p, c, {arguments}, out);\n}}\n")
     return "\n".join(whole)
 
 
@@ -111,6 +111,12 @@ def compiled(files: Mapping[str, str]) -> bytes:
     if compiler is None:
         raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
     return compiler.library(files, _MAIN, WEB, "unit")
+
+
+def packed(code: bytes) -> str:
+    """Return WebAssembly as text of a page, compressed to a third (raw deflate, RFC 1951)."""
+    deflate = zlib.compressobj(9, wbits=-zlib.MAX_WBITS)
+    return base64.b64encode(deflate.compress(code) + deflate.flush()).decode()
 
 
 def document(parameters: ParameterSet, inputs: Mapping[str, float], specification: Specification) -> dict[str, Any]:
@@ -333,7 +339,7 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
         presets=described["presets"], plane=described["plane"],
         linear=described["linear"],
         controls=controls, described=words, first=_first(parameters), groups=groups,
-        data=_embedded({**described, "digest": digest[:12]}), code=base64.b64encode(code).decode(),
+        data=_embedded({**described, "digest": digest[:12]}), code=packed(code),
         style=handwritten("page.css", _HERE), program=_dense(_PROGRAM), script="\n".join(map(_dense, SCRIPTS)))
 
 
