@@ -100,12 +100,26 @@ def test_margins_of_every_actuator_are_those_of_the_analysis(browser: Browser, m
     assert browser.complaints == []
 
 
+@pytest.mark.slow  # zig makes its C library for a browser: a minute, once
+def test_a_resonance_that_reaches_the_gain_limits_the_margins(browser: Browser, tmp_path: Path) -> None:
+    """That of the oil column is narrower than a step of the frequencies."""
+    changes = {"controller.position.kp": 117.0, "controller.position.ki": 606.0, "valve.natural_frequency": 896.0}
+    values = load_parameters(model="electrohydraulic").with_values(changes).values
+    browser.open(written(tmp_path, "electrohydraulic"))
+    for name, value in changes.items():
+        browser.set(name, value)
+    expected = margins(LinearActuator(values, model="electrohydraulic").loop("reference"))
+    assert 1e3 * expected.delay < 3.6  # it limits the delay: 40.9 deg at 20 Hz would allow more
+    check_margins(browser, expected)
+
+
 POLE = "window.page.loop.poles.pole"
 GAINS = "PLACING.map(name => window.page.live.setting.get(name))"
 
 
 def handle(browser: Browser) -> Any:
-    """The handle of the slowest pair, in view."""
+    """The handle of the slowest pair, in view, when nothing on the page moves any more."""
+    browser.rested("window.page.refresh()")
     browser.run("document.getElementById('loop').scrollIntoView({block: 'center'})")
     browser.settled()
     browser.run("window.page.loop.poles.plot.redraw()")
@@ -115,12 +129,10 @@ def handle(browser: Browser) -> Any:
 
 def drag_pole(browser: Browser, *places: tuple[float, float]) -> None:
     """Drag the pole through places [Hz] by mouse."""
-    box = handle(browser).rect
-    top = browser.run("scrollY")
-    start = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 - top)
-    to = browser.run("(({chart}) => (box => arguments[0].map(([x, y]) => [box.left + chart.valToPos(x, 'x'), "
-                     "box.top + chart.valToPos(y, 'y')]))(chart.over.getBoundingClientRect()))("
-                     "window.page.loop.poles.plot)", places)
+    handle(browser)
+    start, *to = browser.run("""(({plot: {chart}, pole}) => (box => [pole, ...arguments[0]].map(([x, y]) => [
+        box.left + chart.valToPos(x, "x"), box.top + chart.valToPos(y, "y")]))(chart.over.getBoundingClientRect()))(
+        window.page.loop.poles)""", places)
     moves = [("mousePressed", start), *(("mouseMoved", place) for place in to), ("mouseReleased", to[-1])]
     for event, (x, y) in moves:
         browser.driver.execute_cdp_cmd("Input.dispatchMouseEvent", {

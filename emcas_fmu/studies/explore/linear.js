@@ -178,11 +178,13 @@ function signChange(f, from, to) {
     return Math.exp((low + high) / 2);
 }
 
-/** Frequency [Hz], gain [dB] and unwrapped phase [°] of a loop, and the figures of its margins with the frequencies
-    [Hz] of those of gain and phase; NaN if it is unstable when closed. */
+/** Frequency [Hz], also those of resonances, gain [dB] and unwrapped phase [°] of a loop, and the figures of its margins,
+    with the frequencies [Hz] of those of gain and phase; NaN if it is unstable when closed. */
 function openLoop(loop) {
     const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants, {period} = loop, highest = 0.499 / period;
-    const frequency = Float64Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
+    const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
+    const opened = polesOf(loop), peaks = opened.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
+    const frequency = Float64Array.from([...grid, ...peaks.filter(f => f > lowest && f < highest)]).sort();
     const at = f => loopAt(loop, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));
     const response = Array.from(frequency, at);
     const gain = Float64Array.from(response, value => 20 * Math.log10(Math.hypot(...value)));
@@ -199,7 +201,7 @@ function openLoop(loop) {
     }
     const crossed = f => [...frequency.keys()].slice(1).filter(k =>
         f(response[k - 1]) * f(response[k]) < 0).map(k => signChange(g => f(at(g)), frequency[k - 1], frequency[k]));
-    const opened = polesOf(loop), free = z => opened.every(([x, y]) => Math.hypot(x - z, y) > AT_A_POLE);
+    const free = z => opened.every(([x, y]) => Math.hypot(x - z, y) > AT_A_POLE);
     const ends = [[1, 0], [-1, 0.5 / period]].filter(([z]) => free(z)).map(([z, f]) => [loopAt(loop, [z, 0])[0], f]);
     const real = [...crossed(value => value[1]).map(f => [at(f)[0], f]), ...ends].filter(([value]) => value < 0);
     const gains = real.map(([value, f]) => [Math.abs(20 * Math.log10(-value)), f]);

@@ -123,6 +123,7 @@ class Plot {
         this.ticks = [];  // of an axis of names: position, name
         this.reach = [Infinity, -Infinity];  // of what is painted beside the curves, along y
         this.under = this.over = this.sketch = this.pointed = () => undefined;
+        this.box.style.minHeight = `${this.look.height + (this.look.legend ? 26 : 0)}px`;  // before it is drawn
         new ResizeObserver(() => this.resize()).observe(this.box);
         IN_VIEW.observe(this.box);
         PLOTS.set(this.box, this);
