@@ -66,8 +66,8 @@ def test_two_units_of_fmi_3_in_one_library(place: Path) -> None:
     for unit in ("EMCAS3", "Tuned3"):
         lean(load_parameters(), place / f"{unit}.fmu", identifier=unit, fmi="3")
         shutil.unpack_archive(place / f"{unit}.fmu", place / unit, "zip")
-        subprocess.run([gcc, "-std=c99", "-fPIC", "-O0", "-Iheaders", "-c", f"{unit}/sources/fmi3.c", "-o", f"{unit}.o"],
-                       cwd=place, check=True)
+        subprocess.run([gcc, "-std=c99", "-fPIC", "-O0", "-Iheaders", "-c", f"{unit}/sources/fmi3.c", "-o",
+                        f"{unit}.o"], cwd=place, check=True)
         listed = subprocess.run([tool("nm", "binutils"), "-gj", "--defined-only", f"{unit}.o"], cwd=place,
                                 capture_output=True, text=True, check=True)
         seen[unit] = set(listed.stdout.split())
