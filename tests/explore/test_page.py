@@ -343,22 +343,29 @@ def test_two_settings_stand_side_by_side(opened: Browser) -> None:
 
 
 def test_long_computations_are_in_a_worker(opened: Browser) -> None:
-    """Its outputs have the page's bits; the page itself computes nothing while it judges the requirements."""
+    """The page itself computes no response while the requirements are judged; answers are the same as its own."""
     opened.driver.execute_script("""const {actuator} = window.page, run = actuator.run;
         window.runs = 0;
         actuator.run = function(...of) { ++window.runs; return run.apply(this, of); };""")
     opened.rested("Object.assign(window.page.live, {verdicts: null, responses: null}); window.page.refresh()")
     assert opened.run("[window.runs, window.page.live.verdicts.size > 20]") == [0, True]
-    found = opened.driver.execute_async_script("""const done = arguments[0], {page} = window;
-        const {setting, run} = page.live;
-        page.runs.run(...page.runOf(setting, run.excitation)).then(outputs => done(DATA.outputs.map(name =>
-            outputs[name].length > 500 && outputs[name].every((x, k) => Object.is(x, run.outputs[name][k])))));""")
-    assert all(found)
-    assert len(found) > 10
-    refused = opened.driver.execute_async_script("""const done = arguments[0], {page} = window;
-        const of = page.runOf(page.live.setting, page.live.run.excitation, {"motor.resistance": 0});
-        page.runs.run(...of).then(done);""")
-    assert refused is None
+    own, worked = opened.driver.execute_async_script("""const done = arguments[0], {page} = window;
+        const {setting} = page.live, here = LONG.measured(page.actuator, setting, () => true);
+        Promise.all([here, page.ask("measured", setting)]).then(both =>
+            done(both.map(each => JSON.stringify(each))));""")
+    assert own == worked
+    assert len(own) > 1000
+
+
+def test_a_later_computation_ends_an_earlier_one(opened: Browser) -> None:
+    opened.rested("window.page.refresh()")
+    answers = opened.driver.execute_async_script("""const done = arguments[0], {page} = window, answered = [];
+        page.worked.ask("measured", page.live.setting).then(() => answered.push("first"));
+        page.worked.ask("responses", page.live.setting).then(() => answered.push("second"));
+        setTimeout(() => page.worked.ask("responses", page.live.setting).then(() => done([...answered, "third"])), 1);
+        """)
+    assert answers[-1] == "third"
+    assert "first" not in answers
 
 
 def test_plots_out_of_view_are_drawn_when_they_come_into_it(opened: Browser) -> None:

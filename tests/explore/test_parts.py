@@ -57,6 +57,8 @@ def test_limits_of_torque_are_those_of_the_analysis(opened: Browser) -> None:
                            expected["speed_rad_per_s"].tolist())
         np.testing.assert_array_equal(found, expected["torque_nm"])
     # The drawn limits enclose the whole response, which is drawn to its end.
+    opened.run("window.page.plane.redraw()")  # it may be out of view
+    opened.settled()
     low, high = opened.run("(({scales: {y}}) => [y.min, y.max])(window.page.plane.chart)")
     most = opened.run("magnitude(window.page.live.run.outputs.motor_torque) / DATA.plane.torque[1]")
     assert low < -most < most < high

@@ -144,8 +144,8 @@ def test_figures_are_the_bench_s(scripts: Browser, subject: ParameterSubject) ->
 
 def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[str, Any] | None = None) -> None:
     """Fail unless the page that is open judges a setting as the bench does."""
-    found = browser.run("window.page.measured(new Setting(arguments[0])).then(measured => DATA.requirements.map("
-                        "r => r.left_out ? null : judged(r, measured)))", values or {})
+    found = browser.run("LONG.measured(window.page.actuator, new Setting(arguments[0]), () => true).then(measured => "
+                        "DATA.requirements.map(r => r.left_out ? null : judged(r, measured)))", values or {})
     for j, one in zip(expected, found, strict=True):
         if one is None:
             assert j.skipped, j.name
@@ -228,7 +228,8 @@ def test_requirements_of_other_actuators_are_judged_as_by_the_bench(browser: Bro
 
 @pytest.mark.parametrize("amplitude", [DEG, 10.0 * DEG], ids=["sines", "no sines above 18 Hz"])
 def test_frequency_response_is_the_bench_s(scripts: Browser, subject: ParameterSubject, amplitude: float) -> None:
-    found = scripts.run("frequencyResponse(arguments[0], 0, window.page.beside(new Setting(), {}))", amplitude)
+    found = scripts.run("frequencyResponse(arguments[0], 0, responding(window.page.actuator, new Setting(), {}))",
+                        amplitude)
     grid = np.array(measure.GRID)
     expected = measure.describing_function(subject, [{}] * len(grid), amplitude, measure.GRID)
     pure = np.isfinite(expected)

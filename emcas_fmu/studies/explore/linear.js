@@ -178,8 +178,8 @@ function signChange(f, from, to) {
     return Math.exp((low + high) / 2);
 }
 
-/** Frequency [Hz], also those of resonances, gain [dB] and unwrapped phase [°] of a loop, and the figures of its margins,
-    with the frequencies [Hz] of those of gain and phase; NaN if it is unstable when closed. */
+/** Frequency [Hz], also those of resonances, gain [dB] and unwrapped phase [°] of a loop, and the figures of its
+    margins, with the frequencies [Hz] of those of gain and phase; NaN if it is unstable when closed. */
 function openLoop(loop) {
     const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants, {period} = loop, highest = 0.499 / period;
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
@@ -220,4 +220,11 @@ function openLoop(loop) {
         ({frequency: f, gain: read(gain, f), phase: read(phase, f)}));
     return {frequency, gain, phase, poles, stable, margins, phaseCrossover, gainCrossover, gain_margin: gainMargin,
         phase_margin: phaseMargin, delay_margin: least(phases, row => row[2])[2]};
+}
+
+/** The linearised loop of a setting with changed parameters, and its figures; null if the actuator cannot rest. */
+function loopOf(actuator, setting, changes = {}) {
+    const {supply} = DATA.linear, parameters = {...setting.parameters, ...changes};
+    const loop = linearised(actuator, parameters, supply ? Number(setting.get(supply)) : 0);
+    return loop && {...loop, ...openLoop(loop)};
 }

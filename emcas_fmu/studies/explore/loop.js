@@ -1,13 +1,6 @@
 "use strict";
 /* The open loop of the cases: Bode and Nichols plots with the margins. */
 
-/** The linearised loop of a setting with changed parameters, and its figures; null if the actuator cannot rest. */
-function loopOf(actuator, setting, changes = {}) {
-    const {supply} = DATA.linear, parameters = {...setting.parameters, ...changes};
-    const loop = linearised(actuator, parameters, supply ? Number(setting.get(supply)) : 0);
-    return loop && {...loop, ...openLoop(loop)};
-}
-
 /** The plots of the open loop, and the poles of the closed one. */
 class LoopPlots {
     /** `change` moves a pole, as for Poles. */

@@ -7,7 +7,7 @@ const REST = 300; // ms without a change before long computations
 class Page {
     constructor(actuator) {
         this.actuator = actuator;
-        this.runs = new Runs();
+        this.worked = new Worked(["data", "actuator", "program"].map(id => $(id).textContent));
         this.controls = [...document.querySelectorAll("[data-name]")].map(row =>
             new Control(row, (name, value) => this.change(name, value)));
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) => new Plot(title, {
@@ -190,23 +190,14 @@ class Page {
     }
 
     respond(setting, excitation) {
-        return {excitation, outputs: this.actuator.run(...this.runOf(setting, excitation))};
+        const {parameters} = setting, inputs = setting.inputs(excitation);
+        return {excitation, outputs: this.actuator.run(parameters, inputs, excitation.time.length, STEP)};
     }
 
-    /** The arguments of Actuator.run. */
-    runOf(setting, excitation, changes = {}, outputs = DATA.outputs) {
-        const parameters = {...setting.parameters, ...changes};
-        return [parameters, setting.inputs(excitation), excitation.time.length, STEP, outputs];
-    }
-
-    /** The function `respond` of measure.js for a setting with changes, in the worker. */
-    beside(setting, changes) {
-        const {live, kept} = this, never = new Promise(() => undefined);
-        const needed = () => this.live === live && this.kept === kept;
-        return async (excitation, names) => {
-            const outputs = needed() ? await this.runs.run(...this.runOf(setting, excitation, changes, names)) : null;
-            return needed() ? outputs && {excitation, outputs} : never;
-        };
+    /** Promises the answer of the worker, while the settings are the same. */
+    async ask(name, setting) {
+        const {live, kept} = this, answer = await this.worked.ask(name, setting);
+        return this.live === live && this.kept === kept ? answer : new Promise(() => undefined);
     }
 
     say(problems, warnings = []) {
@@ -235,7 +226,7 @@ class Page {
     async rest() {
         this.writeLink();
         this.describe();
-        for (const [, each] of this.cases) each.verdicts ??= verdictsOf(await this.measured(each.setting));
+        for (const [, each] of this.cases) each.verdicts ??= verdictsOf(await this.ask("measured", each.setting));
         drawStrip($("verdicts"), $("verdict"), this.cases);
         drawRequirements($("requirements"), this.cases);
         for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
@@ -247,27 +238,8 @@ class Page {
 
     /** The frequency responses of a setting with their labels. */
     async responses(setting) {
-        const respond = this.beside(setting, DATA.at_start), responses = [];
-        for (const [amplitude, load] of sinesOf(setting)) {
-            const label = withUnit(degrees(amplitude), "°") + (load ? `, ${withUnit(load, "N·m")}` : "");
-            responses.push([label, await frequencyResponse(amplitude, load, respond)]);
-        }
-        return responses;
-    }
-
-    /** The figures of all tests of the requirements, by case. */
-    async measured(setting) {
-        const measured = [];
-        for (const test of DATA.tests) {
-            const figures = {};
-            for (const name of test.cases) {
-                const changes = DATA.cases[name];
-                figures[name] = test.kind === "linear" ? [loopOf(this.actuator, setting, changes) ?? {}] :
-                    await measure(test, setting, this.beside(setting, changes));
-            }
-            measured.push(figures);
-        }
-        return measured;
+        return (await this.ask("responses", setting)).map(([[amplitude, load], response]) =>
+            [withUnit(degrees(amplitude), "°") + (load ? `, ${withUnit(load, "N·m")}` : ""), response]);
     }
 
     /** Writes the response in words, for screen readers. */

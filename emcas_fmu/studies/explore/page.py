@@ -45,10 +45,10 @@ from ...variables import Variable
 
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
-_PROGRAM = "actuator.js"  # of the page and of its worker
-SCRIPTS = ("excitations.js", "metrics.js", "measure.js", "settings.js", "eigenvalues.js", "linear.js",
-           "plots.js", "results.js", "poles.js", "loop.js", "drives.js", "mechanism.js", "controls.js",
-           "drawn.js", "runs.js", "page.js")
+_PROGRAM = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "eigenvalues.js", "linear.js",
+            "judging.js")  # of the page and of its worker
+_SCRIPTS = ("plots.js", "results.js", "poles.js", "loop.js", "drives.js", "mechanism.js", "controls.js", "drawn.js",
+            "page.js")
 _MOST_FIRST = 12  # parameters with sliders of an actuator without gains
 _PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
@@ -340,7 +340,8 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
         linear=described["linear"],
         controls=controls, described=words, first=_first(parameters), groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=packed(code),
-        style=handwritten("page.css", _HERE), program=_dense(_PROGRAM), script="\n".join(map(_dense, SCRIPTS)))
+        style=handwritten("page.css", _HERE), program="\n".join(map(_dense, _PROGRAM)),
+        script="\n".join(map(_dense, _SCRIPTS)))
 
 
 def write(path: Path, parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> int:

@@ -20,8 +20,8 @@ function nearest(poles, [x, y]) {
     return pairs[distances.indexOf(smallest(distances))];
 }
 
-/** The gains within their ranges that move a pole towards a target, as near as these let it come, and the pole there: by
-    Gauss-Newton, with steps that are shortened until they bring it nearer; `polesAt(gains)` are the poles. */
+/** The gains within their ranges that move a pole towards a target, as near as these let it come, and the pole there:
+    by Gauss-Newton, with steps that are shortened until they bring it nearer; `polesAt(gains)` are the poles. */
 function placed(polesAt, gains, ranges, pole, target) {
     const errorOf = at => [0, 1].map(i => target[i] - at[i]);
     for (let k = 0, share = 1; k < 20 && share > 0.02; ++k) {

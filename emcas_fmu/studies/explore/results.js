@@ -151,13 +151,6 @@ function drawRequirements(table, cases) {
     }));
 }
 
-/** Amplitude [rad] and load [N.m] of the frequency responses: of requirements, and of a sine or sweep that is set. */
-function sinesOf({kind, fields: {amplitude, torque}}) {
-    const required = DATA.tests.filter(test => test.kind === "sine").map(test => [test.amplitude, 0]);
-    const known = required.some(([size, load]) => size === amplitude && load === torque);
-    return ["sine", "sweep"].includes(kind) && amplitude && !known ? [...required, [amplitude, torque]] : required;
-}
-
 const DASHES = [undefined, [7, 4], [2, 3]];
 
 function drawBode(gain, phase, cases) {
