@@ -12,7 +12,7 @@ _BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[tem
 _QUANTITIES = {
     "1": "Ratio", "1/K": "TemperatureCoefficient", "1/s": "InverseTime", "1/s2": "InverseTimeSquared",
     "A": "ElectricCurrent", "A.s": "ElectricCharge", "A/V": "CurrentPerVoltage",
-    "F": "Capacitance", "H": "Inductance", "J/K": "HeatCapacity",
+    "F": "Capacitance", "H": "Inductance", "Hz": "Frequency", "J/K": "HeatCapacity",
     "K": "TemperatureDifference", "K/W": "ThermalResistance", "N": "Force", "N.m": "Torque",
     "N.m.s/rad": "RotationalDamping", "N.m/A": "TorqueConstant", "N.m/Pa": "TorquePerPressure",
     "N.m/rad": "RotationalStiffness", "N.s/m": "TranslationalDamping", "N/m": "TranslationalStiffness",
