@@ -44,7 +44,9 @@ _PASS = """const done = arguments[0]; (async () => {
     for (let y = 0; y < document.documentElement.scrollHeight; y += 600) {
         scrollTo(0, y); await new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn))); }
     scrollTo(0, 0);
-    for (let before, now = ""; now !== before; now = `${document.body.dataset.ready} ${document.body.scrollHeight}`) {
+    const {classList, dataset} = document.body;
+    for (let before, now = ""; now !== before || classList.contains("waiting");
+         now = `${dataset.ready} ${document.documentElement.scrollHeight}`) {
         before = now; await new Promise(rested => setTimeout(rested, 300)); }
     done(); })()"""
 _FONTS = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
