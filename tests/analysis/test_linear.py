@@ -17,6 +17,8 @@ from emcas_fmu.actuators.electromechanical import nonlinear
 from emcas_fmu.bench.linear import frequency
 from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.bench.linear.systems import decays, sampled, shown, wire
+from emcas_fmu.bench.measure import Test, measure
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.motions import RATED
 from emcas_fmu.namespace import Record
@@ -255,3 +257,30 @@ def test_the_end_of_the_range_is_a_point_like_any_other(values: Values) -> None:
     limit = values["command.limit"]
     inside, end = (frequency.response(LinearActuator(values, at).command_to_angle) for at in (0.999 * limit, limit))
     assert end.bandwidth == pytest.approx(inside.bandwidth, rel=1e-3)
+
+
+# Narrower than a step of the frequencies: the resonance of an oil column, a hinge's, and a notch without damping.
+NARROW = {
+    "oil column": ("electrohydraulic", {
+        "controller.position.kp": 117.0, "controller.position.ki": 606.0, "valve.natural_frequency": 896.0}),
+    "hinge": ("elastic", {
+        name: value for name, value in load_parameters("hinge-stiffness", model="elastic").values.items()
+        if name.startswith("drive_line.")}),
+    "notch": ("elastic+filters", {
+        "drive_line.shaft_stiffness": 1e4, "drive_line.fork_stiffness": 0.0, "drive_line.structure_stiffness": 0.0,
+        "drive_line.hinge_damping": 0.0, "filters.notch_zero_damping": 0.0, "filters.notch_pole_damping": 0.2,
+        "filters.notch_frequency": 120.0 * np.pi})}
+
+
+@pytest.mark.parametrize("name", ["hinge", *slow("oil column", "notch")])
+def test_margins_of_requirements_are_those_of_many_frequencies(name: str) -> None:
+    """Of 20,000 frequencies; 200 alone would say 0.8 dB too much of the hinge, and too long a delay of the others."""
+    model, changes = NARROW[name]
+    parameters = load_parameters(model=model).with_values(changes)
+    loop = LinearActuator(parameters.values, model=model).loop("reference")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(frequency, "_resolved", lambda loop, grid: grid)
+        expected = frequency.margins(loop, np.geomspace(0.05, frequency.highest(loop), 20_000))
+    found = measure(Test("linear"), ParameterSubject(parameters), [{}],
+                    ("gain_margin", "phase_margin", "delay_margin"), ("minimum",) * 3)[0]
+    assert found == pytest.approx([expected.gain_db, expected.phase, expected.delay], rel=1e-4)  # of the splines

@@ -14,6 +14,7 @@ from emcas_fmu.api import analyse
 from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.bench.linear.frequency import continuous_poles, evaluate, margins
 from emcas_fmu.parameters import load_parameters
+from tests.analysis.test_linear import NARROW
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
 
@@ -101,16 +102,14 @@ def test_margins_of_every_actuator_are_those_of_the_analysis(browser: Browser, m
 
 
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once
-def test_a_resonance_that_reaches_the_gain_limits_the_margins(browser: Browser, tmp_path: Path) -> None:
-    """That of the oil column is narrower than a step of the frequencies."""
-    changes = {"controller.position.kp": 117.0, "controller.position.ki": 606.0, "valve.natural_frequency": 896.0}
-    values = load_parameters(model="electrohydraulic").with_values(changes).values
-    browser.open(written(tmp_path, "electrohydraulic"))
-    for name, value in changes.items():
-        browser.set(name, value)
-    expected = margins(LinearActuator(values, model="electrohydraulic").loop("reference"))
-    assert 1e3 * expected.delay < 3.6  # it limits the delay: 40.9 deg at 20 Hz would allow more
-    check_margins(browser, expected)
+@pytest.mark.parametrize("name", NARROW)
+def test_narrow_resonances_limit_the_margins(browser: Browser, name: str, tmp_path: Path) -> None:
+    model, changes = NARROW[name]
+    values = load_parameters(model=model).with_values(changes).values
+    browser.open(written(tmp_path, model))
+    for parameter, value in changes.items():
+        browser.set(parameter, value)
+    check_margins(browser, margins(LinearActuator(values, model=model).loop("reference")))
 
 
 POLE = "window.page.loop.poles.pole"

@@ -178,15 +178,25 @@ function signChange(f, from, to) {
     return Math.exp((low + high) / 2);
 }
 
+/** Points [Hz, response] between two, where a narrow resonance or notch turns or changes the response by a third. */
+function turning(at, low, high, depth = 16) {
+    const [[from, [a, b]], [to, [c, d]]] = [low, high], size = Math.hypot(a, b) * Math.hypot(c, d);
+    const turned = a * c + b * d < 0.94 * size, changed = Math.abs(Math.log(Math.hypot(c, d) / Math.hypot(a, b))) > 0.33;
+    if (!depth || !(turned || changed)) return [];
+    const f = (from + to) / 2, middle = [f, at(f)];
+    return [...turning(at, low, middle, depth - 1), middle, ...turning(at, middle, high, depth - 1)];
+}
+
 /** Frequency [Hz], also those of resonances, gain [dB] and unwrapped phase [°] of a loop, and the figures of its
     margins, with the frequencies [Hz] of those of gain and phase; NaN if it is unstable when closed. */
 function openLoop(loop) {
     const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants, {period} = loop, highest = 0.499 / period;
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
     const opened = polesOf(loop), peaks = opened.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
-    const frequency = Float64Array.from([...grid, ...peaks.filter(f => f > lowest && f < highest)]).sort();
     const at = f => loopAt(loop, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));
-    const response = Array.from(frequency, at);
+    const known = [...grid, ...peaks.filter(f => f > lowest && f < highest)].sort((f, g) => f - g).map(f => [f, at(f)]);
+    const followed = known.flatMap((point, k) => k ? [...turning(at, known[k - 1], point), point] : [point]);
+    const frequency = Float64Array.from(followed, ([f]) => f), response = followed.map(([, value]) => value);
     const gain = Float64Array.from(response, value => 20 * Math.log10(Math.hypot(...value)));
     let last = -180;
     const phase = Float64Array.from(response, ([real, imaginary]) => {
