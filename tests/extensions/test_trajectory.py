@@ -184,7 +184,7 @@ def test_a_command_at_its_limit_is_no_saturation() -> None:
 
 
 @pytest.mark.parametrize(("changes", "words"), [
-    ({"trajectory.jerk_limit": 5e4}, r"jerk_limit = 50000 .*at least 1\.5.*= 67680"),
+    ({"trajectory.jerk_limit": 5e4}, r"jerk_limit = 50000 .*at least 1\.5.*= 72562\.5"),
     ({"trajectory.natural_frequency": 700.0, "trajectory.jerk_limit": 1e6}, "too fast for samples"),
 ])
 def test_a_motion_that_could_not_brake_in_time_is_refused(changes: Mapping[str, float], words: str) -> None:
