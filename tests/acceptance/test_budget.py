@@ -202,7 +202,7 @@ def test_an_imperfection_of_no_parameter_is_refused() -> None:
         replace(get("elastic"), imperfections={"play": {"drive_line.backlsh": 0.0}})
 
 
-@pytest.mark.parametrize("model", others_slow(NAMES, lambda name: name in ("second-order", "servo")))
+@pytest.mark.parametrize("model", others_slow(NAMES, lambda name: name == "second-order"))
 def test_every_actuator(model: str) -> None:
     of = rig(model)
     values = of.subject.values

@@ -39,7 +39,7 @@ def _energy(p: Any, s: Pair) -> float:
     return float(0.5 * (kinetic + (c.stiffness * (deflection - flank)**2 if pressed else 0.0)))
 
 
-@pytest.mark.parametrize("ratio", others_slow([0.0, 0.05, 0.3, 0.8], lambda ratio: ratio in (0.0, 0.3)))
+@pytest.mark.parametrize("ratio", others_slow([0.0, 0.05, 0.3, 0.8], lambda ratio: ratio == 0.3))
 def test_bounce_is_its_closed_form(ratio: float) -> None:
     """A damped spring that never pulls returns exp(-zeta phi/q) of the speed.
 

@@ -16,6 +16,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 from tests.fmu.built import lean
 from tests.hosts.host import standard_headers, tool
+from tests.marks import slow
 
 from .recipes import ROOT, recipes
 
@@ -39,7 +40,7 @@ def place(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFa
     return folder
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", ["gcc", *slow("clang")])
 def test_two_units_in_one_program(place: Path, compiler: str) -> None:
     """Each has the response of the Python kernel for its parameters and the same hinge moments.
 

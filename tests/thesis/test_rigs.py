@@ -16,6 +16,7 @@ from docs.thesis.rigs import rig_entries, rig_values
 from docs.thesis.runs import COLD, SLEWS, WARM, Runs
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation
 from emcas_fmu.parameters import load_parameters
+from tests.marks import slow
 
 
 def coulomb(values: Mapping[str, Any], direction: str, fin: Any) -> Any:
@@ -28,7 +29,7 @@ def runs() -> Runs:
     return Runs()
 
 
-@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("direction", [-1, *slow(1)])
 def test_slow_sweeps_read_coulomb_friction_at_both_temperatures(direction: int) -> None:
     values, name = runs().values, friction.DIRECTIONS[direction]
     # The second point of the table is that of the cold measurement.
