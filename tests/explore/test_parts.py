@@ -136,20 +136,36 @@ def drawn(browser: Browser, model: str, folder: Path, time: float) -> dict[str, 
     return row
 
 
+def check_mesh(wheel: str, worm: str, teeth: int, fin_angle: float) -> None:
+    """Fail unless a tooth is where the fin is, and teeth and threads at the bottom are half a pitch apart."""
+    begins = [[float(x) for x in each.split(" L")[0].split()] for each in wheel.split("M")[1:]]
+    angles = np.array([np.arctan2(x, y) for x, y in begins])  # from the bottom, as the lever's: to the right positive
+    turn = 2.0 * np.pi / teeth
+    assert np.min(np.abs(angles - fin_angle)) < 1e-9
+    threads = np.array([float(each.split()[0]) for each in worm.split("M")[1:]])  # next to the wheel
+    np.testing.assert_allclose(np.diff(threads), 38.0 * turn)
+    apart = np.min(np.abs(threads[:, None] - 38.0 * angles), axis=0)[np.abs(angles) < 0.5]
+    np.testing.assert_allclose(apart, 19.0 * turn, rtol=1e-9)
+
+
+def test_a_worm_and_its_wheel_move_together(opened: Browser) -> None:
+    """A positive fin angle moves the bottom of the wheel to the right, as the lever's end of other drives."""
+    for fin_angle in (0.0, 0.02, -0.3):
+        wheel, worm = opened.run("(drive => { drive.show({fin_angle: arguments[0], motor_angle: 30 * arguments[0]}, "
+                                 "{'worm.teeth': 60, 'worm.starts': 2}); return [drive.wheel, drive.threads].map("
+                                 "path => path.getAttribute('d')); })(new Worm())", fin_angle)
+        check_mesh(wheel, worm, 60, fin_angle)
+
+
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once
 def test_a_worm_s_threads_are_where_the_motor_is_and_teeth_where_the_fin_is(browser: Browser, tmp_path: Path) -> None:
     row = drawn(browser, "worm-gear", tmp_path, 0.085)
     teeth, starts = (load_parameters(model="worm-gear").values[f"worm.{name}"] for name in ("teeth", "starts"))
-    path = "document.querySelector('.mechanism .{}').getAttribute('d').match(/M\\S+ \\S+/g)"
-    tooth = [float(x) for x in browser.run(path.format("wheel"))[0][1:].split()]
-    assert np.arctan2(tooth[0], tooth[1]) == pytest.approx(-row["fin_angle"])
-    threads = np.array([float(each[1:].split()[0]) - 2.0 for each in browser.run(path.format("worm"))])
-    pitch = 38.0 * 2.0 * np.pi / teeth
-    np.testing.assert_allclose(np.diff(threads), pitch)
-    # A rigid gear: the bottom of the wheel has moved as far as the threads, and its teeth are between them.
+    # A rigid gear: what is drawn of it meshes.
     assert row["motor_angle"] * starts / teeth == pytest.approx(row["fin_angle"])
-    between = (threads - 38.0 * row["fin_angle"]) / pitch + 46.0 / pitch
-    np.testing.assert_allclose(between % 1.0, 0.5, atol=1e-6)
+    wheel, worm = browser.run("['wheel', 'worm'].map(part => document.querySelector(`.mechanism .${part}`)."
+                              "getAttribute('d'))")
+    check_mesh(wheel, worm, int(teeth), row["fin_angle"])
 
 
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once

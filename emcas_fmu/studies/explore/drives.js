@@ -72,14 +72,14 @@ class Worm {
     show(outputs, {"worm.teeth": teeth, "worm.starts": starts}) {
         const turn = 2 * Math.PI / teeth, pitch = WHEEL * turn;
         const spokes = Array.from({length: teeth}, (_, k) => {
-            const [x, y] = [Math.sin(k * turn - outputs.fin_angle), Math.cos(k * turn - outputs.fin_angle)];
+            const angle = k * turn + outputs.fin_angle, [x, y] = [Math.sin(angle), Math.cos(angle)];
             return `M${(WHEEL - 5) * x} ${(WHEEL - 5) * y} L${WHEEL * x} ${WHEEL * y}`;
         });
         set(this.wheel, {d: spokes.join(" ")});
         /* Where a tooth is at the bottom, a gap between threads is. */
-        const moved = (WHEEL * outputs.motor_angle * starts / teeth / pitch + 0.5) % 1;
-        const threads = Array.from({length: Math.ceil(92 / pitch) + 1}, (_, k) => -46 + pitch * (k + moved)).filter(
-            x => x > -44 && x < 44).map(x => `M${x + 2} ${WHEEL + 3} L${x - 2} ${WHEEL + 25}`);
+        const moved = (WHEEL * outputs.motor_angle * starts / teeth / pitch + 0.5) % 1, half = Math.ceil(46 / pitch);
+        const threads = Array.from({length: 2 * half + 1}, (_, k) => pitch * (k - half + moved)).filter(
+            x => x > -42 && x < 46).map(x => `M${x} ${WHEEL + 3} L${x - 4} ${WHEEL + 25}`);
         set(this.threads, {d: threads.join(" ")});
         this.motor.show(outputs);
     }
