@@ -109,3 +109,28 @@ def test_points_are_written_by_keyboard_and_restored_by_a_link(opened: Browser) 
     assert opened.run(COMMAND) == command
     field = opened.driver.find_element("id", "points")
     assert field.get_attribute("value").splitlines() == ["0, 0", "0.1, 0", "0.1, 5", "0.2, -2.5", "0.4, -2.5"]
+
+
+def test_a_stroke_over_a_file_keeps_the_rest_of_it(opened: Browser) -> None:
+    """Its command before and after the stroke, and its load."""
+    rows = "time,aero_torque,fin_command\n0,0,0\n0.1,50,0\n0.1,50,0.1\n0.3,-20,0.1\n0.5,-20,0\n"
+    opened.run("window.page.fly('mine.csv', () => arguments[0])", rows)
+    opened.wait("window.page.live.setting.file?.title === 'mine.csv'")
+    opened.settled()
+    load = "[...window.page.live.run.excitation.columns.aero_torque]"
+    command, torque = np.array(opened.run(COMMAND)), opened.run(load)
+    button(opened).click()
+    opened.settled()
+    field = opened.driver.find_element("id", "points")
+    assert field.get_attribute("value").splitlines()[-2:] == ["0.3, 5.72957795", "0.5, 0"]
+    drag(opened, [(0.2, 0.0), (0.25, 0.0)])
+    again = np.array(opened.run(COMMAND))
+    assert len(again) == 501
+    outside = np.r_[0:198, 253:501]  # ms; to a pixel of 0.7 ms
+    np.testing.assert_allclose(again[outside], command[outside], atol=1e-9)  # of thinned rows
+    np.testing.assert_allclose(again[202:249], 0.0, atol=radians(0.2))
+    assert opened.run(load) == torque
+    write(opened, "0, 2\n0.3, 2\n")
+    opened.wait("window.page.live.run.excitation.time.length === 301")
+    np.testing.assert_allclose(opened.run(COMMAND), radians(2.0), atol=1e-12)
+    assert opened.run(load) == torque[:301]

@@ -3,9 +3,25 @@
 
 const DRAWN = "drawn command";
 
-/** The points of a drawn command, time [s] and angle [rad], from its CSV file. */
-function pointsOf(file) {
-    return file?.title === DRAWN ? file.text.trim().split("\n").slice(1).map(line => line.split(",").map(Number)) : [];
+const STRAIGHT = 1e-14; // rad from the line between its neighbours, of rounding: a row is no point
+
+/** The points of a setting's CSV file, time [s] and command [rad]; rows with other columns are thinned. */
+function pointsOf({kind, file}) {
+    if (kind !== "csv" || !file?.columns.fin_command) return [];
+    if (Object.keys(file.columns).length === 1) return file.points;
+    const {time, columns: {fin_command: command}} = file, last = time.length - 1;
+    return Array.from(time, (t, k) => [t, command[k]]).filter((_, k) => k === 0 || k === last ||
+        Math.abs(command[k - 1] - 2 * command[k] + command[k + 1]) > STRAIGHT);
+}
+
+/** The CSV file of points, with the other columns of a setting's file. Throws an Error. */
+function drawnFile(points, {kind, file}) {
+    const text = ["time,fin_command", ...points.map(point => point.join(",")), ""].join("\n");
+    const {fin_command: _, ...others} = kind === "csv" && file ? file.columns : {};
+    if (!Object.keys(others).length) return text;
+    const {time, columns} = fromCsv(text, DRAWN), kept = Object.entries(others).map(([name, column]) =>
+        [name, sampled(time, file.time, column)]);
+    return csv({time, ...columns, ...Object.fromEntries(kept)});
 }
 
 /** The points with those of a stroke in their place; without points before it the command is 0, after it it is held. */
@@ -19,7 +35,7 @@ function drawnOver(points, stroke, end) {
 }
 
 class Drawing {
-    /** Calls `done(text)` with a CSV file when a stroke over a plot ends, or when points are written. */
+    /** Calls `done(points)` with the points of the whole command when a stroke over a plot ends, or they are written. */
     constructor(plot, done) {
         Object.assign(this, {plot, done, stroke: null, button: $("draw"), field: $("points")});
         this.button.addEventListener("click", () => this.turn(!this.on));
@@ -53,10 +69,9 @@ class Drawing {
     /** Shows the points of a setting. */
     show(setting) {
         this.setting = setting;
-        const points = pointsOf(setting.kind === "csv" ? setting.file : null);
-        $("points-row").hidden = !this.on && !points.length;
-        if (document.activeElement === this.field) return;
-        this.field.value = points.map(([time, angle]) => `${time}, ${general(degrees(angle), 9)}`).join("\n");
+        $("points-row").hidden = !this.on && !(setting.kind === "csv" && setting.file?.title === DRAWN);
+        if ($("points-row").hidden || document.activeElement === this.field) return;
+        this.field.value = pointsOf(setting).map(([time, angle]) => `${time}, ${general(degrees(angle), 9)}`).join("\n");
     }
 
     get limit() {
@@ -89,21 +104,16 @@ class Drawing {
         const {stroke, plot: {chart}} = this;
         this.stroke = null;
         if (!stroke) return;
-        const kept = pointsOf(this.setting.kind === "csv" ? this.setting.file : null);
         const end = Math.round(chart.data[0].at(-1) / STEP) / Math.round(1 / STEP);
-        this.done(csvOf(drawnOver(kept, stroke, end)));
+        this.done(drawnOver(pointsOf(this.setting), stroke, end));
     }
 
-    /** The CSV file of the points that are written: a line each, time [s] and angle [°]. */
+    /** The points that are written: a line each, time [s] and angle [°]. */
     get written() {
         const lines = this.field.value.split("\n").filter(line => line.trim());
-        return csvOf(lines.map(line => {
+        return lines.map(line => {
             const [time, angle = NaN, ...more] = line.replaceAll("−", "-").trim().split(/[\s,;]+/).map(Number);
             return more.length ? [NaN, NaN] : [time, angle * Math.PI / 180];
-        }));
+        });
     }
-}
-
-function csvOf(points) {
-    return ["time,fin_command", ...points.map(point => point.join(",")), ""].join("\n");
 }

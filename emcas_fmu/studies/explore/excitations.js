@@ -47,7 +47,8 @@ function moves(time, command) {
     return jumps.map((row, i) => ({start: time[row], level: command[row], end: time[jumps[i + 1] ?? time.length - 1]}));
 }
 
-/** Rows of inputs from the text of a CSV file, linear between its rows, as in bench/excitation.py. Throws an Error. */
+/** Rows of inputs from the text of a CSV file, linear between its rows, as in bench/excitation.py, and the file's own
+    rows of the command as `points`. Throws an Error. */
 function fromCsv(text, title) {
     const [names = [], ...lines] = text.replace(/^\uFEFF/, "").split(/\r?\n/).filter(line => line.trim()).map(line =>
         line.split(",").map(cell => cell.trim().replace(/^"(.*)"$/, "$1")));
@@ -68,8 +69,8 @@ function fromCsv(text, title) {
             `the end at ${general(stop, 6)} s must be a whole number of steps of ${STEP} s, ` +
             `${DATA.constants.MOST_ROWS} at most` : "";
     if (problem) throw new Error(`${title}: ${problem}`.replace(/[^\x20-\uFFFF]/g, "?").slice(0, 400));
-    const points = times(stop);
-    return {title, time: points,
+    const points = times(stop), command = column("fin_command");
+    return {title, time: points, points: time.map((t, k) => [t, command[k]]),
         columns: Object.fromEntries(inputs.map(name => [name, sampled(points, time, column(name))]))};
 }
 

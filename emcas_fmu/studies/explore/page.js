@@ -26,8 +26,7 @@ class Page {
         this.plane = DATA.plane && new Plot("Motor torque over motor speed", {
             x: `motor speed [${DATA.plane.speed[0]}]`, y: `[${DATA.plane.torque[0]}]`, shared: false, height: 235});
         if (this.plane) $("plane").append(this.plane.figure);
-        this.drawing = new Drawing(this.plots[0], text =>
-            this.fly(DRAWN, text).catch(error => this.say([error.message])));
+        this.drawing = new Drawing(this.plots[0], points => this.fly(DRAWN, () => drawnFile(points, this.live.setting)));
         this.loop = DATA.linear && new LoopPlots($("loop"), (target, pole) => this.movePole(target, pole));
         this.listen();
         this.restore();
@@ -95,19 +94,21 @@ class Page {
 
     async open(file) {
         if (!file) return;
-        try {
+        await this.fly(file.name, () => {
             if (file.size > MOST_BYTES) throw new Error(`${file.name}: is larger than ${MOST_BYTES / 1e6} MB`);
-            await this.fly(file.name, await file.text());
-        } catch (error) {
-            this.say([error.message]);
-        }
+            return file.text();
+        });
         $("file").value = "";
     }
 
-    /** Shows the response to the text of a CSV file. Throws an Error. */
-    async fly(title, text) {
-        const rows = fromCsv(text, title);
-        this.show({setting: this.live.setting.withFile({...rows, text, packed: await packed(title, text)})});
+    /** Shows the response to the CSV file whose text `read` returns, or what is wrong with it. */
+    async fly(title, read) {
+        try {
+            const text = await read(), rows = fromCsv(text, title);
+            this.show({setting: this.live.setting.withFile({...rows, text, packed: await packed(title, text)})});
+        } catch (error) {
+            this.say([error.message]);
+        }
     }
 
     /** Reads the settings in the page's address; waits only for a CSV file. */
