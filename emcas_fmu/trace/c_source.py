@@ -54,13 +54,13 @@ def c_elementary(tracer: Tracer) -> str:
     return "\n".join([_HELPERS, *_ElementaryWriter(tracer).elementary("elementary")])
 
 
-def c_source(tracer: Tracer, prefix: str) -> str:
+def c_source(tracer: Tracer, prefix: str, templates: Mapping[str, str] = TEMPLATES) -> str:
     """Return declarations and static functions of a header.
 
     ``<prefix>_prepare(p, c)`` computes the constants `c` [<PREFIX>_CONSTANTS] from the parameters `p`
     [<PREFIX>_PARAMETERS]. Each function has both as arguments, then further ones, then the array `out` of its results.
     """
-    writer = CWriter(tracer)
+    writer = CWriter(tracer, templates)
     upper = prefix.upper()
     text = [f"enum {{ {upper}_PARAMETERS = {len(tracer.parameters)}, {upper}_CONSTANTS = {len(writer.constants)} }};",
             ""]

@@ -112,6 +112,17 @@ def test_narrow_resonances_limit_the_margins(browser: Browser, name: str, tmp_pa
     check_margins(browser, margins(LinearActuator(values, model=model).loop("reference")))
 
 
+@pytest.mark.slow  # zig makes its C library for a browser: a minute, once
+def test_a_choice_at_rest_keeps_its_side(browser: Browser, tmp_path: Path) -> None:
+    """Brushes off their neutral position weaken one direction: at rest the motor is the stronger one."""
+    parameters = load_parameters(model="servo")
+    browser.open(written(tmp_path, "servo"))
+    for asymmetry in (0.1, -0.1):
+        browser.set("motor.asymmetry", asymmetry)
+        values = parameters.with_values({"motor.asymmetry": asymmetry}).values
+        check_margins(browser, margins(LinearActuator(values, model="servo").loop("reference")))
+
+
 POLE = "window.page.loop.poles.pole"
 GAINS = "PLACING.map(name => window.page.live.setting.get(name))"
 

@@ -92,10 +92,13 @@ def plain(model: str) -> str:
 
 
 class _Unquantised(Tracer):
-    """A tracer of a program without quantisation."""
+    """A tracer of a program without quantisation, and with limits as choices."""
 
     def floor(self, x: Value) -> Value:
         return x
+
+    def clip(self, x: Value, low: Value, high: Value) -> Value:
+        return self.where(x < low, low, self.where(x > high, high, x))
 
 
 def program(model: str) -> Tracer:

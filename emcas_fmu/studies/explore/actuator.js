@@ -89,14 +89,15 @@ class Actuator {
         return this.doubles(to, count).slice();
     }
 
-    /** The equations of bench/linear/equations.py: start values, functions of arrays, and the schedule. */
+    /** The equations of bench/linear/equations.py: start values, functions of arrays, and the schedule. With `hold` the
+        functions' conditions are those of the call before. */
     equations(values, supply) {
         this.put(values);
         this.code.at_rest_prepare(this.parameters, this.constants);
         const {states, kept, sampled} = DATA.linear;
-        const of = (name, count) => x => {
+        const of = (name, count) => (x, hold = false) => {
             this.doubles(this.point, MOST_ARGUMENTS).set([supply, ...x]);
-            this.code[name](this.parameters, this.constants, this.point, this.values);
+            this.code[name](this.parameters, this.constants, this.point, hold, this.values);
             return this.doubles(this.values, count).slice();
         };
         this.code.scheduled(this.parameters, this.values);

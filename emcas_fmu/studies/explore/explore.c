@@ -26,6 +26,7 @@ API void limit_torques(const double *parameters, double supply, const double *sp
 /* Writes the constants of the actuator at rest, and returns their number. */
 API size_t at_rest_prepare(const double *parameters, double *constants)
 {
+    at_rest_begin(0);
     if (constants) linear_prepare(parameters, constants);
     return LINEAR_CONSTANTS;
 }

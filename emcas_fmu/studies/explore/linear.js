@@ -9,14 +9,14 @@ const DECAYS = 1 - 1e-10; // largest magnitude of a pole z of a stable loop, as 
 const zeros = (rows, columns) => Array.from({length: rows}, () => new Float64Array(columns));
 const product = (a, b) => a.map(row => b[0].map((_, j) => row.reduce((sum, x, k) => sum + x * b[k][j], 0)));
 
-/** Values and Jacobian of a function of an array, by central differences. */
+/** Values and Jacobian of a function of an array, by central differences; a choice keeps its side, as in ops/symbols. */
 function differenced(f, at) {
     const x = Float64Array.from(at), values = f(x), slopes = zeros(values.length, x.length);
     for (const [j, middle] of at.entries()) {
         const h = DIFFERENCE * Math.max(1, Math.abs(middle));
         const [[up, above], [down, below]] = [middle + h, middle - h].map(moved => {
             x[j] = moved;
-            return [f(x), x[j]];
+            return [f(x, true), x[j]];
         });
         x[j] = middle;
         slopes.forEach((row, i) => { row[j] = (up[i] - down[i]) / (above - below); });

@@ -39,7 +39,7 @@ from ...runtime.compiled import REASONS
 from ...runtime.compiler import WEB, zig
 from ...support.files import described_sets
 from ...support.writing import write as write_file
-from ...trace.c_source import c_source
+from ...trace.c_source import TEMPLATES, c_source
 from ...units import factor
 from ...variables import Variable
 
@@ -78,19 +78,28 @@ def sources(model: str) -> dict[str, str]:
         limits = f"#define LIMITS\n{c_source(traced_functions(model, [torque]), 'limits')}"
     return {_MAIN: handwritten(_MAIN, _HERE), **batch_sources(model),
             "limits.h": header("limits", "Limits of motor and drive", f"#include <math.h>\n\n{limits}"),
+            "held.h": handwritten("held.h", _HERE),
             "linear.h": header("linear", "The actuator at rest without quantisation", _linear_functions(model))}
 
 
 def _linear_functions(model: str) -> str:
-    """Return the equations of linear analysis, functions of parameters, constants, an array of arguments."""
+    """Return the equations of linear analysis, functions of parameters, constants, an array of arguments.
+
+    If `hold` is set, their conditions are those of the call before: a choice keeps its side, as where it is
+    differentiated.
+    """
     if not _linear(get(model)):
         return ""
     tracer = equations.program(model)
-    whole = [f"#include <math.h>\n\n#include \"elementary.h\"\n\n#define LINEAR\n{c_source(tracer, 'linear')}"]
+    held = {name: f"held({TEMPLATES[name]})" for name in ("less", "less_equal", "greater", "greater_equal", "equal")}
+    functions = c_source(tracer, "linear", {**TEMPLATES, **held})
+    whole = [f"#include <math.h>\n\n#include \"elementary.h\"\n\n#define LINEAR\n"
+             f"enum {{ LINEAR_CONDITIONS = {functions.count('held(') + 1} }};\n#include \"held.h\"\n\n{functions}"]
     for function in tracer.functions:
         arguments = ", ".join(f"x[{k}]" for k in range(len(function.arguments)))
-        whole.append(f"API void at_rest_{function.name}(const double *p, const double *c, const double *x, double *out)"
-                     f"\n{{\n    linear_{function.name}(p, c, {arguments}, out);\n}}\n")
+        whole.append(f"API void at_rest_{function.name}(const double *p, const double *c, const double *x, int hold, "
+                     f"double *out)\n{{\n    at_rest_begin(hold);\n    "
+                     f"linear_{function.name}(p, c, {arguments}, out);\n}}\n")
     return "\n".join(whole)
 
 
