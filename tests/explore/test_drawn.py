@@ -27,11 +27,18 @@ def button(browser: Browser) -> Any:
 
 
 def drag(browser: Browser, points: list[tuple[float, float]], touch: bool = False) -> None:
-    """Draw through points, time [s] and angle [deg], by mouse or by finger."""
+    """Draw a command through points, time [s] and angle [deg], by mouse or by finger, and wait for it."""
+    browser.run("window.before = window.page.live.setting.file")
+    stroke(browser, points, touch)
+    browser.wait(f"{DRAWN} && window.page.live.setting.file !== window.before")
+    browser.settled()
+
+
+def stroke(browser: Browser, points: list[tuple[float, float]], touch: bool = False) -> None:
+    """Move the mouse, or a finger, through points."""
     browser.run("scrollTo(0, 0)")
     browser.settled()
     places = browser.run(PLACE, points)
-    browser.run("window.before = window.page.live.setting.file")
     for k, (x, y) in enumerate([*places, places[-1]]):
         last = k == len(places)
         if touch:
@@ -43,8 +50,6 @@ def drag(browser: Browser, points: list[tuple[float, float]], touch: bool = Fals
             event = {"type": "mouseReleased" if last else "mouseMoved" if k else "mousePressed", "x": x, "y": y,
                      "button": "left", "buttons": 0 if last else 1, "clickCount": int(k in (0, len(places)))}
             browser.driver.execute_cdp_cmd("Input.dispatchMouseEvent", event)
-    browser.wait(f"{DRAWN} && window.page.live.setting.file !== window.before")
-    browser.settled()
 
 
 STROKE = [(0.1, 0.0), (0.2, 10.0), (0.3, -5.0)]
@@ -79,6 +84,19 @@ def test_going_back_takes_points_away(opened: Browser) -> None:
     button(opened).click()
     drag(opened, [(0.1, 0.0), (0.3, 15.0), (0.2, 3.0), (0.4, 3.0)])
     assert max(opened.run(COMMAND)) == pytest.approx(radians(3.0), abs=radians(0.2))
+
+
+@pytest.mark.parametrize("touch", [False, True], ids=["mouse", "finger"])
+def test_a_click_draws_nothing(opened: Browser, touch: bool) -> None:
+    before = opened.run(COMMAND)
+    button(opened).click()
+    opened.settled()
+    for points in ([(0.2, 12.0)], [(0.2, 12.0), (0.2, -12.0)], [(0.2, 12.0), (0.1, 5.0)]):
+        stroke(opened, points, touch)
+        opened.settled()
+        opened.rested("window.page.refresh()")
+        assert opened.run("window.page.live.setting.kind") == "step"
+    assert opened.run(COMMAND) == before
 
 
 def write(browser: Browser, text: str) -> None:

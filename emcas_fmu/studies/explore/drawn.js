@@ -103,7 +103,8 @@ class Drawing {
     end() {
         const {stroke, plot: {chart}} = this;
         this.stroke = null;
-        if (!stroke) return;
+        this.plot.redraw();
+        if (!stroke || stroke.length < 2) return;  // a click is no command
         const end = Math.round(chart.data[0].at(-1) / STEP) / Math.round(1 / STEP);
         this.done(drawnOver(pointsOf(this.setting), stroke, end));
     }
