@@ -114,7 +114,7 @@ def test_points_are_written_by_keyboard_and_restored_by_a_link(opened: Browser) 
     button(opened).send_keys(Keys.ENTER)
     write(opened, "0 0\n0,1; 2\n")
     opened.wait("document.getElementById('problems').textContent")
-    assert "drawn command: " in opened.run("document.getElementById('problems').textContent")
+    assert "drawn command: line 2, '0,1; 2', is not" in opened.run("document.getElementById('problems').textContent")
     write(opened, "0, 0\n0.1 0\n0.1 5\n0.2, −2.5\n0.4, -2.5\n")
     opened.wait(DRAWN)
     opened.rested("window.page.refresh()")
@@ -127,6 +127,24 @@ def test_points_are_written_by_keyboard_and_restored_by_a_link(opened: Browser) 
     assert opened.run(COMMAND) == command
     field = opened.driver.find_element("id", "points")
     assert field.get_attribute("value").splitlines() == ["0, 0", "0.1, 0", "0.1, 5", "0.2, -2.5", "0.4, -2.5"]
+
+
+@pytest.mark.parametrize("line", ["0,", ", 5", "abc", "0, 0x10", "0, Infinity", "0,1,2", "0,, 5", "1 e1 2", "."])
+def test_a_line_that_is_no_point_is_named(opened: Browser, line: str) -> None:
+    """Nothing is read as a number that is none, nor an empty place as 0."""
+    button(opened).click()
+    opened.run("((f, text) => { f.value = text; f.dispatchEvent(new Event('change')); })("
+               "document.getElementById('points'), arguments[0])", f"0, 0\n\n{line}\n1, 3")
+    opened.settled()
+    said = opened.run("document.getElementById('problems').textContent")
+    assert said == f"drawn command: line 3, '{line}', is not a time [s] and an angle [°], such as 0.2, 10"
+    assert opened.run("window.page.live.setting.kind") == "step"
+
+
+@pytest.mark.parametrize("line", ["1,3", "1 3", "1.;+3.0", "\t1e0 , 30E-1 "])
+def test_a_point_is_two_decimal_numbers(opened: Browser, line: str) -> None:
+    opened.run("document.getElementById('points').value = arguments[0]", line)
+    assert opened.run("window.page.drawing.written") == [[1.0, pytest.approx(radians(3.0))]]
 
 
 def test_a_stroke_over_a_file_keeps_the_rest_of_it(opened: Browser) -> None:

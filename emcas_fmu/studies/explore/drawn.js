@@ -2,7 +2,8 @@
 /* A command that is drawn by hand in the plot of the fin angle, or written as points: a CSV file like any other. */
 
 const DRAWN = "drawn command";
-
+const NUMBER = "([-+]?(?:\\d+\\.?\\d*|\\.\\d+)(?:e[-+]?\\d+)?)";
+const POINT = new RegExp(`^${NUMBER}(?:\\s*[,;]\\s*|\\s+)${NUMBER}$`, "i"); // a line with two decimal numbers
 const STRAIGHT = 1e-14; // rad from the line between its neighbours, of rounding: a row is no point
 
 /** The points of a setting's CSV file, time [s] and command [rad]; rows with other columns are thinned. */
@@ -35,11 +36,11 @@ function drawnOver(points, stroke, end) {
 }
 
 class Drawing {
-    /** Calls `done(points)` with the points of the whole command when a stroke over a plot ends, or they are written. */
+    /** Calls `done(points)` when a stroke over a plot ends, or points are written; `points()` are the whole command. */
     constructor(plot, done) {
         Object.assign(this, {plot, done, stroke: null, button: $("draw"), field: $("points")});
         this.button.addEventListener("click", () => this.turn(!this.on));
-        this.field.addEventListener("change", () => done(this.written));
+        this.field.addEventListener("change", () => done(() => this.written));
         for (const [event, action] of Object.entries({
             pointerdown: at => this.begin(at), pointermove: at => this.move(at), pointerup: () => this.end(),
             pointercancel: () => this.end(), mousedown: () => undefined})) {
@@ -106,15 +107,18 @@ class Drawing {
         this.plot.redraw();
         if (!stroke || stroke.length < 2) return;  // a click is no command
         const end = Math.round(chart.data[0].at(-1) / STEP) / Math.round(1 / STEP);
-        this.done(drawnOver(pointsOf(this.setting), stroke, end));
+        this.done(() => drawnOver(pointsOf(this.setting), stroke, end));
     }
 
-    /** The points that are written: a line each, time [s] and angle [°]. */
+    /** The points that are written: a line each, time [s] and angle [°]. Throws an Error. */
     get written() {
-        const lines = this.field.value.split("\n").filter(line => line.trim());
-        return lines.map(line => {
-            const [time, angle = NaN, ...more] = line.replaceAll("−", "-").trim().split(/[\s,;]+/).map(Number);
-            return more.length ? [NaN, NaN] : [time, angle * Math.PI / 180];
+        const texts = this.field.value.split("\n").map(text => text.trim());
+        return texts.flatMap((text, k) => {
+            if (!text) return [];
+            const numbers = POINT.exec(text.replaceAll("−", "-"));
+            if (numbers) return [[Number(numbers[1]), Number(numbers[2]) * Math.PI / 180]];
+            throw new Error(`${DRAWN}: line ${k + 1}, '${text.slice(0, 40)}', is not a time [s] and an angle [°], ` +
+                "such as 0.2, 10");
         });
     }
 }

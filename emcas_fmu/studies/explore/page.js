@@ -26,7 +26,8 @@ class Page {
         this.plane = DATA.plane && new Plot("Motor torque over motor speed", {
             x: `motor speed [${DATA.plane.speed[0]}]`, y: `[${DATA.plane.torque[0]}]`, shared: false, height: 235});
         if (this.plane) $("plane").append(this.plane.figure);
-        this.drawing = new Drawing(this.plots[0], points => this.fly(DRAWN, () => drawnFile(points, this.live.setting)));
+        this.drawing = new Drawing(this.plots[0], points =>
+            this.fly(DRAWN, () => drawnFile(points(), this.live.setting)));
         this.loop = DATA.linear && new LoopPlots($("loop"), (target, pole) => this.movePole(target, pole));
         this.listen();
         this.restore();
