@@ -187,3 +187,41 @@ def test_a_pole_is_moved_by_keys(opened: Browser) -> None:
     # Each key begins where gains of six digits have put the pole.
     assert opened.run(POLE) == pytest.approx([before[0] - 2.0 * step, before[1] + step], abs=1e-3)
     assert opened.run("document.activeElement.className") == "handle"
+
+
+def test_an_unstable_pole_is_dragged_until_the_loop_is_stable(opened: Browser) -> None:
+    opened.set("controller.velocity.kp", 0.15)
+    assert not opened.run("window.page.live.loop.stable")
+    assert opened.run(POLE) == pytest.approx([9.0, 53.6], abs=0.1)  # not the slowest
+    assert "the unstable pair" in opened.run("window.page.loop.poles.handle.getAttribute('aria-label')")
+    drag_pole(opened, (5.0, 50.0), (-5.0, 45.0))
+    assert opened.run("window.page.live.loop.stable")
+    assert opened.run(POLE) == pytest.approx([-5.0, 45.0], abs=0.5)  # Hz of a pixel
+    for name, gain in zip(("controller.position.kp", "controller.velocity.kp"), (200.0, 0.05), strict=True):
+        opened.set(name, gain)
+    growth = "growthOf(window.page.live.loop.poles)"
+    before = opened.run(growth)
+    opened.run("window.page.loop.poles.move([30, 30])")  # to where it would grow faster
+    opened.settled()
+    assert opened.run(growth) <= before + 1e-6  # of gains of six digits
+
+
+def test_keys_move_the_same_pair_where_another_becomes_slower(opened: Browser) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    grip, pole = handle(opened), opened.run(POLE)
+    for _ in range(40):
+        grip.send_keys(Keys.ARROW_LEFT)
+        opened.settled()
+        moved = opened.run(POLE)
+        assert np.hypot(*np.subtract(moved, pole)) < 3.0 * opened.run("window.page.loop.poles.size") / 100.0
+        pole = moved
+    label = "window.page.loop.poles.handle.getAttribute('aria-label')"
+    assert "the followed pair" in opened.run(label)
+    opened.run("window.page.show(window.page.live, {...window.page.live})")  # another redrawing
+    opened.settled()
+    assert opened.run(POLE) == pole
+    opened.run("window.page.begin({setting: window.page.live.setting})")
+    opened.settled()
+    assert opened.run(POLE) == pytest.approx([0.0, 2.3], abs=0.1)
+    assert "the slowest pair" in opened.run(label)

@@ -161,7 +161,9 @@ function polesOf({a, b, c}, closed = false) {
     return eigenvalues(closed ? a.map((row, i) => row.map((x, j) => x + b[i] * c[j])) : a);
 }
 
-const isStable = poles => poles.every(z => Math.hypot(...z) < DECAYS);
+/** The growth of a response over a sample: the largest magnitude of a pole z. */
+const growthOf = poles => largest(poles.map(z => Math.hypot(...z)));
+const isStable = poles => growthOf(poles) < DECAYS;
 
 /** The frequency [Hz] between two at which a function changes its sign, by false position (Illinois). */
 function signChange(f, from, to) {

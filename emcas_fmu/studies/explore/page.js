@@ -65,14 +65,19 @@ class Page {
     /** Sets the two gains, within their sliders, that move a pole [Hz] towards a target; returns where it is then. */
     movePole(target, pole) {
         const {setting} = this.live, {supply} = DATA.linear, volts = supply ? Number(setting.get(supply)) : 0;
-        const polesAt = gains => {
+        const closedAt = gains => {
             const changes = Object.fromEntries(PLACING.map((name, k) => [name, gains[k]]));
             const loop = linearised(this.actuator, {...setting.parameters, ...changes}, volts);
-            const poles = loop ? polesOf(loop, true) : [];
-            return isStable(poles) ? upperPoles({...loop, poles}) : [];  // the loop stays stable
+            return loop ? {...loop, poles: polesOf(loop, true)} : {poles: []};
+        };
+        const start = PLACING.map(name => setting.get(name)), most = Math.max(DECAYS, growthOf(closedAt(start).poles));
+        /* A stable loop stays stable, and an unstable one does not grow faster. */
+        const polesAt = (gains, keep) => {
+            const loop = closedAt(gains);
+            return keep && growthOf(loop.poles) > most ? [] : upperPoles(loop);
         };
         const ranges = PLACING.map(name => this.controls.find(({control}) => control.name === name).range ?? [0, 0]);
-        const reached = placed(polesAt, PLACING.map(name => setting.get(name)), ranges, pole, target);
+        const reached = placed(polesAt, start, ranges, pole, target);
         this.show({setting: PLACING.reduce((changed, name, k) =>
             changed.with(name, Number(general(reached.gains[k], 6))), setting)});
         return reached.pole;
@@ -83,9 +88,10 @@ class Page {
         this.refresh();
     }
 
-    /** Shows settings that were not set here, with the sliders' first ranges. */
+    /** Shows settings that were not set here, with the sliders' first ranges and the first choice of a pole. */
     begin(live, kept = this.kept) {
         for (const control of this.controls) control.range = null;
+        if (this.loop) this.loop.poles.pole = null;
         this.show(live, kept);
     }
 

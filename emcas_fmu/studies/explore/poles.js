@@ -1,5 +1,5 @@
 "use strict";
-/* The poles of the closed loop, s over 2 pi [Hz], of which the slowest pair is dragged: two gains follow. */
+/* The poles of the closed loop, s over 2 pi [Hz]. A pair is dragged, unstable or the slowest: two gains follow. */
 
 const PLACING = [["controller.position.kp", "controller.velocity.kp"], ["controller.kp", "controller.kd"]].find(names =>
     names.every(name => CONTROLS.has(name)));
@@ -21,7 +21,8 @@ function nearest(poles, [x, y]) {
 }
 
 /** The gains within their ranges that move a pole towards a target, as near as these let it come, and the pole there:
-    by Gauss-Newton, with steps that are shortened until they bring it nearer; `polesAt(gains)` are the poles. */
+    by Gauss-Newton, with steps that are shortened until they bring it nearer; `polesAt(gains)` are the poles, of gains
+    to `keep` only those that may be set. */
 function placed(polesAt, gains, ranges, pole, target) {
     const errorOf = at => [0, 1].map(i => target[i] - at[i]);
     for (let k = 0, share = 1; k < 20 && share > 0.02; ++k) {
@@ -44,7 +45,7 @@ function placed(polesAt, gains, ranges, pole, target) {
         next = next.map(clipped);
         const [x, y] = next.map((gain, i) => gain - gains[i]);
         const expected = [pole[0] + a * x + c * y, pole[1] + b * x + d * y];
-        const reached = next.every(Number.isFinite) && nearest(polesAt(next), expected);
+        const reached = next.every(Number.isFinite) && nearest(polesAt(next, true), expected);
         if (reached && Math.hypot(...errorOf(reached)) < (1 - 1e-6) * Math.hypot(...error)) {
             [gains, pole, share] = [next, reached, 1];
         } else {
@@ -73,7 +74,7 @@ class Poles {
         for (const name of ["pointerup", "pointercancel"]) listen(name, () => { this.held = false; });
         listen("keydown", key => {
             const step = KEYS[key.key];
-            if (!step) return;
+            if (!step || !this.pole) return;
             key.preventDefault();
             this.move(this.pole.map((x, i) => x + step[i] * this.size / 100));
         });
@@ -98,8 +99,11 @@ class Poles {
     }
 
     draw(loops) {
-        const {poles} = loops.at(-1);
-        this.pole = nearest(poles, this.held && this.pole || [0, 0]);
+        const {poles} = loops.at(-1), slowest = nearest(poles, [0, 0]);
+        const begun = nearest(poles.filter(([real]) => real >= 0), [0, 0]) ?? slowest;
+        /* The user's pair remains his. */
+        const followed = (this.held || document.activeElement === this.handle) && this.pole;
+        this.pole = followed ? nearest(poles, this.pole) : begun;
         const reach = this.pole ? Math.hypot(...this.pole) : 25;
         if (!this.held) this.size = 2 ** Math.ceil(Math.log2(1.5 * reach));
         this.plot.under = u => filled(u, "--forbidden", (ctx, x, y, {left, top, width, height}) =>
@@ -110,7 +114,8 @@ class Poles {
         };
         const {size} = this;
         this.plot.draw([{label: "", x: [-size, size / 4], y: [-size / 20, size], stroke: gray, width: 0}]);
-        const text = this.pole ? `the slowest pair at ${withUnit(reach, "Hz")} with damping ` +
+        const which = this.pole?.[0] >= 0 ? "unstable" : this.pole === slowest ? "slowest" : "followed";
+        const text = this.pole ? `the ${which} pair at ${withUnit(reach, "Hz")} with damping ` +
             shownNumber(-this.pole[0] / reach) : "no pair of complex poles";
         this.plot.describe(text);
         this.handle.setAttribute("aria-label", `Pole, ${text}: arrow keys move it`);
