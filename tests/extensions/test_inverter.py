@@ -15,6 +15,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.simulate import simulate as integrated
 from emcas_fmu.simulation import simulate, simulate_fins
+from emcas_fmu.studies.analysis import sweep
 from tests.marks import others_slow, slow
 
 from . import inverter_reference as phases
@@ -92,6 +93,20 @@ def test_the_dead_time_converges_with_the_tick(load: float) -> None:
     inputs = {"fin_command": radians(20.0), "aero_torque": load}
     coarse, fine = (_difference("nonlinear", 0.15, tick, inputs, DEAD) for tick in (1.0, 0.125))
     assert fine < 0.25 * coarse
+
+
+@pytest.mark.parametrize("more", ["", "+supply"])
+@pytest.mark.parametrize("pairs", [0, 8])
+def test_a_sweep_sees_the_voltage_limit(more: str, pairs: int) -> None:
+    """The dead time takes its share of the drive's voltage, not of the limit: the voltage is at its limit for longer,
+    from a lower frequency on (12 instead of 13 Hz without pole pairs)."""
+    model, at = MODEL + more, np.array([5.0, 10.0, 12.0, 13.0])
+    without, with_ = (sweep.sines(_values(changes, model=model, drive__supply_voltage=28.0, motor__pole_pairs=pairs),
+                                  [(radians(3.5), 0.0, at)], model=model)[0].active[sweep.LIMITS.index("voltage")]
+                      for changes in ({}, DEAD))
+    assert with_[0] == without[0] == 0.0
+    assert np.all(with_ >= without)
+    assert with_[2] > without[2] + 0.05
 
 
 # -- diodes of an open bridge --------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from ...control import command as bus
 from ...control import controllers, sensors
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
-from ...physics import drive
+from ...physics import drive, inverter
 from ...runtime.compiled import parameter_row
 from ...simulation import respond_all
 from ...support.progress import Progress, silent
@@ -43,7 +43,7 @@ _POINTS = 36
 _NUMBERS = 2_000_000  # of each variable in a batch of sines: 16 MB
 _RESOLVED, _PARTS = 3e-3, 8  # relative distance of frequencies that enclose a crossing; parts into which a gap is cut
 _READ = ("fin_angle", "motor_angle", "motor_speed", "motor_current", "motor_voltage", "drive_reference",
-         "current_limit")
+         "current_limit", "link_voltage")
 # A clipped voltage equals its limit up to rounding.
 _AT_LIMIT = 1.0 - 1e-9
 
@@ -103,9 +103,14 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
         p = actuator.equation_parameters(FLOATS, actuator.namespace(values))
         u = outputs["drive_reference"]
         limit = outputs.get("current_limit", p.drive.current_limit)  # heat folds it back
+        current, supply = outputs["motor_current"], outputs.get("link_voltage", p.drive.supply_voltage)
+        applied = outputs["motor_voltage"]
+        if actuator.structure.inverter:  # the drive's limit is on its voltage, before the dead time takes its share
+            applied = applied + inverter.dead_resistance(ARRAYS, p, supply, current) * current
+        full = drive.voltage_limit(ARRAYS, p, supply, outputs["motor_speed"], current)
         acting = np.stack([np.abs(raw) > p.controller.speed_limit,
                            np.abs(drive.current_reference_raw(p, u)) > limit,
-                           np.abs(outputs["motor_voltage"]) >= p.drive.supply_voltage * _AT_LIMIT,
+                           np.abs(applied) >= full * _AT_LIMIT,
                            np.abs(u) >= p.drive.reference_limit])
         active = np.mean(acting[:, steady], axis=1, where=counts)
     ends = np.cumsum(sizes)
