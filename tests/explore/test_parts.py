@@ -85,6 +85,27 @@ def test_the_strip_has_the_verdicts_of_the_table(opened: Browser) -> None:
     assert margins["Unloaded fin rate"].startswith("+")
 
 
+WORKED = "window.page.worked = new Worked([document.getElementById('data').textContent, {}])"
+FAILED = "requirements and frequency responses are not computed: "
+
+
+@pytest.mark.parametrize("program", ["'AAAA', document.getElementById('program').textContent", "'', '}'"],
+                         ids=["no actuator", "no program"])
+def test_a_worker_that_fails_is_said(opened: Browser, program: str) -> None:
+    opened.run(f"({WORKED.format(program)}, null)")
+    for gain in (60.0, 61.0):  # each time
+        opened.set("controller.position.kp", gain)
+        opened.wait("document.getElementById('warnings').textContent")
+        assert opened.run("document.getElementById('warnings').textContent").startswith(FAILED)
+        assert opened.run("document.body.classList.contains('waiting')")  # what is shown is of another setting
+        assert opened.run("window.page.live.figures.rise_time") > 0.0
+    assert opened.complaints  # the browser's own, in the console
+    opened.open(SHOWN)
+    opened.rested("window.page.refresh()")
+    assert opened.run("document.getElementById('warnings').textContent") == ""
+    assert not opened.run("document.body.classList.contains('waiting')")
+
+
 @pytest.mark.parametrize("width", [400, 1400])
 def test_the_verdict_stays_beside_the_sliders(opened: Browser, width: int) -> None:
     opened.size(width)

@@ -52,13 +52,17 @@ const LONG = {
     },
 };
 
-/** The worker's program: answers a message, its number with the name of a computation and a setting's values. */
+/** The worker's program: answers a message, its number with the name of a computation and a setting's values, by the
+    number with the result, or with what went wrong. */
 function answering(loaded) {
     let latest;
     onmessage = async ({data: [number, name, values]}) => {
         latest = number;
-        const answer = await LONG[name](await loaded, new Setting(values), () => number === latest);
-        postMessage([number, answer]);
+        try {
+            postMessage([number, await LONG[name](await loaded, new Setting(values), () => number === latest)]);
+        } catch (error) {
+            postMessage([number, null, error.message]);
+        }
     };
 }
 
@@ -67,15 +71,22 @@ class Worked {
     constructor([data, code, program]) {
         const source = `const DATA = ${data};${program};answering(Actuator.load("${code.trim()}"));`;
         this.worker = new Worker(URL.createObjectURL(new Blob([source], {type: "text/javascript"})));
-        this.worker.onmessage = ({data: [number, answer]}) => {
-            if (number === this.count) this.done(answer);
+        this.worker.onmessage = ({data: [number, answer, problem]}) => {
+            if (number === this.count) this.done(answer, problem);
+        };
+        this.worker.onerror = ({message}) => {
+            this.broken = message || "the browser does not start it";
+            this.done?.(null, this.broken);
         };
         this.count = 0;
     }
 
-    /** Promises the answer to a computation of LONG; a later one ends it without. */
+    /** Promises the answer to a computation of LONG, or throws an Error; a later one ends it without. */
     ask(name, setting) {
         this.worker.postMessage([++this.count, name, setting.values]);
-        return new Promise(resolve => { this.done = resolve; });
+        return new Promise((resolve, reject) => {
+            this.done = (answer, problem) => problem ? reject(new Error(problem)) : resolve(answer);
+            if (this.broken) this.done(null, this.broken);
+        });
     }
 }

@@ -202,10 +202,11 @@ class Page {
         return {excitation, outputs: this.actuator.run(parameters, inputs, excitation.time.length, STEP)};
     }
 
-    /** Promises the answer of the worker, while the settings are the same. */
-    async ask(name, setting) {
-        const {live, kept} = this, answer = await this.worked.ask(name, setting);
-        return this.live === live && this.kept === kept ? answer : new Promise(() => undefined);
+    /** Promises the answer of the worker, or throws an Error, while the settings are the same. */
+    ask(name, setting) {
+        const {live, kept} = this;
+        return this.worked.ask(name, setting).finally(() =>
+            this.live === live && this.kept === kept || new Promise(() => undefined));
     }
 
     say(problems, warnings = []) {
@@ -234,14 +235,23 @@ class Page {
     async rest() {
         this.writeLink();
         this.describe();
+        try {
+            await this.judge();
+            document.body.classList.remove("waiting");
+        } catch ({message}) {  // what was computed before stays dimmed
+            $("warnings").append(element("p", {}, `requirements and frequency responses are not computed: ${message}`));
+        }
+        document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
+    }
+
+    /** Judges the requirements, and computes the Bode plot. Throws an Error. */
+    async judge() {
         for (const [, each] of this.cases) each.verdicts ??= verdictsOf(await this.ask("measured", each.setting));
         drawStrip($("verdicts"), $("verdict"), this.cases);
         drawRequirements($("requirements"), this.cases);
         for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
         drawBode(this.gain, this.phase, this.cases);
         $("bode-summary").textContent = bodeSummary(this.cases);
-        document.body.classList.remove("waiting");
-        document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
     }
 
     /** The frequency responses of a setting with their labels. */
