@@ -8,7 +8,7 @@ from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import course
+from ..physics import course, inverter
 from ..steppers.electrical import electrical_mode
 
 
@@ -21,6 +21,30 @@ def flowing(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs) -> 
         return current
     flows = ops.either(u.enabled, p.inverter.pole_pairs > 0.0) if p.structure.inverter else u.enabled
     return ops.where(flows, current, 0.0)
+
+
+def time_constant(ops: Ops, q: Any, x: Record, u: PlantInputs, h: Value) -> Value:
+    """Return the time constant [s] of the current in a step of `h` [s], of a motor that the equations of the drive step
+    with the plant's parameters `q`.
+    """
+    tau = electrical_mode(ops, q, x, u, h).tau
+    if not q.structure.inverter:
+        return tau
+    (tau,) = ops.branch(u.enabled, lambda: (tau,), lambda: (
+        q.motor.inductance / inverter.diodes(ops, q, u.supply, x.motor_speed).resistance,))
+    return tau
+
+
+def lossy_resistance(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs) -> Value:
+    """Return the resistance [Ohm] that turns the square of the motor current into heat.
+
+    It is that of the winding; while the diodes of an open bridge conduct, a larger one.
+    """
+    if not p.structure.inverter:
+        return p.motor.resistance
+    (loss,) = ops.branch(ops.either(u.enabled, p.inverter.pole_pairs <= 0.0), lambda: (p.motor.resistance,), lambda: (
+        inverter.diodes(ops, actuator.plant_parameters(ops, p), u.supply, x.motor_speed).loss,))
+    return loss
 
 
 def mean_square(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs, h: Value, moved: Values, used: Value
@@ -36,5 +60,5 @@ def mean_square(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs,
         return (current * current + current * end + end * end) / 3.0
     if p.structure.current == "ideal":
         return moved["motor_current"] * moved["motor_current"]
-    tau = electrical_mode(ops, actuator.plant_parameters(ops, p), x, u, h).tau
+    tau = time_constant(ops, actuator.plant_parameters(ops, p), x, u, h)
     return course.mean_square(ops, current, moved["motor_current"], used / tau)

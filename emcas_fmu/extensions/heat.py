@@ -22,7 +22,7 @@ from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import heat
 from ..variables import in_group, parameter, real_output, tunable
-from .currents import flowing, mean_square
+from .currents import flowing, lossy_resistance, mean_square
 from .declaration import Extension, also_read
 
 STATES = (State("winding_temperature", "degC"), State("case_temperature", "degC"))
@@ -110,7 +110,8 @@ def extend(actuator: Actuator) -> Actuator:
         q = through(ops, p, x, u, current, h)
         moved, used = actuator.step(ops, q, x, u, h)
         square = mean_square(ops, actuator, q, x, u, h, moved, used)
-        winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, q.motor.resistance * square, used)
+        loss = lossy_resistance(ops, actuator, q, x, u) * square
+        winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, loss, used)
         moved = {**moved, "winding_temperature": winding, "case_temperature": case}
         if limits:
             moved["i2t_load"] = heat.loaded(ops, p, x.i2t_load, square, used, u.rated_current_limit)

@@ -1,15 +1,16 @@
 """Inverter: dead time that is not compensated, and the diodes of an open bridge (:mod:`emcas_fmu.physics.inverter`).
 
-Both are a resistance of the motor that is no loss: the dead time's that of the step's mean current, the diodes' that
-of its mean speed, which a first step predicts. That has second order in the tick, but first order where the current
-starts at zero or changes its sign under dead time. While the bridge is open a step ends where the diodes begin to
-conduct and where their current ends. The linear analysis is without dead time, as it is without dry friction.
+The dead time is a resistance of the motor that is no loss, that of the step's mean current; the diodes are a voltage
+and a resistance, those of its mean speed. A first step predicts both means. That has second order in the tick, but
+first order where the current starts at zero or changes its sign under dead time. While the bridge is open a step ends
+where the diodes begin to conduct and where their current ends. The linear analysis is without dead time, as it is
+without dry friction.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, Values
@@ -35,6 +36,25 @@ PARAMETERS = in_group(
 _LEFT = 0.01
 
 
+class _Opposing(NamedTuple):
+    """What opposes the current: a voltage [V] against its sign, a resistance [Ohm], and how much of it is no loss."""
+
+    voltage: Value
+    added: Value
+    lossless: Value
+
+
+class _First(NamedTuple):
+    """A first step: motor speed [rad/s] and current along its sign [A] at its start and end, its time [s], and that
+    over the time constant of the current.
+    """
+
+    speed: tuple[Value, Value]
+    current: tuple[Value, Value]
+    time: Value
+    ratio: Value
+
+
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with this inverter."""
     assert actuator.supply is not None  # RETURNS_POWER
@@ -44,46 +64,57 @@ def extend(actuator: Actuator) -> Actuator:
         """Return the sign of the current through the diodes of an open bridge, or 0."""
         return ops.where(u.enabled, 0.0, inverter.current_side(ops, q, u.supply, x.motor_speed, x.motor_current))
 
-    def acting(ops: Ops, q: Any, x: Record, u: PlantInputs, side: Value, added: Value) -> tuple[Any, Record, Any]:
-        """Return parameters, states and inputs with an `added` resistance [Ohm], and with conducting diodes.
+    def opposing(ops: Ops, q: Any, u: PlantInputs, speed: Value, current: Value) -> _Opposing:
+        """Return what opposes the current at a motor speed [rad/s] and current [A]."""
+        def dead() -> _Opposing:
+            added = inverter.dead_resistance(ops, q, u.supply, current)
+            return _Opposing(0.0, added, added)
 
-        Of these the drive is enabled, without a loop: its integral is the voltage of the diodes.
+        def diodes() -> _Opposing:
+            through = inverter.diodes(ops, q, u.supply, speed)
+            return _Opposing(through.voltage, through.resistance - q.motor.resistance,
+                             through.resistance - through.loss)
+
+        return _Opposing(*ops.branch(u.enabled, dead, diodes))
+
+    def acting(ops: Ops, q: Any, x: Record, u: PlantInputs, side: Value, against: _Opposing
+               ) -> tuple[Any, Record, Any]:
+        """Return parameters, states and inputs with what opposes the current.
+
+        Conducting diodes are those of a drive that is enabled and has no loop: its demand is its integral, the voltage
+        of the diodes, and its supply is twice that and 1 V, so that no limit acts, and none at 0 V either.
         """
-        conducts, onset = ops.negate(ops.equal(side, 0.0)), inverter.onset(ops, u.supply)
-        wound = with_values(q, {"motor.resistance": q.motor.resistance + added})
+        conducts = ops.negate(ops.equal(side, 0.0))
+        wound = with_values(q, {"motor.resistance": q.motor.resistance + against.added})
         return (with_values_where(ops, conducts, wound, winding.WITHOUT_LOOP),
-                x.replace(drive_integral=ops.where(conducts, -side * onset, x.drive_integral)),
+                x.replace(drive_integral=ops.where(conducts, -side * against.voltage, x.drive_integral)),
                 u.replace(enabled=ops.either(u.enabled, conducts),
-                          supply=ops.where(conducts, 2.0 * onset + 1.0, u.supply)))
-
-    def resistance(ops: Ops, q: Any, u: PlantInputs, speed: Value, current: Value) -> Value:
-        """Return the resistance [Ohm] that is no loss at a motor speed [rad/s] and current [A]."""
-        return ops.where(u.enabled, inverter.dead_resistance(ops, q, u.supply, current),
-                         inverter.rectifying_resistance(ops, q, speed))
+                          supply=ops.where(conducts, 2.0 * against.voltage + 1.0, u.supply)))
 
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         q, start = actuator.plant_parameters(ops, p), x.motor_current
         side = conducting(ops, q, x, u)
 
         def predicted() -> tuple[Value, ...]:
-            """Return the resistance [Ohm] of the step, its longest time [s], and 1 where the current ends there."""
+            """Return what opposes the current in the step, its longest time [s], and 1 where the current ends there."""
             mode = electrical_mode(ops, q, x, u, h)
-            ratio = h / mode.tau
             final = inverter.settled(ops, q, u.supply, mode.source - drive.back_emf(q, x.motor_speed), mode.loop)
-            expected = course.mean(ops, start, final + (start - final) * ops.exp(-ratio), ratio)
-            first = resistance(ops, q, u, x.motor_speed, expected)
-            moved, used = actuator.step(ops, *acting(ops, q, x, u, side, first), h)
+            expected = course.mean(ops, start, final + (start - final) * ops.exp(-h / mode.tau), h / mode.tau)
+            against = opposing(ops, q, u, x.motor_speed, expected)
+            moved, used = actuator.step(ops, *acting(ops, q, x, u, side, against), h)
             speed, end = moved["motor_speed"], moved["motor_current"]
-            ratio = used * (ops.where(u.enabled, mode.loop, q.motor.resistance) + first) / q.motor.inductance
+            loop = ops.where(u.enabled, mode.loop, q.motor.resistance) + against.added
+            ratio = used * loop / q.motor.inductance
 
-            time, ends = _event(ops, q, u, (x.motor_speed, speed), (side * start, side * end), (h, used, ratio))
+            first = _First((x.motor_speed, speed), (side * start, side * end), used, ratio)
+            time, ends = _event(ops, q, u, first, h)
             middle = x.motor_speed + 0.5 * (speed - x.motor_speed) * (time / used)
-            return (resistance(ops, q, u, middle, course.mean(ops, start, end, ratio)),
+            return (*opposing(ops, q, u, middle, course.mean(ops, start, end, ratio)),
                     ops.where(u.enabled, h, time), ops.where(u.enabled, 0.0, ends))
 
         acts = ops.where(u.enabled, inverter.dead_voltage(ops, q, u.supply), q.inverter.pole_pairs) > 0.0
-        added, time, ends = ops.branch(acts, predicted, lambda: (0.0, h, 0.0))
-        moved, used = actuator.step(ops, *acting(ops, q, x, u, side, added), time)
+        *against, time, ends = ops.branch(acts, predicted, lambda: (0.0, 0.0, 0.0, h, 0.0))
+        moved, used = actuator.step(ops, *acting(ops, q, x, u, side, _Opposing(*against)), time)
         conducts, current = ops.negate(ops.equal(side, 0.0)), moved["motor_current"]
         flows = side * current > ops.where(ends > 0.0, _LEFT * ops.fabs(start), 0.0)
         return {**moved, "motor_current": ops.where(ops.both(conducts, ops.negate(flows)), 0.0, current),
@@ -92,16 +123,16 @@ def extend(actuator: Actuator) -> Actuator:
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         q = actuator.plant_parameters(ops, p)
         side, shown = conducting(ops, q, x, u), actuator.output_values(ops, p, x, u)
-        added = resistance(ops, q, u, x.motor_speed, x.motor_current)
+        against = opposing(ops, q, u, x.motor_speed, x.motor_current)
         names = ("motor_current", "motor_torque", "motor_voltage", power)
 
         def through_diodes() -> tuple[Value, ...]:
-            electrical = actuator.output_values(ops, *acting(ops, q, x, u, side, added))
+            electrical = actuator.output_values(ops, *acting(ops, q, x, u, side, against))
             return tuple(electrical[name] for name in names)
 
         current, torque, voltage, drawn = ops.branch(ops.negate(ops.equal(side, 0.0)), through_diodes,
                                                      lambda: tuple(shown[name] for name in names))
-        dropped = added * current
+        dropped = against.lossless * current
         return {**shown, **dict(zip(names, (current, torque, voltage - dropped, drawn - dropped * current),
                                     strict=True))}
 
@@ -109,23 +140,19 @@ def extend(actuator: Actuator) -> Actuator:
                    output_values=output_values)
 
 
-def _event(ops: Ops, q: Any, u: PlantInputs, speed: tuple[Value, Value], current: tuple[Value, Value],
-           times: tuple[Value, Value, Value]) -> tuple[Value, Value]:
-    """Return when [s] the diodes of an open bridge begin to conduct or their current ends, and 1 where it ends.
-
-    `speed` [rad/s] and `current` [A], along its sign, are those at the ends of a first step. `times` are the whole step
-    and this one [s], and this one over the time constant of the current.
+def _event(ops: Ops, q: Any, u: PlantInputs, first: _First, h: Value) -> tuple[Value, Value]:
+    """Return when [s] the diodes of an open bridge begin to conduct or their current ends, `h` [s] if neither; and 1
+    where it ends.
     """
-    h, used, ratio = times
-    before, after = current
+    before, after = first.current
     onset = inverter.onset(ops, u.supply)
-    below, beyond = (onset - ops.fabs(drive.back_emf(q, w)) for w in speed)
+    below, beyond = (onset - ops.fabs(drive.back_emf(q, w)) for w in first.speed)
     ends = ops.both(before > 0.0, after < 0.0)
     begins = ops.both(ops.equal(before, 0.0), ops.both(below >= 0.0, beyond < 0.0))
     # The current on its exponential, the back-EMF on a line.
-    gone = (1.0 - ops.exp(-ratio)) * before / ops.where(ends, before - after, 1.0)
-    at_end = -(used / ratio) * ops.log(ops.where(ends, 1.0 - gone, 1.0))
-    at_begin = used * below / ops.where(begins, below - beyond, 1.0)
+    gone = (1.0 - ops.exp(-first.ratio)) * before / ops.where(ends, before - after, 1.0)
+    at_end = -(first.time / first.ratio) * ops.log(ops.where(ends, 1.0 - gone, 1.0))
+    at_begin = first.time * below / ops.where(begins, below - beyond, 1.0)
     time = ops.where(ends, at_end, ops.where(begins, at_begin, h))
     return ops.maximum(time, PROGRESS * h), ops.where(ends, 1.0, 0.0)
 

@@ -83,7 +83,7 @@ class Driven(Actuator):
         if mode == OPEN:
             return self.p["motor.back_emf_constant"] * m.speed  # without current
         if abs(mode) == DIODES:
-            return self._rectified(m, mode, around)
+            return self._rectified(m, mode, around)[0]
         return clip(self.demand(m, around), self.limit(m, around)) - self._dead(m, around)
 
     def _dead(self, m: Motor, around: Surroundings) -> float:
@@ -108,19 +108,31 @@ class Driven(Actuator):
 
         return [] if math.isinf(onset) else [Event(below(way), {"drive": -way * DIODES}) for way in (1, -1)]
 
-    def _rectified(self, m: Motor, mode: int, around: Surroundings) -> float:
-        """Return the terminal voltage [V] while diodes conduct, of the fit to three phases on a stiff supply."""
-        p = self.p
-        reactance = 0.8 * p["inverter.pole_pairs"] * m.speed * p["motor.inductance"]
-        added = math.hypot(p["motor.resistance"], reactance) - p["motor.resistance"]
-        return -math.copysign(self._conduction(around), mode) - added * m.current
+    def _rectified(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
+        """Return the voltages [V] of conducting diodes whose power the supply takes, and that drives the current.
+
+        Of the fit to three phases up to 1.4 times the supply, of phasors from twice on, in proportion between.
+        """
+        p, resistance = self.p, self.p["motor.resistance"]
+        emf = abs(p["motor.back_emf_constant"] * self.flux(m.current) * m.speed)
+        reactance = p["inverter.pole_pairs"] * m.speed * p["motor.inductance"]
+        line = 2.0 * math.sqrt(3.0) / math.pi * around.supply
+        # (line + R I)^2 + (reactance I)^2 = emf^2
+        square, half, rest = resistance**2 + reactance**2, resistance * line, line**2 - emf**2
+        amplitude = max((math.sqrt(max(half**2 - square * rest, 0.0)) - half) / square, 0.0)
+        over = emf / (line + resistance * amplitude) if emf > line else 1.0
+        part = clip((emf / around.supply - 1.7) / 0.6, 0.5) + 0.5 if around.supply > 0.0 else float(emf > 0.0)
+        opposed = (1.0 - part) * self._conduction(around) + part * over * line
+        fitted = (1.0 - part) * (math.hypot(resistance, 0.8 * reactance) - resistance)
+        taken = -math.copysign(opposed, mode) - fitted * m.current
+        return taken, taken - part * (over**2 - 1.0) * resistance * m.current
 
     def electrical(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
         """Return di/dt [A/s] and dxi/dt [V/s] in a mode of the drive."""
         if mode == OPEN:
             return 0.0, 0.0
         if abs(mode) == DIODES:
-            return self._rise(m, self._rectified(m, mode, around)), 0.0
+            return self._rise(m, self._rectified(m, mode, around)[1]), 0.0
         dead = self._dead(m, around)
         if mode == FREE:
             return self._rise(m, self.demand(m, around) - dead), self.p["drive.ki"] * (around.reference - m.current)
