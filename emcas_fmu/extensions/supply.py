@@ -18,10 +18,11 @@ from ..actuators import capabilities, fin_port
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import course, drive, supply
+from ..physics import course, drive, inverter, supply
 from ..rules import rule, when
 from ..steppers.electrical import electrical_mode
 from ..variables import boolean_output, in_group, parameter, real_output, switch
+from .currents import time_constant
 from .declaration import Extension, also_read
 from .status import DISABLED, OPERATIONAL, STATUS
 
@@ -116,7 +117,12 @@ def extend(actuator: Actuator) -> Actuator:
         moved, used = actuator.step(ops, p, x, acting, h)
 
         start, end = electrical(ops, p, x, acting), electrical(ops, p, x.replace(**moved), acting)
-        ratio = used / mode_of(ops, p, x, acting, h)[1].tau if stepped else 0.0
+        ratio = 0.0
+        if stepped:
+            built = actuator.plant_parameters(ops, p)
+            ratio = used / time_constant(ops, built, x, acting, h)
+            if built.structure.inverter:
+                end = _at_end(ops, built, x, acting, start[1], end)
         power = _mean_power(ops, p, start, end, ratio)
         link = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
         tripped = supply.tripped(ops, p, link, x.supply_tripped)
@@ -145,6 +151,20 @@ def extend(actuator: Actuator) -> Actuator:
         supply=replace(line, power=SUPPLY_POWER, inverse_inductance=_inverse_inductance),
         outputs=fin_port.described({SUPPLY_POWER.name: SUPPLY_POWER.description}, actuator.outputs),
         descriptions={**actuator.descriptions, line.input.name: "voltage of the source that feeds the DC link"})
+
+
+def _at_end(ops: Ops, q: Any, x: Record, u: PlantInputs, start: Value, end: tuple[Value, Value]
+            ) -> tuple[Value, Value]:
+    """Return motor voltage [V] and current [A] at the `end` of a step that begins with the current `start` [A].
+
+    Where the current of the diodes of an open bridge ends there, the voltage is still theirs.
+    """
+    def through() -> tuple[Value, ...]:
+        against = -ops.sign(start) * inverter.diodes(ops, q, u.supply, x.motor_speed).voltage
+        return (ops.where(ops.both(ops.equal(end[1], 0.0), ops.negate(ops.equal(start, 0.0))), against, end[0]),)
+
+    (voltage,) = ops.branch(u.enabled, lambda: (end[0],), through)
+    return voltage, end[1]
 
 
 def _mean_power(ops: Ops, p: Any, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
