@@ -32,8 +32,6 @@ PARAMETERS = in_group(
     integer_parameter("pole_pairs", 0, 1000, "pole pairs of the motor that an open bridge rectifies (0: its diodes do "
                       "not conduct)", sheet="motor: pole pairs, half the number of poles"),
 )
-# Share of the current at the start of a step that may remain where it is set to zero, the end of its conduction.
-_LEFT = 0.01
 
 
 class _Opposing(NamedTuple):
@@ -96,7 +94,7 @@ def extend(actuator: Actuator) -> Actuator:
         side = conducting(ops, q, x, u)
 
         def predicted() -> tuple[Value, ...]:
-            """Return what opposes the current in the step, its longest time [s], and 1 where the current ends there."""
+            """Return what opposes the current in the step, and its longest time [s]."""
             mode = electrical_mode(ops, q, x, u, h)
             final = inverter.settled(ops, q, u.supply, mode.source - drive.back_emf(q, x.motor_speed), mode.loop)
             expected = course.mean(ops, start, final + (start - final) * ops.exp(-h / mode.tau), h / mode.tau)
@@ -107,17 +105,17 @@ def extend(actuator: Actuator) -> Actuator:
             ratio = used * loop / q.motor.inductance
 
             first = _First((x.motor_speed, speed), (side * start, side * end), used, ratio)
-            time, ends = _event(ops, q, u, first, h)
+            time = _event(ops, q, u, first, h)
             middle = x.motor_speed + 0.5 * (speed - x.motor_speed) * (time / used)
             return (*opposing(ops, q, u, middle, course.mean(ops, start, end, ratio)),
-                    ops.where(u.enabled, h, time), ops.where(u.enabled, 0.0, ends))
+                    ops.where(u.enabled, h, time))
 
         acts = ops.where(u.enabled, inverter.dead_voltage(ops, q, u.supply), q.inverter.pole_pairs) > 0.0
-        *against, time, ends = ops.branch(acts, predicted, lambda: (0.0, 0.0, 0.0, h, 0.0))
+        *against, time = ops.branch(acts, predicted, lambda: (0.0, 0.0, 0.0, h))
         moved, used = actuator.step(ops, *acting(ops, q, x, u, side, _Opposing(*against)), time)
         conducts, current = ops.negate(ops.equal(side, 0.0)), moved["motor_current"]
-        flows = side * current > ops.where(ends > 0.0, _LEFT * ops.fabs(start), 0.0)
-        return {**moved, "motor_current": ops.where(ops.both(conducts, ops.negate(flows)), 0.0, current),
+        ended = ops.both(conducts, side * current <= 0.0)
+        return {**moved, "motor_current": ops.where(ended, 0.0, current),
                 "drive_integral": ops.where(conducts, 0.0, moved["drive_integral"])}, used
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
@@ -140,10 +138,8 @@ def extend(actuator: Actuator) -> Actuator:
                    output_values=output_values)
 
 
-def _event(ops: Ops, q: Any, u: PlantInputs, first: _First, h: Value) -> tuple[Value, Value]:
-    """Return when [s] the diodes of an open bridge begin to conduct or their current ends, `h` [s] if neither; and 1
-    where it ends.
-    """
+def _event(ops: Ops, q: Any, u: PlantInputs, first: _First, h: Value) -> Value:
+    """Return when [s] the diodes of an open bridge begin to conduct or their current ends, `h` [s] if neither."""
     before, after = first.current
     onset = inverter.onset(ops, u.supply)
     below, beyond = (onset - ops.fabs(drive.back_emf(q, w)) for w in first.speed)
@@ -154,7 +150,7 @@ def _event(ops: Ops, q: Any, u: PlantInputs, first: _First, h: Value) -> tuple[V
     at_end = -(first.time / first.ratio) * ops.log(ops.where(ends, 1.0 - gone, 1.0))
     at_begin = first.time * below / ops.where(begins, below - beyond, 1.0)
     time = ops.where(ends, at_end, ops.where(begins, at_begin, h))
-    return ops.maximum(time, PROGRESS * h), ops.where(ends, 1.0, 0.0)
+    return ops.maximum(time, PROGRESS * h)
 
 
 @rule("inverter.dead_time = %.6g s must be shorter than half the period, 1/inverter.switching_frequency = %.6g s")
