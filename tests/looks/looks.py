@@ -1,9 +1,9 @@
 """Pictures of pages, and how they differ from approved ones.
 
-A page is cut into parts: its sections, tables and figures, each from its top to that of the next. An approved picture
-has a grey pixel for each cell of 16 px: enough to miss a column, a figure or a curve, and too coarse for the shapes of
-letters. The browser has the fonts of Matplotlib only, without hinting, so that the fonts of a machine are not used: the
-same page gives the same picture to the bit.
+A page is cut into parts: its sections, headings, groups of controls, tables and figures, each from its top, over all of
+the width, to that of the next. An approved picture has a pixel for each cell of 16 px: enough to miss a row, a column,
+a figure, a curve or a colour, and too coarse for the shapes of letters. The browser has the fonts of Matplotlib only,
+without hinting, so that the fonts of a machine are not used: the same page gives the same picture to the bit.
 """
 
 from __future__ import annotations
@@ -26,19 +26,22 @@ from tests.explore.browser import Browser, chromium
 
 APPROVED = Path(__file__).with_name("approved")
 CELL = 16  # px
-# Of 255. A cell has ink where it differs from paper by 6, and is another one if it changes by 8. Two runs differ in no
-# cell. Of the cells with ink, a hidden column of a table changes 6 % where it is sparse and 60 % where it is full, grey
-# text 8 %, missing curves 26 %, an empty chart 47 %, and inverted colours all.
+# Of 255, in red, green or blue. A cell has ink where it differs from paper by 6, and is another one if it changes by 8.
+# Two runs differ in no cell. Of the cells with ink, a hidden column of a table changes 6 % where it is sparse and 60 %
+# where it is full, grey text 8 %, missing curves 26 %, an empty chart 47 %, and inverted colours all.
 INK, OTHER, SHARE = 6.0, 8.0, 0.04
-FEW = 8  # cells with ink, at least, so that one cell of a short line is no defect
+WINDOW, MOST = 12, 2  # cells; of a window's, the shortest row of a table changes 3, an empty chart 16 or more
+FEW = 25  # cells with ink, at least, so that one cell of a short line is no defect
 TALLER = 8  # px, less than half a line
 LOOKS: Mapping[str, tuple[int, str, str]] = {  # width [px], medium, colour scheme
     "400_light": (400, "screen", "light"), "400_dark": (400, "screen", "dark"),
     "1400_light": (1400, "screen", "light"), "1400_dark": (1400, "screen", "dark"),
     "print": (687, "print", "dark")}  # an A4 sheet between its margins; paper is white with every scheme
-_PARTS = """[...document.querySelectorAll("main > *, article > *, section.entry > *, body > footer")].map(each => {
+_PARTS = """[...document.querySelectorAll(`main > *, article > *, section.entry > *, body > footer,
+    :is(main, article) :is(h2, fieldset, figure, table:not(figure table))`)].map(each => {
     const box = each.getBoundingClientRect(), words = each.querySelector("caption, figcaption") ?? each;
-    return [box.top + scrollY, box.height, `${each.localName} ${words.textContent.trim().slice(0, 40)}`]; })"""
+    const text = words.textContent.trim().replace(/\\s+/g, " ").slice(0, 40);
+    return [box.top + scrollY, box.height, `${each.localName} ${text}`]; })"""
 _PASS = """const done = arguments[0]; (async () => {
     if (typeof loaded !== "undefined") await loaded;
     for (let y = 0; y < document.documentElement.scrollHeight; y += 600) {
@@ -99,7 +102,10 @@ def taken(browser: Browser) -> tuple[Image.Image, list[Part]]:
         clip = {"x": 0, "y": top, "width": width, "height": min(4000, height - top), "scale": 1}
         data = browser.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
         whole.paste(Image.open(io.BytesIO(base64.b64decode(data["data"]))), (0, top))
-    tops = {0: "top"} | {round(top): name for top, tall, name in sorted(browser.run(_PARTS)) if tall and top < height}
+    tops = {0: "top"}
+    for top, tall, name in sorted(browser.run(_PARTS)):
+        if tall and max(tops) + CELL <= top <= height - CELL:
+            tops[round(top)] = name
     ends = [*list(tops)[1:], height]
     return whole, [Part(name, top, end - top) for (top, name), end in zip(tops.items(), ends, strict=True)]
 
@@ -121,40 +127,48 @@ def rows(height: int) -> int:
 
 
 def cells(picture: Image.Image, part: Part, count: int) -> np.ndarray[Any, Any]:
-    """Return the mean grey, 0 to 255, of each cell of a part in `count` rows."""
-    strip = picture.crop((0, part.top, picture.width, part.top + part.height)).convert("L")
+    """Return the mean red, green and blue, 0 to 255, of each cell of a part in `count` rows: count x columns x 3."""
+    strip = picture.crop((0, part.top, picture.width, part.top + part.height))
     return np.asarray(strip.resize((round(strip.width / CELL), count), Image.Resampling.BOX), dtype=float)
+
+
+def crowded(other: np.ndarray[Any, Any]) -> int:
+    """Return the most cells that differ in a window of WINDOW x WINDOW cells of a part."""
+    padded = np.pad(other, [(0, max(0, WINDOW - length)) for length in other.shape])
+    return int(np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW)).sum(axis=(2, 3)).max())
 
 
 def approve(picture: Image.Image, parts: list[Part], path: Path) -> None:
     """Write an approved picture: the cells of the parts one below another, with the parts' names and heights."""
     about = PngInfo()
     about.add_text("parts", json.dumps([[part.name, part.height] for part in parts]))
-    grey = np.vstack([cells(picture, part, rows(part.height)) for part in parts])
+    colors = np.vstack([cells(picture, part, rows(part.height)) for part in parts])
     path.parent.mkdir(exist_ok=True)
-    Image.fromarray(grey.round().astype(np.uint8)).save(path, pnginfo=about, optimize=True)
+    Image.fromarray(colors.round().astype(np.uint8)).save(path, pnginfo=about, optimize=True)
 
 
 def differences(picture: Image.Image, parts: list[Part], approved: Path) -> list[str]:
     """Return in words what differs from an approved picture; frame the cells that do in the new one."""
     with Image.open(approved) as stored:
         names: list[tuple[str, int]] = json.loads(stored.info["parts"])
-        grey = np.asarray(stored, dtype=float)
+        colors = np.asarray(stored, dtype=float)
     if len(names) != len(parts):
         first = [f"; the first other one: “{new.name}”, approved “{old}”" for (old, _), new in zip(names, parts)
                  if old != new.name][:1]
         return [f"{len(parts)} parts, approved {len(names)}{''.join(first)}"]
-    found, pen, paper = [], ImageDraw.Draw(picture), float(np.median(grey))
-    for (name, height), part, old in zip(names, parts, np.split(grey, np.cumsum([rows(h) for _, h in names])[:-1]),
+    found, pen, paper = [], ImageDraw.Draw(picture), np.median(colors, axis=(0, 1))
+    for (name, height), part, old in zip(names, parts, np.split(colors, np.cumsum([rows(h) for _, h in names])[:-1]),
                                          strict=True):
         new = cells(picture, part, len(old))
-        other = np.abs(new - old) >= OTHER
-        ink = np.maximum(np.abs(new - paper), np.abs(old - paper)) >= INK
+        other = np.abs(new - old).max(axis=2) >= OTHER
+        ink = np.maximum(np.abs(new - paper), np.abs(old - paper)).max(axis=2) >= INK
         share = other.sum() / max(ink.sum(), FEW)
         if abs(part.height - height) > TALLER:
             found.append(f"“{name}” is {part.height} px high, approved {height}")
         elif share > SHARE:
             found.append(f"“{name}” differs in {share:.0%} of its cells, allowed {SHARE:.0%}")
+        elif (most := crowded(other)) > MOST:
+            found.append(f"“{name}” differs in {most} cells of {WINDOW} x {WINDOW}, allowed {MOST}")
         else:
             continue
         for y, x in np.argwhere(other):

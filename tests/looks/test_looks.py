@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +24,29 @@ try:
 except ImportError:
     Axe = None
 
-pytestmark = pytest.mark.slow  # 4 minutes
+pytestmark = pytest.mark.slow  # 5 minutes
+PLANTED: Mapping[str, Mapping[str, tuple[str, str]]] = {  # page, defect: script, words of the difference
+    "simulate": {
+        "nothing": ("0", ""),
+        "column": ("document.querySelectorAll('tr').forEach(row => row.lastElementChild.style.visibility = 'hidden')",
+                   "differs in"),
+        "chart empty": ("document.querySelectorAll('canvas').forEach(chart => chart.style.visibility = 'hidden')",
+                        "differs in"),
+        "curves": ("charts[0].panels.forEach(panel => panel.plot.series.slice(1).forEach((_, n) => "
+                   "panel.plot.setSeries(n + 1, {show: false})))", "differs in"),
+        "picture": ("document.querySelector('figure .live').remove()", "px high"),
+        "figure": ("document.querySelector('figure').remove()", "parts, approved"),
+        "inverted": ("document.documentElement.style.filter = 'invert(1)'", "differs in")},
+    "explore": {
+        "nothing": ("0", ""),
+        "Nichols chart": ("document.querySelectorAll('#loop canvas')[2].style.visibility = 'hidden'", "differs in"),
+        "mechanism": ("document.querySelector('.mechanism svg').style.visibility = 'hidden'", "differs in"),
+        "values": ("document.querySelectorAll('#figures td:nth-child(2)').forEach(value => "
+                   "value.style.visibility = 'hidden')", "differs in"),
+        "row": ("document.querySelectorAll('#figures tr')[2].style.visibility = 'hidden'", "12 x 12"),
+        "verdicts": ("const {style} = $('strip'), colors = getComputedStyle(document.documentElement); "
+                     "style.setProperty('--pass', colors.getPropertyValue('--fail')); "
+                     "style.setProperty('--fail', colors.getPropertyValue('--pass'))", "differs in")}}
 
 
 class Seen(NamedTuple):
@@ -79,23 +101,14 @@ def test_axe_finds_no_violation(seen: Seen) -> None:
 
 
 @pytest.mark.parametrize("look", ["400_light", "1400_dark"])
-@pytest.mark.parametrize(("defect", "found"), [
-    ("0", ""),
-    ("document.querySelectorAll('tr').forEach(row => row.lastElementChild.style.visibility = 'hidden')", "differs in"),
-    ("document.querySelectorAll('canvas').forEach(chart => chart.style.visibility = 'hidden')", "differs in"),
-    ("charts[0].panels.forEach(panel => panel.plot.series.slice(1).forEach((_, n) => panel.plot.setSeries(n + 1, "
-     "{show: false})))", "differs in"),
-    ("document.querySelector('figure .live').remove()", "px high"),
-    ("document.querySelector('figure').remove()", "parts, approved"),
-    ("document.documentElement.style.filter = 'invert(1)'", "differs in")],
-    ids=["nothing", "column", "chart empty", "curves", "picture", "figure", "inverted"])
-def test_a_planted_defect_is_found(browser: Browser, folder: Path, look: str, defect: str, found: str) -> None:
-    page, approved = made("simulate", folder), folder / f"planted_{look}.png"
+@pytest.mark.parametrize(("name", "defect"), [(name, defect) for name, each in PLANTED.items() for defect in each])
+def test_a_planted_defect_is_found(browser: Browser, folder: Path, look: str, name: str, defect: str) -> None:
+    page, approved, (script, found) = made(name, folder), folder / f"planted_{name}_{look}.png", PLANTED[name][defect]
     if not approved.is_file():
         opened(browser, page, look)
         approve(*taken(browser), approved)
     opened(browser, page, look)
-    browser.run(f"(() => {{ {defect}; }})()")
+    browser.run(f"(() => {{ {script}; }})()")
     browser.settled()
     differing = differences(*taken(browser), approved)
     assert any(found in each for each in differing) if found else not differing
