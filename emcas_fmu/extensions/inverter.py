@@ -17,7 +17,7 @@ from ..actuators.declaration import Actuator, PlantInputs, Values
 from ..namespace import Record, with_values, with_values_where
 from ..ops.base import Ops, Value
 from ..physics import course, drive, inverter, winding
-from ..rules import rule, when
+from ..rules import Rule, rule, when
 from ..steppers.electrical import electrical_mode
 from ..steppers.events import PROGRESS
 from ..variables import in_group, integer_parameter, parameter
@@ -159,9 +159,22 @@ def _dead_period(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, 2.0 * p.inverter.dead_time >= period), p.inverter.dead_time, period
 
 
+@rule("inverter.pole_pairs = %.6g and motor.pole_pairs = %.6g are of the same motor: give both the same, or 0 to leave "
+      "out what they cause", warning=True)
+def _one_motor(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    diodes, of_motor = p.inverter.pole_pairs, p.motor.pole_pairs
+    both = ops.both(diodes > 0.0, of_motor > 0.0)
+    return when(ops, ops.both(both, ops.negate(ops.equal(diodes, of_motor)))), diodes, of_motor
+
+
+def _rules(actuator: Actuator) -> tuple[Rule, ...]:
+    has_pairs = any(v.name == "motor.pole_pairs" for v in actuator.parameters)
+    return (_dead_period, _one_motor) if has_pairs else (_dead_period,)
+
+
 EXTENSION = Extension(
     "inverter", "dead time of the inverter and diodes of an open bridge", extend,
     needs=(capabilities.PHASES, capabilities.DRIVE_STEP, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT,
            capabilities.RETURNS_POWER),
-    parameters=lambda actuator: PARAMETERS, rules=lambda actuator: (_dead_period,),
+    parameters=lambda actuator: PARAMETERS, rules=_rules,
     references=tuple(f"emcas_fmu.reference.{name}" for name in ("simulate", "worm_gear", "worm_gear_elastic")))

@@ -19,6 +19,7 @@ from emcas_fmu.physics import inverter
 from emcas_fmu.reference.simulate import simulate as integrated
 from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.studies.analysis import sweep
+from emcas_fmu.studies.analysis.pictures import unseen
 from tests.marks import others_slow, slow
 
 from . import inverter_reference as phases
@@ -113,6 +114,12 @@ def test_a_sweep_sees_the_voltage_limit(more: str, pairs: int) -> None:
     assert with_[0] == without[0] == 0.0
     assert np.all(with_ >= without)
     assert with_[2] > without[2] + 0.05
+
+
+def test_the_analysis_says_that_it_has_no_dead_time() -> None:
+    words = "the inverter's dead time"
+    assert words in unseen(get(MODEL)).values()
+    assert words not in unseen(get("nonlinear")).values()
 
 
 # -- diodes of an open bridge --------------------------------------------------------------------------------------
@@ -360,6 +367,13 @@ def test_both_kernels(model: str) -> None:
 def test_dead_time_as_long_as_the_period_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"must be shorter than half the period, .* = 5e-05 s"):
         load_parameters(model=MODEL).with_values({"inverter.dead_time": 25e-6})
+
+
+@pytest.mark.parametrize(("of_motor", "warned"), [(0, 0), (8, 0), (4, 1)])
+def test_pole_pairs_of_one_motor(of_motor: int, warned: int) -> None:
+    parameters = load_parameters(model=MODEL).with_values({"inverter.pole_pairs": 8, "motor.pole_pairs": of_motor})
+    text = [w for w in parameters.warnings if "inverter.pole_pairs = 8 and motor.pole_pairs = 4" in w]
+    assert len(text) == warned
 
 
 @pytest.mark.parametrize("name", ["linear", "ozkan", "ristanovic", "series-clutch", "electrohydrostatic"])

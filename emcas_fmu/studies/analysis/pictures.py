@@ -37,7 +37,8 @@ def unseen(actuator: Actuator) -> dict[str, str]:
     effects = {
         "friction": ("friction", any("coulomb" in name or name.startswith(("stribeck.", "lugre.")) for name in names)),
         "compensation": ("its compensation", "compensation.gain" in names),
-        "counts": ("the encoder's counts", capabilities.ENCODER in actuator.provides)}
+        "counts": ("the encoder's counts", capabilities.ENCODER in actuator.provides),
+        "dead time": ("the inverter's dead time", actuator.structure.inverter)}
     return {key: words for key, (words, exists) in effects.items() if exists}
 
 
@@ -214,7 +215,7 @@ def amplitudes(analysis: Analysis) -> Drawing:
     plots.legend_above(figure, 3)
     marks = ("Thin lines with marks: from which frequency on a limit acts at some instant of the period. " if limits
              else "")
-    causes = [key for key in unseen(analysis.actuator.actuator) if key != "compensation"]
+    causes = [key for key in unseen(analysis.actuator.actuator) if key not in ("compensation", "dead time")]
     small = f"Small amplitudes lose bandwidth to {_listed(causes)}, large ones" if causes else (
         "Large amplitudes lose bandwidth")
     return Drawing("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated "
