@@ -33,7 +33,7 @@ bridge's voltage, which is in phase with it,
 
 V_1 I = V_s |i| returns; R I^2 is heat. The braking current is within 9 % of the phases', from E = 3 V on within 3 %,
 for 1 to 8 pole pairs up to 350 rad/s. V = 0 has the current of shorted terminals (:mod:`.winding`), and returns
-nothing. Between 1.4 and 2 V the constants change in proportion to E/V (within 18 %). I is that of a constant speed: a
+nothing. Between 1.4 and 2 V the constants change in proportion to E/V (within 20 %). I is that of a constant speed: a
 fin that is released at 277 rad/s into 0 V runs on 7 % further than on three phases.
 """
 
