@@ -55,8 +55,12 @@ def of_ratio(frequency: Array, ratio: Array) -> FrequencyResponse:
 
 def continuous_poles(system: System) -> Array:
     """Return the poles of a sampled system as s = ln(z)/T [rad/s], without those at z = 0, which have no image."""
-    z = system.poles().astype(complex)
-    return np.asarray(np.log(z[np.abs(z) > 1e-9]) / system.dt)
+    return _continuous(system.poles(), system.dt)
+
+
+def _continuous(z: Array, period: float) -> Array:
+    z = z.astype(complex)
+    return np.asarray(np.log(z[np.abs(z) > 1e-9]) / period)
 
 
 @dataclass(frozen=True)
@@ -100,9 +104,9 @@ def _resolved(loop: System, grid: Array) -> Array:
 
     Each gets points up to twenty half widths away, where a loop that differs by 5 % of itself is smooth again.
     """
-    roots = np.concatenate([loop.poles(), loop.zeros()]).astype(complex)
+    roots = np.concatenate([loop.poles(), loop.zeros()])
     if loop.dt:
-        roots = np.log(roots[np.abs(roots) > 1e-9]) / loop.dt
+        roots = _continuous(roots, loop.dt)
     narrow = roots[(roots.imag > 0.0) & (np.abs(roots.real) < _NARROW * np.abs(roots))]
     width = np.maximum(np.abs(narrow.real), 1e-6 * narrow.imag)
     near = (narrow.imag + np.multiply.outer(_NEAR, width)) / (2.0 * pi)
