@@ -26,6 +26,7 @@ LONGEST_COMMAND_DELAY = 50
 MOST = 31  # bits of an Integer
 _SLACK = 1e-6  # of a sample time: rounding does not delay a fault that begins at a sample
 _HEAVY = 1e9  # kg.m2: the inertia of a blocked rotor or fin
+_LEAST_SUPPLY = 1e-9  # share of the supply that a power is divided by: an ideal drive draws any from no voltage
 _STUB = 1e-3  # share of the fin's inertia that remains at the fork: some actuators divide by it
 
 
@@ -286,7 +287,7 @@ def at_line(ops: Ops, f: Held, power: Value) -> Value:
     returns reaches the supply unchanged.
     """
     consumes = ops.both(power > 0.0, f.supply > 0.0)
-    return ops.branch(consumes, lambda: (power / f.supply,), lambda: (power,))[0]
+    return ops.branch(consumes, lambda: (power / ops.maximum(f.supply, _LEAST_SUPPLY),), lambda: (power,))[0]
 
 
 def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:

@@ -56,8 +56,7 @@ def test_a_brown_out_gives_nothing_back_that_the_actuator_does_not(model: str, s
 
 @pytest.mark.parametrize("model", RETURNING)
 @SETTINGS
-# Of no supply, or 40 nV and more: the power of a share of 1e-308 is divided by it.
-@given(share=st.just(0.0) | st.floats(1e-9, 1.0), command=st.floats(-0.4, 0.4), load=st.floats(-300.0, 300.0),
+@given(share=st.floats(0.0, 1.0), command=st.floats(-0.4, 0.4), load=st.floats(-300.0, 300.0),
        others=st.sets(st.sampled_from(["current_derating", "drive_loss", "friction_rise", "encoder_bias",
                                        "command_delay", "free_fin", "jam", "winding_short",
                                        "phase_loss"]), max_size=2))
