@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,24 +14,39 @@ from .host import tool
 
 HERE = Path(__file__).parent
 RUN = """
-import sys
-sys.path.insert(0, sys.argv[2])
+import shutil, sys
+from pathlib import Path
+host, slash, *copies = sys.argv[1:]
+sys.path.insert(0, host)
 from host import OK, Fmu, Instance
-unit = Instance(Fmu(sys.argv[1]))
-assert max(unit.initialize()) == OK
-assert unit.run(0.0, 0.01, 1e-3, fin_command=0.1) == OK
-unit.free()
+for copy in copies:
+    fmu = Fmu(copy)
+    fmu.folder = Path(slash + str(fmu.folder))
+    unit = Instance(fmu)
+    assert max(unit.initialize()) == OK
+    assert unit.run(0.0, 0.01, 1e-3, fin_command=0.1) == OK
+    unit.free()
+    shutil.rmtree(copy)
 print("done")
 """
 
 
 @pytest.mark.slow
 @pytest.mark.fmu
-def test_a_python_host_ends_without_touching_freed_memory(python: Path, linux: None) -> None:
-    """The wrapper releases its state as the process ends, and its library's finalizer did so again."""
+@pytest.mark.parametrize(("slash", "link", "count"), [("", False, 1), ("/", False, 1), ("", True, 2)])
+def test_a_python_host_ends_without_touching_freed_memory(python: Path, linux: None, tmp_path: Path, slash: str,
+                                                          link: bool, count: int) -> None:
+    """The wrapper releases its state as the process ends, and its library's finalizer did so again.
+
+    The host unpacks a copy for each instance, deletes it before it ends, and may spell its path its own way.
+    """
     valgrind = tool("valgrind", "valgrind")
-    done = subprocess.run([valgrind, "--num-callers=6", sys.executable, "-I", "-S", "-c", RUN, python,
-                           HERE.parent / "fmu"],
+    copies = [shutil.copytree(python, tmp_path / "here" / str(k)) for k in range(count)]
+    if link:
+        (tmp_path / "there").symlink_to(tmp_path / "here")
+        copies = [tmp_path / "there" / copy.name for copy in copies]
+    done = subprocess.run([valgrind, "--num-callers=6", sys.executable, "-I", "-S", "-c", RUN, HERE.parent / "fmu",
+                           slash, *copies],
                           env={**os.environ, "PYTHONMALLOC": "malloc"}, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout == "done\n"

@@ -3,41 +3,43 @@
 from __future__ import annotations
 
 import atexit
+import os
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 _kept: list[Mapping[str, Any]] = []
 
 
 def keep(namespace: Mapping[str, Any]) -> None:
-    """Hold one more reference to a module's namespace, and release the wrapper's state when the process ends.
+    """Hold one more reference to a module's namespace, and release the wrappers' state when the process ends.
 
     The wrapper executes the entry module at every instantiation and afterwards drops a borrowed reference to its
     namespace; without this the namespace would be freed while later instances use it.
     """
     if not _kept and sys.platform == "linux":
-        atexit.register(_release_wrapper, str(namespace.get("__file__", "")))
+        atexit.register(_release_wrappers)
     _kept.append(namespace)
 
 
-def _release_wrapper(entry: str) -> None:
-    """Make the wrapper release its state before the process destroys it.
+def _release_wrappers() -> None:
+    """Make each loaded wrapper release its state before the process destroys it.
 
     When the process ends, the wrapper's static state is destroyed and then released once more by the library's
     finalizer: a count is decremented in freed memory, which sometimes aborts a host that has finished. Calling the
     same finalizer before leaves nothing to release twice.
     """
-    folder = entry.rpartition("/resources/")[0]
-    try:
-        import ctypes
-        import os
+    import ctypes
 
+    with suppress(Exception):  # the interpreter is ending; without these calls everything else still works
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:  # noqa: PTH123
             paths = {line.split(maxsplit=5)[5].rstrip().removesuffix(" (deleted)") for line in maps if line.count("/")}
-        for path in paths:
-            if folder and path.startswith(f"{folder}/binaries/"):
-                # Only if it is still loaded; the file may be gone.
-                ctypes.CDLL(path, mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()
-    except Exception:  # noqa: BLE001  the interpreter is ending; without this call everything else still works
-        pass
+        # Every copy that a host has unpacked: the wrapper puts its resources into the path.
+        for folder in {entry.removesuffix("/resources") for entry in sys.path if entry.endswith("/resources")}:
+            real = os.path.realpath(folder)
+            for path in (path for path in paths if path.startswith(f"{real}/binaries/")):
+                # The file may be gone: then the loader knows the library by the host's spelling alone.
+                for name in (path, folder + path.removeprefix(real)):
+                    with suppress(OSError, AttributeError):  # not loaded, not by this name, or not a wrapper
+                        ctypes.CDLL(name, mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()
