@@ -42,6 +42,7 @@ from emcas_fmu.variables import real_input
 from ..fmu.built import both
 from ..fmu.built import slave_class as local_class
 from ..fmu.host import OK, Fmu, Instance
+from ..marks import others_slow
 
 DRIVEN = str(Path(__file__).with_name("driven.py"))
 RATED = 2e5  # Pa
@@ -57,8 +58,13 @@ def _with_all(name: str, *without: str) -> str:
 
 # LuGre friction is instead of Stribeck friction.
 WITH_EXTENSIONS = [*NAMES, *map(_with_all, NAMES), _with_all("nonlinear", "stribeck")]
+# Large programs, which take seconds to trace; the others have every extension, and these actuators without any.
+LARGE = frozenset(_with_all(name) for name in (
+    "nonlinear", "elastic", "habibi", "worm-gear", "worm-gear-elastic"))
+QUICK = [model for model in WITH_EXTENSIONS if model not in LARGE]
 # All tests of one model run in turn, so that it is traced once.
-each_traced_once = pytest.mark.parametrize("model", WITH_EXTENSIONS, scope="module")
+each_traced_once = pytest.mark.parametrize(
+    "model", others_slow(WITH_EXTENSIONS, QUICK.__contains__), scope="module")
 
 
 def acts(pressure: float = RATED, drift: float = 0.0, boost: bool = False, command: float = 0.1,
@@ -317,8 +323,10 @@ def test_input_derivatives_of_a_further_input(unit: FmuInterface, library: Fmu) 
 
 def _read(model: str) -> set[str]:
     """Parameters that the equations, their schedule or the rules read, by what the printer of C would print."""
+    one, several = (codegen.functions(get(model), fins) for fins in (False, True))
+    of_several = codegen.traced_functions(model, several[len(one):])
     names = set()
-    for tracer in (codegen.traced(True, model), codegen.traced_rules(model)):
+    for tracer in (codegen.traced(False, model), of_several, codegen.traced_rules(model)):
         uses = CWriter(tracer).uses
         names |= {key for name, key in tracer.parameters if uses.get(name)}
     return names
@@ -389,7 +397,7 @@ def test_direct_inputs_are_those_that_change_an_output_at_once(model: str) -> No
 
 
 def test_every_extension_is_among_these() -> None:
-    assert {part for name in WITH_EXTENSIONS for part in name.split("+")[1:]} == set(EXTENSIONS)
+    assert {part for name in QUICK for part in name.split("+")[1:]} == set(EXTENSIONS)
     assert all(get(one).name != get(other).name for one, other in pairwise(WITH_EXTENSIONS))
 
 
