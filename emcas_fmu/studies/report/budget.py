@@ -202,13 +202,13 @@ def measure(rig: Rig) -> Outcome:
 
 def _limitations(rig: Rig, own: Sequence[Term]) -> Iterator[str]:
     """Yield what rests on estimates, and what the budget lacks."""
-    estimates = rig.subject.identification.estimates
+    estimates, bounds = rig.subject.identification.estimates, limits(rig)
     yield from resting_on({term.label: [name for name, value in term.values[0].items()
                                         if name in estimates and not isinstance(value, bool)] for term in own})
-    if not limits(rig):
+    if not bounds:
         yield "No tolerance is known: the drawn units differ in command, side of approach and sign of the load alone."
     known = dict.fromkeys((*IMPERFECTIONS, *rig.subject.actuator.imperfections))
     if absent := [name for name in known if name not in {term.label for term in own}]:
         yield f"Not in the budget, as this article has none: {', '.join(absent)}."
-    if unknown := [name for name in rig.subject.actuator.nominal if name not in limits(rig)]:
+    if unknown := [name for name in rig.subject.actuator.nominal if name not in bounds]:
         yield f"Not in the budget, as no tolerance is known: {', '.join(unknown)}."
