@@ -19,7 +19,7 @@ from emcas_fmu import __author__, __copyright__, __date__, __version__
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.description import about
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
-from emcas_fmu.fmi.package import BACKENDS, build
+from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import parameters_hash
 from emcas_fmu.runtime import compiler
@@ -264,17 +264,15 @@ def test_other_pythonfmu_units_in_the_same_process(fmu: Path, tmp_path: Path) ->
 @pytest.mark.slow
 def test_docstrings_that_python_leaves_out_are_in_the_unit(tmp_path: Path) -> None:
     """The equations are those of the source, whatever the interpreter keeps of it."""
-    code = ("import sys; from types import SimpleNamespace\n"
+    code = ("import sys; from pathlib import Path; from types import SimpleNamespace\n"
             "sys.modules['emcas_fmu.fmi.figures'] = SimpleNamespace(response_pictures=lambda _: ())  # no Matplotlib\n"
-            "from emcas_fmu.fmi.package import build; from emcas_fmu.parameters import load_parameters\n"
-            "for path, backend, platforms in ((sys.argv[1], 'python', None), (sys.argv[2], 'native', sys.argv[3:])):\n"
-            "    build(load_parameters(), path, backend, platforms, references=False)\n")
-    local = compiler.local_platform()
-    assert local is not None
-    without = [tmp_path / f"without_{backend}.fmu" for backend in BACKENDS]
-    subprocess.run([sys.executable, "-OO", "-c", code, *without, local.name], cwd=ROOT, check=True)
-    made = both(load_parameters(), tmp_path)
-    assert [path.read_bytes() for path in without] == [made[backend].read_bytes() for backend in BACKENDS]
+            "from emcas_fmu.parameters import load_parameters; from tests.fmu.built import both\n"
+            "both(load_parameters(), Path(sys.argv[1]))\n")
+    for name in ("with", "without"):
+        (tmp_path / name).mkdir()
+    subprocess.run([sys.executable, "-OO", "-c", code, tmp_path / "without"], cwd=ROOT, check=True)
+    for backend, path in both(load_parameters(), tmp_path / "with").items():
+        assert (tmp_path / "without" / f"{backend}.fmu").read_bytes() == path.read_bytes()
 
 
 def test_the_unit_carries_of_pythonfmu_what_a_slave_needs(fmu: Path) -> None:
