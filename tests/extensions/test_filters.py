@@ -127,9 +127,13 @@ def test_both_kernels_have_the_same_bits(base: str) -> None:
     assert all(np.array_equal(one[name], other[name]) for name in one)
 
 
-@pytest.mark.parametrize("changes", [BOTH, {"encoder.on_fin": True, "filters.speed_bandwidth": 150.0},
-                                     {"encoder.enabled": False, **NOTCH}], ids=["both", "on the fin", "true angles"])
-@pytest.mark.parametrize("name", ["step_plus20", "load_opposing"])
+@pytest.mark.parametrize(("changes", "name"), [
+    pytest.param(changes, name, id=f"{label}-{name}", marks=() if name == quick else pytest.mark.slow)
+    for label, changes, quick in (
+        ("both", BOTH, "step_plus20"),
+        ("on the fin", {"encoder.on_fin": True, "filters.speed_bandwidth": 150.0}, "load_opposing"),
+        ("true angles", {"encoder.enabled": False, **NOTCH}, "step_plus20"))
+    for name in ("step_plus20", "load_opposing")])
 def test_independent_integration(changes: Mapping[str, Any], name: str) -> None:
     """With a load observer, at the limits of drive and supply, within the 0.002 deg of every reference."""
     loaded = _values({**changes, "controller.load_observer": 150.0})
