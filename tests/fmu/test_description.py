@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.actuators import NONLINEAR, fin_port, get
+from emcas_fmu.actuators import fin_port, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi import description, model_description
 from emcas_fmu.fmi.interface import MIXING, FmuInterface, fin_sets, start_values
@@ -19,14 +19,14 @@ from emcas_fmu.variables import Variable, real_output
 from tests.actuators.test_declaration import WITH_EXTENSIONS
 from tests.fmu.built import slave_class
 from tests.kernels import models
-from tests.marks import is_plain, others_slow, slow
+from tests.marks import others_slow, slow
 
-# Those of the runs below that are quick: the default actuator with two sets of extensions, and one of each kind.
-QUICK = ("ristanovic", "servo", "electrohydraulic", "second-order", "elastic")
+# Those of the runs below that are quick: one of each kind, and two that together have every extension.
+QUICK = ("nonlinear", "ristanovic", "servo", "electrohydraulic", "second-order", "elastic")
 
 
 def is_quick(model: str) -> bool:
-    return model in QUICK or (is_plain(model) and model.startswith(NONLINEAR))
+    return model in QUICK or model.startswith(("nonlinear+lugre", "nonlinear+supply", "ristanovic+"))
 
 
 # Every actuator with each extension that it takes, and with as many as go together.
