@@ -29,7 +29,7 @@ from emcas_fmu.figures import plots
 from emcas_fmu.fmi import figures
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime import library
+from emcas_fmu.runtime import compiler, library
 from emcas_fmu.runtime.compiler import local_platform
 
 ShippedUnit = Callable[..., Path]
@@ -98,7 +98,10 @@ def values() -> Mapping[str, Any]:
 
 @pytest.fixture(scope="session")
 def shipped_unit(tmp_path_factory: pytest.TempPathFactory) -> ShippedUnit:
-    """Gives the FMU of the shipped parameters, native for this platform; built once for all processes of a run."""
+    """Gives the FMU of the shipped parameters, native for this platform; built once for all processes of a run.
+
+    Units of several fins and those of flat names are compiled without optimisation: the same bits, in less time.
+    """
     base, local = tmp_path_factory.getbasetemp(), local_platform()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shipped"
     folder.mkdir(exist_ok=True)
@@ -107,7 +110,9 @@ def shipped_unit(tmp_path_factory: pytest.TempPathFactory) -> ShippedUnit:
         assert local is not None
         place = folder / f"{backend}_{fins}_{fmi}_{names}"
         path = place / ("EMCAS.fmu" if fins == 1 else f"EMCAS{fins}.fmu")
-        with FileLock(f"{place}.lock"):
+        with FileLock(f"{place}.lock"), pytest.MonkeyPatch.context() as patch:
+            if fins > 1 or names != "structured":
+                patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
             if not path.is_file():
                 place.mkdir(exist_ok=True)
                 build(load_parameters(), path, backend, [local.name] if backend == "native" else None, fins=fins,
