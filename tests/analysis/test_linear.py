@@ -220,6 +220,13 @@ def test_rational_model_has_the_slow_poles_of_the_exact_one(values: Values) -> N
         assert np.min(np.abs(approximate - pole)) < 0.02 * abs(pole) + 1e-3
 
 
+@pytest.fixture
+def few_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A locus of a drive's or plant's parameter linearises and traces the equations at every point."""
+    monkeypatch.setattr("emcas_fmu.studies.analysis.locus._POINTS", 9)
+
+
+@pytest.mark.usefixtures("few_points")
 def test_locus_crosses_at_the_gain_margin() -> None:
     parameters = load_parameters()
     linear = LinearActuator(parameters.values)
@@ -233,6 +240,7 @@ def test_locus_crosses_at_the_gain_margin() -> None:
 @pytest.mark.parametrize(("name", "says"), [("controller.position.kq", "controller.position.kp"),
                                             ("mass.fin", "moves no pole"), ("friction.fin_viscous", "is 0"),
                                             ("encoder.enabled", "no such parameter")])
+@pytest.mark.usefixtures("few_points")
 def test_locus_refuses_what_scales_nothing(name: str, says: str) -> None:
     parameters = load_parameters().with_values({"friction.fin_viscous": 0.0})
     with pytest.raises(EmcasError, match=says):
