@@ -193,14 +193,15 @@ def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, mon
         cell = f'<td class="n">{number(value).replace("-", "−")}</td>'
         assert f"<code>{name.replace('_', '_<wbr>')}</code></td>{cell}" in text
     assert "required 220°/s" in text  # beside the figure it limits
-    assert "<th>date</th><td>2026-03-31</td>" in page(shipped, tmp_path, "2026-03-31")
 
 
-def test_a_revision_ends_no_style_sheet(shipped: Result, tmp_path: Path) -> None:
+def test_a_date_is_shown_and_a_revision_ends_no_style_sheet(shipped: Result, tmp_path: Path) -> None:
     """Any content is between the quotes, unchanged."""
     given = 'AT "7\\"; } body { display: none }\n</style><b>'
-    write_report(shipped, tmp_path / "page.html", "", given, given)
-    line = re.search(r'@bottom-left \{ content: "([^"\n]*)"; font', (tmp_path / "page.html").read_text("utf-8"))
+    write_report(shipped, tmp_path / "page.html", "2026-03-31", given, given)
+    text = (tmp_path / "page.html").read_text("utf-8")
+    assert "<th>date</th><td>2026-03-31</td>" in text
+    line = re.search(r'@bottom-left \{ content: "([^"\n]*)"; font', text)
     assert line is not None
     assert "<" not in line[1]
     assert re.sub(r"\\([0-9a-f]+) ", lambda found: chr(int(found[1], 16)), line[1]) == f"{given} rev. {given}"
