@@ -13,6 +13,7 @@ from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.simulate import simulate as reference_of
 from emcas_fmu.simulation import simulate
+from tests.marks import slow
 
 ON_FIN = {"encoder.on_fin": True}
 TIMES = np.arange(301) * 1e-3
@@ -58,7 +59,7 @@ def test_each_encoder_is_read_for_its_own(model: str) -> None:
     assert np.median(np.abs(run["measured_fin_angle"][1:] - seen)) < 1e-12
 
 
-@pytest.mark.parametrize("enabled", [False, True])
+@pytest.mark.parametrize("enabled", [True, *slow(False)])
 def test_against_the_independent_integration(enabled: bool) -> None:
     """The lever as built off the one the controllers know: both encoders, and none; of both kernels."""
     command = 0.2 * np.sin(2.0 * pi * 3.0 * TIMES)
