@@ -220,7 +220,8 @@ def integrated(parameters: Mapping[str, float], commands: Any, linked: bool) -> 
     return table[:, :4].T, table[:, 4], table[:, 5]
 
 
-@pytest.mark.parametrize("parameters", [BATTERY, WITH_LINK], ids=["battery", "link"])
+@pytest.mark.parametrize("parameters", [
+    pytest.param(BATTERY, id="battery", marks=pytest.mark.slow), pytest.param(WITH_LINK, id="link")])
 def test_four_fins_converge_to_an_independent_integration(parameters: Mapping[str, float]) -> None:
     """Of first order in the update time, through sag, regeneration, diode and chopper, and a battery that empties."""
     exact = integrated(parameters, COMMANDS, LINK in parameters)
