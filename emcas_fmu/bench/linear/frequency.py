@@ -145,7 +145,7 @@ def margins(loop: System, grid: Array | None = None) -> Margins:
 def _near_crossings(response: Array) -> Array:
     """Return which values are within `_LOCAL` points of a crossing of the real axis or the unit circle.
 
-    Between them neither sign changes. python-control evaluates its splines point by point, which takes most of the time.
+    Between them neither sign changes. python-control evaluates its splines point by point, most of the time otherwise.
     """
     crossed = np.diff(np.sign(response.imag)).astype(bool) | np.diff(np.sign(np.abs(response) - 1.0)).astype(bool)
     return np.convolve(crossed, np.ones(2 * _LOCAL, int))[_LOCAL - 1:_LOCAL - 1 + len(response)] > 0
