@@ -27,8 +27,9 @@ class Line:
     """A kind of line: its parameters, outputs and equations for several actuators.
 
     `level(ops, source, *states)` returns the actuators' voltage [V] or pressure [Pa]; `following(ops, p, source,
-    states, drawn, inverse_inductance)` returns the next states, from the line's parameters `p`, the current [A] or flow
-    [m3/s] that all actuators draw, and the sum of their :meth:`Supply.within`.
+    states, drawn, mean, inverse_inductance)` returns the next states, from the line's parameters `p`, the current [A]
+    or flow [m3/s] that all actuators draw from now on, its mean since the last instant (the same but for actuators with
+    a `course`), and the sum of their :meth:`Supply.within`.
     """
 
     name: str  # in messages
@@ -43,7 +44,7 @@ class Line:
     start: Callable[[Ops, Any], tuple[Value, ...]]  # of the states, from the line's parameters
     sags: bool  # whether the level is the source's minus the first state: it then follows a ramp of the source
     level: Callable[..., Value]
-    following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value], tuple[Value, ...]]
+    following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value, Value], tuple[Value, ...]]
     equations: ModuleType
     rules: tuple[Rule, ...] = ()  # for its parameters
 
@@ -104,8 +105,8 @@ BUS = Line(
     start=lambda ops, p: bus.start(ops, p.bus),
     sags=True,
     level=bus.voltage,
-    following=lambda ops, p, source, states, current, inverse_inductance: bus.following(
-        ops, p.bus, source, states, current, inverse_inductance),
+    following=lambda ops, p, source, states, current, mean, inverse_inductance: bus.following(
+        ops, p.bus, source, states, current, mean, inverse_inductance),
     equations=bus,
     rules=(used_within_charge, fed_through_resistance),
 )
@@ -136,7 +137,7 @@ PRESSURE_LINE = Line(
     start=lambda ops, p: (pressure_line.AT_SOURCE,),
     sags=False,
     level=pressure_line.pressure,
-    following=lambda ops, p, source, states, flow, inverse_inductance: (pressure_line.next_pressure(
+    following=lambda ops, p, source, states, flow, mean, inverse_inductance: (pressure_line.next_pressure(
         ops, p.line, source, states[0], flow),),
     equations=pressure_line,
 )
@@ -150,12 +151,16 @@ class Supply:
 
     The input's unit chooses the kind of line (:data:`LINES`). `power` is the output of the power drawn [W]. For a
     bus, `inverse_inductance(ops, p)` is 1/L [1/H] of the circuit that its voltage drives, 0 if the current follows at
-    once; `inverse_inductance(ops, p, interval)` is its effective value within an interval [s].
+    once; `inverse_inductance(ops, p, interval)` is its effective value within an interval [s]. An actuator that stores
+    charge has a `course(ops, p, x, current, before, interval)`: the charge [A.s] that it has drawn since the start, in
+    its states `x`, and the mean current [A] that it will draw in the next interval at the same voltage, from its
+    `current` now and its charge an interval `before`.
     """
 
     input: Variable
     power: Variable
     inverse_inductance: Callable[..., Value] = lambda ops, p: 0.0
+    course: Callable[[Ops, Any, Any, Value, Value, Value], tuple[Value, Value]] | None = None
 
     def __post_init__(self) -> None:
         if self.input.kind != "Real" or self.input.unit not in LINES:

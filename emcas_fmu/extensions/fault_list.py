@@ -290,6 +290,12 @@ def at_line(ops: Ops, f: Held, power: Value) -> Value:
     return ops.branch(consumes, lambda: (power / ops.maximum(f.supply, _LEAST_SUPPLY),), lambda: (power,))[0]
 
 
+def returned_charge(ops: Ops, f: Held, before: Value, after: Value) -> Value:
+    """Return the charge [A.s] drawn from the supply, from that behind a brown-out: returned power is unchanged."""
+    gained = after - before
+    return before + ops.where(gained < 0.0, f.supply * gained, gained)
+
+
 def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:
     """Return the states with a blocked rotor at rest, at its present angle or at that of `then`, if it is jammed."""
     angle, speed = actuator.encoder  # the motor's, if there is one

@@ -29,7 +29,7 @@ from ..rules import SLACK, rule, when
 from ..variables import Variable, integer_output, with_outputs
 from . import fault_list, monitors
 from .declaration import Extension, also_read
-from .fault_list import SOUND, Held, acting, at_line, blocked, faulted, standing, without_loop
+from .fault_list import SOUND, Held, acting, at_line, blocked, faulted, returned_charge, standing, without_loop
 from .status import DISABLED, OPERATIONAL, STATUS
 
 
@@ -185,6 +185,8 @@ class _Faulty:
             under, around = blocked(ops, self._under(ops, q, f, u, begun, h), actuator, acting(ops, p, actuator, f, u),
                                     jam)
             moved, used = actuator.step(ops, under, begun, around, h)
+            if "supply_charge" in moved:
+                moved = {**moved, "supply_charge": returned_charge(ops, f, x.supply_charge, moved["supply_charge"])}
             after = standing(ops, actuator, begun.replace(**moved), jam, begun)
             free = ops.branch(f.free > 0.0, lambda: self._floating(ops, p, q, x, u, used),
                               lambda: (0.0, 0.0, 0.0)) if self.geared else ()

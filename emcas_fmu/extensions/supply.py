@@ -27,7 +27,8 @@ from .declaration import Extension, also_read
 from .status import DISABLED, OPERATIONAL, STATUS
 
 STATES = (State("link_voltage", "V", "voltage of the DC link; below 0 before it has reached the source's"),
-          State("supply_tripped", "1", "1 where the under-voltage trip holds the bridge open"))
+          State("supply_tripped", "1", "1 where the under-voltage trip holds the bridge open"),
+          State("supply_charge", "A.s", "charge that the source has given since the start"))
 _UNCHARGED = -1.0  # V
 # Largest phase [rad] in a tick of the oscillation of winding and link while the motor is at its voltage limit.
 _PHASE = 0.25
@@ -69,8 +70,13 @@ def _link(ops: Ops, p: Any, x: Record, source: Value, enable: Value) -> tuple[Va
 
 def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
     """Return 1/L [1/H] that is equivalent to R_s and C for the line within an interval [s]."""
-    resistance = p.supply.source_resistance
-    return ops.exp(-interval / (resistance * p.supply.capacitance)) / (resistance * interval)
+    return supply.admittance(ops, p, interval) / interval
+
+
+def _course(ops: Ops, p: Any, x: Record, current: Value, before: Value, interval: Value) -> tuple[Value, Value]:
+    """Return the charge [A.s] drawn since the start, and the mean current [A] ahead; see :class:`Supply`."""
+    mean = (x.supply_charge - before) / interval
+    return x.supply_charge, supply.mean_ahead(ops, p, current, mean, interval)
 
 
 def extend(actuator: Actuator) -> Actuator:
@@ -83,7 +89,7 @@ def extend(actuator: Actuator) -> Actuator:
         return shown["motor_voltage"], shown["motor_current"]
 
     def initial(ops: Ops, p: Any, start: Record) -> Values:
-        return {**actuator.initial(ops, p, start), "link_voltage": _UNCHARGED}
+        return {**actuator.initial(ops, p, start), "link_voltage": _UNCHARGED, "supply_charge": 0.0}
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         link, enabled = _link(ops, p, x, inputs.supply, inputs.enable)
@@ -112,7 +118,7 @@ def extend(actuator: Actuator) -> Actuator:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
         acting = u.replace(supply=link, enabled=enabled)
         load = supply.load_current(ops, p, link, ahead(ops, p, x, acting, 0.5 * h))
-        middle = supply.moved(ops, p, link, u.supply, load, 0.5 * h)
+        middle, _ = supply.moved(ops, p, link, u.supply, load, 0.5 * h)
         acting = acting.replace(supply=middle)
         moved, used = actuator.step(ops, p, x, acting, h)
 
@@ -124,9 +130,10 @@ def extend(actuator: Actuator) -> Actuator:
             if built.structure.inverter:
                 end = _at_end(ops, built, x, acting, start[1], end)
         power = _mean_power(ops, p, start, end, ratio)
-        link = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
+        link, given = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
         tripped = supply.tripped(ops, p, link, x.supply_tripped)
-        return {**moved, "link_voltage": link, "supply_tripped": ops.where(tripped, 1.0, 0.0)}, used
+        return {**moved, "link_voltage": link, "supply_tripped": ops.where(tripped, 1.0, 0.0),
+                "supply_charge": x.supply_charge + given}, used
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
@@ -145,10 +152,10 @@ def extend(actuator: Actuator) -> Actuator:
     assert line is not None  # VOLTAGE_LIMIT
     return replace(
         actuator, states=(*actuator.states, *STATES),
-        controllers_read=also_read(actuator, *(s.name for s in STATES), "supply"), initial=initial,
+        controllers_read=also_read(actuator, "link_voltage", "supply_tripped", "supply"), initial=initial,
         sample=sample, step=step, output_values=output_values,
         longest_tick=longest_tick, tick_remedy=f"{actuator.tick_remedy}, or raise supply.capacitance",
-        supply=replace(line, power=SUPPLY_POWER, inverse_inductance=_inverse_inductance),
+        supply=replace(line, power=SUPPLY_POWER, inverse_inductance=_inverse_inductance, course=_course),
         outputs=fin_port.described({SUPPLY_POWER.name: SUPPLY_POWER.description}, actuator.outputs),
         descriptions={**actuator.descriptions, line.input.name: "voltage of the source that feeds the DC link"})
 

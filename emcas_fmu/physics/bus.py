@@ -18,6 +18,10 @@ held current I (:func:`emcas_fmu.physics.supply.moved`); since drives and link a
 with their inductances stays bounded if C >= h^2 sum 1/L_i, which C is raised to. V_0 is a millivolt, or the source's
 voltage if that is less: drives on a collapsed bus still switch their motors' currents onto it, and P/V limits I as long
 as V is not zero.
+
+Actuators with a link of their own draw the charge that they really had in an interval; the sag follows from the mean
+current that they will draw in the next one, with 1/L = Y/h, Y their mean admittance. Of links alone c = Y h takes part
+in a change of V, and C >= sum c lets the exchange of bus and links gain no energy.
 """
 
 from __future__ import annotations
@@ -60,11 +64,12 @@ def next_sag(ops: Ops, resistance: Value, sag: Value, current: Value, admittance
     return sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
 
 
-def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current: Value, inverse_inductance: Value
-              ) -> tuple[Value, ...]:
+def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current: Value, mean: Value,
+              inverse_inductance: Value) -> tuple[Value, ...]:
     """Return sag [V], voltage of the link [V] and charge drawn [A.s] after an instant of the bus.
 
-    The drives draw a `current` [A]; `inverse_inductance` is sum 1/L_i [1/H].
+    The drives draw a `current` [A] from now on, and a `mean` [A] since the last instant; `inverse_inductance` is sum
+    1/L_i [1/H].
     """
     sag, link, drawn = states
     h, fallen = p.update_time, fall(ops, p, drawn)
@@ -75,15 +80,11 @@ def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current:
                              "supply.capacitance": capacitance, "supply.chopper_voltage": p.chopper_voltage,
                              "supply.chopper_resistance": p.chopper_resistance})
         before = voltage(ops, source, sag, link, drawn)
-        after = supply.moved(ops, of_link, before, ops.maximum(source - fallen, 0.0), current, h)
-        # The battery supplies what link, drives and chopper gain; the chopper's share is that of the mean of both ends.
-        braked = (ops.maximum(before - p.chopper_voltage, 0.0) + ops.maximum(after - p.chopper_voltage, 0.0)
-                  ) / p.chopper_resistance
-        charge = capacitance * (after - before) + (current + 0.5 * braked) * h
+        after, charge = supply.moved(ops, of_link, before, ops.maximum(source - fallen, 0.0), mean, h)
         return sag, after, drawn + ops.maximum(charge, 0.0)
 
     def direct() -> tuple[Value, ...]:
         return (next_sag(ops, p.source_resistance, sag, current, h * inverse_inductance, fallen), link,
-                ops.maximum(drawn + current * h, -p.charge_used))  # full: it takes no more
+                ops.maximum(drawn + mean * h, -p.charge_used))  # full: it takes no more
 
     return ops.branch(p.capacitance > 0.0, linked, direct)

@@ -52,10 +52,11 @@ def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
     return (power + p.supply.quiescent_power * ops.minimum(link / trip, 1.0)) / ops.maximum(link, trip)
 
 
-def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value) -> tuple[Value, Value]:
-    """Return the link's voltage [V] after `h` [s], or where diode or chopper switches before, and the time left [s].
+def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value) -> tuple[Value, Value, Value]:
+    """Return the link's voltage [V] after `h` [s], or where diode or chopper switches before, the time left [s], and
+    the charge [A.s] that the source gives until then.
 
-    In between dv/dt = slope exp(-rate t), whose sign is constant.
+    In between dv/dt = slope exp(-rate t), whose sign is constant. The charge is what link, load and chopper gain.
     """
     one_way, chopper = p.supply.one_way, p.supply.chopper_voltage
     flowing = source_current(ops, p, link, source) - load
@@ -83,15 +84,46 @@ def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value
         return edge, ops.maximum(h - time, 0.0)
 
     end, left = ops.branch(meets, on_the_way, lambda: (link + side * way, 0.0))
-    return end, left
+    gained, time = end - link, h - left
+    beyond = (link - chopper) * time + ops.where(rate > 0.0, (slope * time - gained) / divisor, 0.0)
+    given = p.supply.capacitance * gained + load * time + ops.where(braked, beyond / p.supply.chopper_resistance, 0.0)
+    return end, left, ops.where(fed, given, 0.0)
 
 
-def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> Value:
-    """Return the link's voltage [V] after `h` [s] under a current [A] of its loads and a source of a voltage [V].
+def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> tuple[Value, Value]:
+    """Return the link's voltage [V] after `h` [s] under a current [A] of its loads and a source of a voltage [V], and
+    the charge [A.s] that the source gives.
 
     Exact for a constant load and source, however stiff; diode and chopper switch once each at most.
     """
-    end, left = _to_edge(ops, p, link, source, load, h)
+    end, left, given = _to_edge(ops, p, link, source, load, h)
     if edges:
-        (end,) = ops.branch(left > 0.0, lambda: (moved(ops, p, end, source, load, left, edges - 1),), lambda: (end,))
-    return ops.maximum(end, 0.0)
+        def further() -> tuple[Value, ...]:
+            last, then = moved(ops, p, end, source, load, left, edges - 1)
+            return last, given + then
+
+        end, given = ops.branch(left > 0.0, further, lambda: (end, given))
+    return ops.maximum(end, 0.0), given
+
+
+def mean_ahead(ops: Ops, p: Any, current: Value, mean: Value, interval: Value) -> Value:
+    """Return the source's mean current [A] in the next interval [s] at the same voltage, from that at the end of the
+    last one and its mean there.
+
+    Exact for a constant load; one way not below 0.
+    """
+    decay, kept = _decay(ops, p, interval)
+    ahead = current + (current - mean) * (decay * (1.0 - kept) / (kept - decay))
+    return ops.where(p.supply.one_way, ops.maximum(ahead, 0.0), ahead)
+
+
+def admittance(ops: Ops, p: Any, interval: Value) -> Value:
+    """Return the mean current within an interval [s] per change of the source's voltage at its start [1/Ohm]."""
+    return _decay(ops, p, interval)[1] / p.supply.source_resistance
+
+
+def _decay(ops: Ops, p: Any, interval: Value) -> tuple[Value, Value]:
+    """Return exp(-t/(R_s C)) at the end of an interval [s], and its mean there."""
+    ratio = interval / (p.supply.source_resistance * p.supply.capacitance)
+    decay = ops.exp(-ratio)
+    return decay, (1.0 - decay) / ratio

@@ -81,6 +81,8 @@ def model_header(actuator: Actuator) -> str:
     inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(actuator.inputs))
     names = [v.name for v in actuator.inputs]
     supply = names.index(actuator.supply.input.name) if actuator.supply else -1
+    charged = actuator.supply is not None and actuator.supply.course is not None
+    stores = "#define MODEL_CHARGED /* the fins store charge */\n" if charged else ""
     power, line = codegen.power_place(actuator), actuator.supply.line if actuator.supply else None
     line_parameters, line_states = (len(line.parameters), len(line.states)) if line else (0, 0)
     states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
@@ -104,7 +106,7 @@ def model_header(actuator: Actuator) -> str:
         f"#define MODEL_LINE_STATES {max(line_states, 1)}\n"
         f"#define MODEL_LINE_STATES_OF(states) {listed('(states)', line_states)}\n"
         f"#define MODEL_LINE_SAGS {int(line is not None and line.sags)}\n"
-        f"/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
+        f"{stores}/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
         f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"
         "/* measured fin angle, whether a limit was met */\n"
         f"#define CORE_SHOWN_OF(state) {listed('(state)->sampled', 2, kept)[2:]}\n"

@@ -46,12 +46,13 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
          lambda ops, p, *commands: (fin_port.mixed_command(ops, p, *commands),)),)
     if not several or actuator.supply is None:
         return one + mixing if several else one
-    return (*one, *mixing, *_of_line(actuator.supply))
+    return (*one, *mixing, *_of_line(actuator, actuator.supply))
 
 
-def _of_line(supply: Supply) -> tuple[Traced, ...]:
+def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
     """Return the functions of the line that several fins share."""
     line, names = supply.line, [v.name for v in supply.line.parameters]
+    plant, charged = tuple(s.name for s in actuator.states), supply.course
     states, count = [f"line_{name}" for name in line.states], len(names)
     parameters = tuple(map(positional.identifier, names))
 
@@ -59,16 +60,21 @@ def _of_line(supply: Supply) -> tuple[Traced, ...]:
         return namespace(dict(zip(names, values, strict=True)))
 
     def following(ops: Ops, p: Any, *arguments: Value) -> tuple[Value, ...]:
-        source, *state, current, inverse_inductance = arguments[count:]
-        return line.following(ops, of_line(arguments[:count]), source, state, current, inverse_inductance)
+        source, *state, current, mean, inverse_inductance = arguments[count:]
+        return line.following(ops, of_line(arguments[:count]), source, state, current, mean, inverse_inductance)
+
+    def course(ops: Ops, p: Any, interval: Value, current: Value, before: Value, *states: Value) -> tuple[Value, ...]:
+        assert charged is not None
+        return charged(ops, p, Record(**dict(zip(plant, states, strict=True))), current, before, interval)
 
     return (
         ("line_level", ("source", *states), lambda ops, p, source, *state: (line.level(ops, source, *state),)),
         ("line_drawn", ("power", "level"), lambda ops, p, power, level: (drawn(ops, power, level),)),
-        ("line_following", (*parameters, "source", *states, "drawn", "inverse_inductance"), following),
+        ("line_following", (*parameters, "source", *states, "drawn", "mean", "inverse_inductance"), following),
         ("line_start", parameters, lambda ops, p, *values: line.start(ops, of_line(values))),
         ("inverse_inductance", ("interval",),
-         lambda ops, p, interval: (supply.within(ops, p, interval),)))
+         lambda ops, p, interval: (supply.within(ops, p, interval),)),
+        *((("line_course", ("interval", "current", "before", *plant), course),) if charged else ()))
 
 
 def traced_functions(model: str, functions: Collection[Traced]) -> Tracer:
@@ -139,7 +145,8 @@ def used(model: str) -> dict[str, frozenset[str]]:
 
         return f"fault_{fault.name}", names, changes
 
-    further = (*(_of_line(actuator.supply)[-1:] if actuator.supply else ()), *map(of_fault, actuator.faults))
+    of_line = _of_line(actuator, actuator.supply)[4:] if actuator.supply else ()
+    further = (*of_line, *map(of_fault, actuator.faults))
     result: dict[str, frozenset[str]] = {}
     for tracer in (traced(False, model), traced_rules(model), traced_functions(model, further)):
         fixed = of_parameters(tracer, {key: Known(names=frozenset({key})) for _, key in tracer.parameters})

@@ -24,10 +24,11 @@ typedef struct {
     double slack, latest;
 } multi_fin;
 
-/* Everything that changes while running: the fins, the line's states and the number of its next instant. */
+/* Everything that changes while running: the fins, the line's states, what the fins consumed on average before the last
+ * instant and the charge that each had drawn by then, if they store charge, and the number of the next instant. */
 typedef struct {
     core_state core[FINS];
-    double line[MODEL_LINE_STATES];
+    double line[MODEL_LINE_STATES], mean, charge[FINS];
     int64_t instant;
 } multi_fin_state;
 
@@ -110,6 +111,18 @@ static void line_shared(const multi_fin *m, double source, const double *states,
 #endif
 }
 
+/* The same, at a communication point: current and power of fins that store charge are means. */
+static void line_put_out(const multi_fin *m, const multi_fin_state *s, double source, double *out)
+{
+    line_shared(m, source, s->line, out);
+#if MULTI_FIN_LINE && defined MODEL_CHARGED
+    if (!multi_fin_stiff(m)) {
+        out[1] = s->mean;
+        out[2] = out[0] * s->mean;
+    }
+#endif
+}
+
 static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, const core_inputs *in, double *out)
 {
     for (size_t fin = 0; fin < FINS; ++fin) {
@@ -119,7 +132,7 @@ static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, cons
         core_outputs(m->p[fin], m->c[fin], EVERY_LANE, &s->core[fin], &s->core[fin].tentative, &plan, &acting,
                      out + LINE_OUTPUTS + fin * MODEL_OUTPUTS);
     }
-    line_shared(m, in->supply, s->line, out);
+    line_put_out(m, s, in->supply, out);
 }
 
 #if FINS == 1
@@ -170,8 +183,33 @@ static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from,
 }
 
 #if MULTI_FIN_LINE
+/* What the fins consume from now on, from their outputs; its mean since the last instant and their charges are stored. */
+static double line_drawn(const multi_fin *m, multi_fin_state *s, double source, double *out)
+{
+    line_shared(m, source, s->line, out);
+    s->mean = out[1];
+#ifdef MODEL_CHARGED
+    double drawn = 0.0, gained = 0.0;
+    const double interval = multi_fin_interval(m);
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        double current, course[2];
+        const core_plant *x = &s->core[fin].tentative;
+        kernel_line_drawn(m->p[fin], m->c[fin], out[LINE_OUTPUTS + fin * MODEL_OUTPUTS + MODEL_SUPPLY_POWER], out[0],
+                          &current);
+        kernel_line_course(m->p[fin], m->c[fin], interval, current, s->charge[fin], CORE_PLANT_OF(x), course);
+        drawn += course[1];
+        gained += course[0] - s->charge[fin];
+        s->charge[fin] = course[0];
+    }
+    s->mean = gained / interval;
+    return drawn;
+#else
+    return out[1];
+#endif
+}
+
 /* Write the line's states after an instant at which the fins consume `drawn` to `next`. */
-static void line_following(const multi_fin *m, double source, const double *states, double drawn, double *next)
+static void line_following(const multi_fin *m, const multi_fin_state *s, double source, double drawn, double *next)
 {
     double inductances = 0.0;
     for (size_t fin = 0; fin < FINS; ++fin) {
@@ -179,8 +217,8 @@ static void line_following(const multi_fin *m, double source, const double *stat
         kernel_inverse_inductance(m->p[fin], m->c[fin], multi_fin_interval(m), &inverse);
         inductances += inverse;
     }
-    kernel_line_following(m->p[0], m->c[0] MODEL_LINE_OF(m->line), source MODEL_LINE_STATES_OF(states), drawn,
-                          inductances, next);
+    kernel_line_following(m->p[0], m->c[0] MODEL_LINE_OF(m->line), source MODEL_LINE_STATES_OF(s->line), drawn,
+                          s->mean, inductances, next);
 }
 #endif
 
@@ -199,10 +237,9 @@ static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, dou
         const double until = next < end ? next : end;
         const core_result reached = run_fins(m, &s, from, until, in, ramp, outputs);
         if (reached != CORE_DONE) return reached;
-        const double source = source_at(in, ramp, until);
-        line_shared(m, source, s.line, outputs);
+        const double source = source_at(in, ramp, until), drawn = line_drawn(m, &s, source, outputs);
         double following[MODEL_LINE_STATES];
-        line_following(m, source, s.line, outputs[1], following);
+        line_following(m, &s, source, drawn, following);
         if (!core_all_finite(following, MODEL_LINE_STATES)) return CORE_NOT_FINITE;
         memcpy(s.line, following, sizeof following);
         from = until;
@@ -210,7 +247,7 @@ static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, dou
 #endif
     const core_result result = run_fins(m, &s, from, end, in, ramp, outputs);
     if (result != CORE_DONE) return result;
-    line_shared(m, source_at(in, ramp, end), s.line, outputs);
+    line_put_out(m, &s, source_at(in, ramp, end), outputs);
     *state = s;
     memcpy(out, outputs, sizeof outputs);
     return CORE_DONE;

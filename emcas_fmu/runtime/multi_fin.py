@@ -11,6 +11,7 @@ from typing import Any
 from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, alike, finite, inputs_of
 
 _CORE = 7  # functions that a core needs; mixing and the functions of the line follow
+_COURSE = _CORE + 6  # of fins that store charge only
 
 Outputs = Sequence[tuple[Any, ...]]
 
@@ -25,7 +26,8 @@ class MultiFin:
     line. `sizes` are those of a core.
     """
 
-    __slots__ = ("_functions", "_instant", "_line", "_motion", "_of_line", "_power", "_supply", "cores")
+    __slots__ = ("_charges", "_functions", "_instant", "_line", "_mean", "_motion", "_of_line", "_power", "_supply",
+                 "cores")
 
     def __init__(self, functions: Sequence[Functions], line: Sequence[float], power: int | None,
                  sizes: Sizes) -> None:
@@ -34,7 +36,8 @@ class MultiFin:
         self._line, self._power = tuple(line), power
         self._motion, self._supply = sizes.motion, 1 + sizes.loads  # of a core's inputs
         self._of_line = () if power is None else self._functions[0][_CORE + 4](*self._line)
-        self._instant = 1
+        self._instant, self._mean = 1, 0.0
+        self._charges = (0.0,) * len(self.cores) if len(self._functions[0]) > _COURSE else ()
 
     def bind(self, functions: Sequence[Functions]) -> None:
         """Use these functions of the kernel, for instance after a tunable parameter has changed."""
@@ -55,25 +58,26 @@ class MultiFin:
     @property
     def state(self) -> tuple[Any, ...]:
         """Everything that changes while running."""
-        return (self._of_line, self._instant, tuple(core.state for core in self.cores))
+        return (self._of_line, (self._mean, *self._charges), self._instant, tuple(core.state for core in self.cores))
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        self._of_line, self._instant, states = state
+        self._of_line, (self._mean, *charges), self._instant, states = state
+        self._charges = tuple(charges)
         for core, one in zip(self.cores, states, strict=True):
             core.state = one
 
     def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
         """Return the problem of a state that was stored at `now` [s] from the start; see :meth:`Core.unsound`."""
-        if not (isinstance(state, tuple) and len(state) == 3):
+        if not (isinstance(state, tuple) and len(state) == 4):
             return "number of values"
-        of_line, instant, states = state
+        of_line, drawn, instant, states = state
         if not (isinstance(states, tuple) and len(states) == len(self.cores)):
             return "number of fins"
         if problem := next(filter(None, (core.unsound(one, now, inputs)
                                          for core, one in zip(self.cores, states, strict=True))), ""):
             return problem
-        if not alike(of_line, self._of_line):
+        if not alike((of_line, drawn), (self._of_line, (self._mean, *self._charges))):
             return "state of the supply's line"
         placed = type(instant) is int and instant >= 1 and finite(instant)
         if placed and self._line and self._line[0] > 0.0:
@@ -112,19 +116,23 @@ class MultiFin:
             raise
 
     def _run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        last, source = end + self.slack, inputs[0][self._supply]
-        stiff, interval = (not self._line[0] > 0.0, self._line[-1]) if self._line else (True, 1.0)
+        last, source, stiff = end + self.slack, inputs[0][self._supply], self._stiff
+        interval = self._line[-1] if self._line else 1.0
         if not stiff and not end / interval - self._instant <= MOST_TICKS:
             raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the line")
         # A host's clock may be slightly before an instant that it means to have reached.
         while not stiff and (following := self._instant * interval) <= last:
-            _, drawn, _ = self._shared(source, self._run_fins(min(following, end), inputs))
-            state = self._following(source, drawn)
+            drawn, mean, charges = self._drawn(source, self._run_fins(min(following, end), inputs))
+            state = self._following(source, drawn, mean)
             if any(value - value != 0.0 for value in state):
                 raise ArithmeticError("the state is no longer finite")
-            self._of_line = state
+            self._of_line, self._mean, self._charges = state, mean, charges
             self._instant += 1
         return self._put_out(source, self._run_fins(end, inputs))
+
+    @property
+    def _stiff(self) -> bool:
+        return not (self._line and self._line[0] > 0.0)
 
     def _run_fins(self, until: float, inputs: Sequence[Inputs]) -> Outputs:
         return [core.run(until, self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
@@ -148,13 +156,35 @@ class MultiFin:
         (drawn,) = self._functions[0][_CORE + 2](power, level)
         return level, drawn, power
 
-    def _following(self, source: float, drawn: float) -> tuple[float, ...]:
+    def _drawn(self, source: float, each: Outputs) -> tuple[float, float, tuple[float, ...]]:
+        """Return what the fins consume from now on, its mean since the last instant, and the charges of fins that store
+        charge.
+        """
+        level, drawn, _ = self._shared(source, each)
+        if not self._charges:
+            return drawn, drawn, ()
+        drawn = gained = 0.0
+        charges, interval = [], self._line[-1]
+        for core, f, outputs, before in zip(self.cores, self._functions, each, self._charges, strict=True):
+            (current,) = f[_CORE + 2](outputs[self._power or 0], level)
+            charge, ahead = f[_COURSE](interval, current, before, *core.state[-1])  # the plant's states there
+            drawn += ahead
+            gained += charge - before
+            charges.append(charge)
+        return drawn, gained / interval, tuple(charges)
+
+    def _following(self, source: float, drawn: float, mean: float) -> tuple[float, ...]:
         inductances = 0.0
         for f in self._functions:
-            (inverse,) = f[-1](self._line[-1])
+            (inverse,) = f[_CORE + 5](self._line[-1])
             inductances += inverse
-        return self._functions[0][_CORE + 3](*self._line, source, *self._of_line, drawn, inductances)
+        return self._functions[0][_CORE + 3](*self._line, source, *self._of_line, drawn, mean, inductances)
 
     def _put_out(self, source: float, each: Outputs) -> tuple[Any, ...]:
         fins = tuple(x for outputs in each for x in outputs)
-        return fins if self._power is None else (*self._shared(source, each), *fins)
+        if self._power is None:
+            return fins
+        level, drawn, power = self._shared(source, each)
+        if self._charges and not self._stiff:
+            drawn, power = self._mean, level * self._mean
+        return (level, drawn, power, *fins)

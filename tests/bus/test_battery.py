@@ -93,7 +93,7 @@ def test_returned_power_charges_a_used_battery_until_it_is_full() -> None:
     assert states[0] == pytest.approx(0.8, rel=1e-12)
     for seconds, fall in ((3.0, 0.2), (3.0, 0.0)):
         for _ in range(round(seconds / p.update_time)):
-            states = bus.following(FLOATS, p, 39.0, states, -10.0, 0.0)
+            states = bus.following(FLOATS, p, 39.0, states, -10.0, -10.0, 0.0)
         # The sag follows the charge of an update before: 0.1 A.s of 80, where it falls by 0.0125 V each A.s.
         assert states[0] == pytest.approx(fall - 1.0, abs=2e-3)
     assert states[2] == -50.0
@@ -105,7 +105,7 @@ def test_a_link_charges_by_the_exponential(update: float) -> None:
     p, states = line(source_resistance=0.1, capacitance=5e-3, update_time=update), (0.0, bus.NO_LINK, 0.0)
     count = round(0.02 / update)
     for _ in range(count):
-        states = bus.following(FLOATS, p, 39.0, states, 40.0, 0.0)
+        states = bus.following(FLOATS, p, 39.0, states, 40.0, 40.0, 0.0)
     decay = np.exp(-0.02 / 5e-4)
     assert states[1] == pytest.approx(39.0 - 4.0 * (1.0 - decay), rel=1e-12)
     # A difference of charges 1e-4 of their sum: rounding of some 1e-16 of 39 V 5e-3 F in each of 2000 updates.
@@ -123,7 +123,7 @@ def test_no_update_of_the_link_creates_energy(resistance: float, capacitance: fl
     voltages, states = [link], (0.0, link, 0.0)
     open_circuit = max(39.0 - bus.fall(FLOATS, fine, 0.0), 0.0)
     for _ in range(64):
-        states = bus.following(FLOATS, fine, 39.0, states, current, 0.0)
+        states = bus.following(FLOATS, fine, 39.0, states, current, current, 0.0)
         voltages.append(states[1])
     assert states[2] >= 0.0  # the diode
     drawn = current * float(np.trapezoid(voltages, dx=1e-3 / 64))

@@ -48,7 +48,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "roll": (-3.0, 3.0), "pitch": (-1.5, 1.5), "counts": (-1e4, 1e4), "motor_counts": (-1e4, 1e4),
     "dry": (-0.2, 0.2), "i_ref": (-60.0, 60.0), "time": (0.0, 2.0),
     "yaw": (-3.0, 3.0), "source": (0.0, 45.0), "sag": (-5.0, 50.0), "power": (-1e3, 9e3), "at": (-5.0, 45.0),
-    "resistance": (0.0, 1.0), "drawn": (-50.0, 200.0), "admittance": (0.0, 2.0),
+    "resistance": (0.0, 1.0), "drawn": (-50.0, 200.0), "mean": (-50.0, 200.0), "admittance": (0.0, 2.0),
     "static_ratio": (1.0, 2.0), "stribeck_speed": (0.5, 300.0),
     "fin_angle": (-0.4, 0.4), "limit": (0.0, 45.0), "offset": (-1e3, 1e3), "link": (-1.0, 50.0), "fallen": (0.0, 5.0),
     "_": (0.0, 1.0),

@@ -96,21 +96,23 @@ def test_a_state_of_several_fins(model: str) -> None:
     fins = codegen.multi_fin([values] * 2, line, model)
     row = [v.initial(values) for v in get(model).inputs]
     inputs = [codegen.core_inputs(core, row, get(model)) for core in fins.cores]
-    of_line, instant, states = fins.state
+    of_line, drawn, instant, states = fins.state
     assert fins.unsound(fins.state, 0.0, inputs[0]) == ""
-    for made, said in (((of_line, instant), "number of values"), ([of_line, instant, states], "number of values"),
-                       ((of_line, instant, states[:1]), "number of fins"),
-                       ((of_line, instant, (states[0], states[1][:-1])), "number of values"),
-                       ((np.nan, instant, states), "state of the supply's line"),
-                       ((of_line, 0, states), "place in time of the supply's line"),
-                       ((of_line, 1.0, states), "place in time of the supply's line")):
+    for made, said in (((of_line, drawn, instant), "number of values"),
+                       ([of_line, drawn, instant, states], "number of values"),
+                       ((of_line, drawn, instant, states[:1]), "number of fins"),
+                       ((of_line, drawn, instant, (states[0], states[1][:-1])), "number of values"),
+                       ((np.nan, drawn, instant, states), "state of the supply's line"),
+                       ((of_line, (*drawn[:-1], np.nan), instant, states), "state of the supply's line"),
+                       ((of_line, drawn, 0, states), "place in time of the supply's line"),
+                       ((of_line, drawn, 1.0, states), "place in time of the supply's line")):
         assert fins.unsound(made, 0.0, inputs[0]) == said
     if line:  # the next instant is at most an interval ahead, and never behind
         period = fins.cores[0].schedule[0]
         for now, at, sound in ((0.0, 1, True), (0.0, 2, False), (-0.9e-9, 1, True), (-1.1e-9, 1, False),
                                (0.5 * period, 1, period <= 2e-3)):
             there = tuple(core.state for core in fins.cores)
-            assert (fins.unsound((of_line, at, there), now, inputs[0]) == "") == sound
+            assert (fins.unsound((of_line, drawn, at, there), now, inputs[0]) == "") == sound
     assert fins.slack == min(core.slack for core in fins.cores)
 
 
