@@ -3,8 +3,8 @@
 The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the link's voltage, during a
 step that of mid-step, predicted from the power at the start. The link then supplies the mean power of the step, from
 voltage and current that follow the same exponential; if the motor is not stepped by the package's equations, a line.
-This has second order in the tick; the trip acts at the end of a tick. While it is tripped the bridge is open and the
-controllers are reset, as if enable were false.
+This has second order in the tick. A step ends where the link is predicted to fall to the trip voltage. While it is
+tripped the bridge is open and the controllers are reset, as if enable were false; it recovers at the end of a tick.
 
 The link starts at the source's voltage.
 """
@@ -21,6 +21,7 @@ from ..ops.base import Ops, Value
 from ..physics import course, drive, inverter, supply
 from ..rules import rule, when
 from ..steppers.electrical import electrical_mode
+from ..steppers.events import PROGRESS
 from ..variables import boolean_output, in_group, parameter, real_output, switch
 from .currents import time_constant
 from .declaration import Extension, also_read
@@ -118,6 +119,8 @@ def extend(actuator: Actuator) -> Actuator:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
         acting = u.replace(supply=link, enabled=enabled)
         load = supply.load_current(ops, p, link, ahead(ops, p, x, acting, 0.5 * h))
+        falls = ops.where(enabled, supply.trip_time(ops, p, link, u.supply, load, h), h)
+        trips, h = falls < h, ops.maximum(falls, PROGRESS * h)
         middle, _ = supply.moved(ops, p, link, u.supply, load, 0.5 * h)
         acting = acting.replace(supply=middle)
         moved, used = actuator.step(ops, p, x, acting, h)
@@ -131,7 +134,7 @@ def extend(actuator: Actuator) -> Actuator:
                 end = _at_end(ops, built, x, acting, start[1], end)
         power = _mean_power(ops, p, start, end, ratio)
         link, given = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
-        tripped = supply.tripped(ops, p, link, x.supply_tripped)
+        tripped = ops.either(ops.both(trips, used >= h), supply.tripped(ops, p, link, x.supply_tripped))
         return {**moved, "link_voltage": link, "supply_tripped": ops.where(tripped, 1.0, 0.0),
                 "supply_charge": x.supply_charge + given}, used
 

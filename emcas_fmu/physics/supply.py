@@ -52,9 +52,10 @@ def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
     return (power + p.supply.quiescent_power * ops.minimum(link / trip, 1.0)) / ops.maximum(link, trip)
 
 
-def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value) -> tuple[Value, Value, Value]:
+def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, level: Value | None = None
+             ) -> tuple[Value, Value, Value]:
     """Return the link's voltage [V] after `h` [s], or where diode or chopper switches before, the time left [s], and
-    the charge [A.s] that the source gives until then.
+    the charge [A.s] that the source gives until then. A `level` [V] that the link falls to ends it, too.
 
     In between dv/dt = slope exp(-rate t), whose sign is constant. The charge is what link, load and chopper gain.
     """
@@ -76,6 +77,9 @@ def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value
     to_source = ops.where(ops.both(one_way, to_source > 0.0), to_source, _FAR)
     to_chopper = ops.where(to_chopper > 0.0, to_chopper, _FAR)
     edge, ahead = ops.where(to_source <= to_chopper, source, chopper), ops.minimum(to_source, to_chopper)
+    if level is not None:
+        to_level = ops.where(up, _FAR, ops.maximum(link - level, 0.0))
+        edge, ahead = ops.where(to_level <= ahead, level, edge), ops.minimum(to_level, ahead)
     meets = way > ahead
 
     def on_the_way() -> tuple[Value, ...]:
@@ -104,6 +108,24 @@ def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, e
 
         end, given = ops.branch(left > 0.0, further, lambda: (end, given))
     return ops.maximum(end, 0.0), given
+
+
+def trip_time(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> Value:
+    """Return the time [s] after which the link has fallen to the trip voltage, `h` [s] if it has not by then.
+
+    The arguments are those of :func:`moved`.
+    """
+    trip = p.supply.trip_voltage
+    end, left, _ = _to_edge(ops, p, link, source, load, h, trip)
+    if not edges:
+        return ops.where(end <= trip, h - left, h)
+
+    def further() -> tuple[Value, ...]:
+        then = trip_time(ops, p, end, source, load, left, edges - 1)
+        return (ops.where(then < left, h - left + then, h),)
+
+    on = ops.both(left > 0.0, end > trip)
+    return ops.branch(on, further, lambda: (ops.where(end <= trip, h - left, h),))[0]
 
 
 def mean_ahead(ops: Ops, p: Any, current: Value, mean: Value, interval: Value) -> Value:
