@@ -17,7 +17,7 @@ from ..actuators.declaration import Actuator, PlantFault, PlantInputs
 from ..errors import EmcasError, location
 from ..namespace import Names, Record, value_of, with_values, with_values_where
 from ..ops.base import Ops, Value
-from ..physics import mechanics, winding
+from ..physics import inverter, mechanics, winding
 from ..variables import Variable, in_group, tunable
 from .status import OPERATIONAL
 
@@ -202,12 +202,15 @@ def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
 def _of_winding(ops: Ops, p: Any, f: Held, x: Record, h: Value) -> Any:
     """Return the plant's parameters with failed windings: shorted at the speed of `x`, or open at mid-step's angle.
 
-    A speed at mid-step would need the step's torque. The switches that short the terminals have no dead time.
+    A speed at mid-step would need the step's torque. The switches that short the terminals have no dead time; two
+    phases in series lose that of both.
     """
     short, lost = p.fault.winding_short, p.fault.phase_loss
     angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
-    p = with_values_where(ops, f.phase > 0.0, p, winding.single_phase(ops, p, lost.pole_pairs, angle))
-    still = {"inverter.dead_time": 0.0} if p.structure.inverter else {}
+    in_series, still = ({"inverter.dead_time": share * p.inverter.dead_time} if p.structure.inverter else {}
+                        for share in (inverter.IN_SERIES, 0.0))
+    p = with_values_where(ops, f.phase > 0.0, p, {
+        **winding.single_phase(ops, p, lost.pole_pairs, angle), **in_series})
     return with_values_where(ops, f.shorted > 0.0, p, {
         **winding.shorted(p, short.pole_pairs, x.motor_speed), **still})
 

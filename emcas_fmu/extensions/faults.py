@@ -25,11 +25,12 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import free_fin, kinematics, mechanics
 from ..physics.loads import NONE
-from ..rules import SLACK, rule, when
+from ..rules import SLACK, Rule, rule, when
 from ..variables import Variable, integer_output, with_outputs
 from . import fault_list, monitors
 from .declaration import Extension, also_read
 from .fault_list import SOUND, Held, acting, at_line, blocked, faulted, returned_charge, standing, without_loop
+from .pole_pairs import one_motor
 from .status import DISABLED, OPERATIONAL, STATUS
 
 
@@ -314,7 +315,14 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, ops.both(used, late.time > longest)), late.time, period
 
 
+def _rules(actuator: Actuator) -> tuple[Rule, ...]:
+    of_faults = [v.name for fault in fault_list.possible(actuator) for v in fault_list.parameters(fault)]
+    others = [v.name for v in actuator.parameters]
+    pairs = [name for name in (*of_faults, *others) if name.endswith(".pole_pairs")]
+    return (_command_delay, *(each for each in one_motor(pairs) if each.message.startswith("fault.")))
+
+
 EXTENSION = Extension(
     "faults", "faults and built-in test", extend, parameters=lambda actuator: (
         *(v for fault in fault_list.possible(actuator) for v in fault_list.parameters(fault)),
-        *monitors.parameters(actuator)), rules=lambda actuator: (_command_delay,))
+        *monitors.parameters(actuator)), rules=_rules)

@@ -22,6 +22,7 @@ from ..steppers.electrical import electrical_mode
 from ..steppers.events import PROGRESS
 from ..variables import in_group, integer_parameter, parameter
 from .declaration import Extension
+from .pole_pairs import one_motor
 
 PARAMETERS = in_group(
     "inverter",
@@ -159,17 +160,9 @@ def _dead_period(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, 2.0 * p.inverter.dead_time >= period), p.inverter.dead_time, period
 
 
-@rule("inverter.pole_pairs = %.6g and motor.pole_pairs = %.6g are of the same motor: give both the same, or 0 to leave "
-      "out what they cause", warning=True)
-def _one_motor(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    diodes, of_motor = p.inverter.pole_pairs, p.motor.pole_pairs
-    both = ops.both(diodes > 0.0, of_motor > 0.0)
-    return when(ops, ops.both(both, ops.negate(ops.equal(diodes, of_motor)))), diodes, of_motor
-
-
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     has_pairs = any(v.name == "motor.pole_pairs" for v in actuator.parameters)
-    return (_dead_period, _one_motor) if has_pairs else (_dead_period,)
+    return (_dead_period, *(one_motor(("inverter.pole_pairs", "motor.pole_pairs")) if has_pairs else ()))
 
 
 EXTENSION = Extension(

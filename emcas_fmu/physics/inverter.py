@@ -46,6 +46,8 @@ from ..ops.base import Ops, Value
 from . import drive
 
 _FUNDAMENTAL = 4.0 * sqrt(3.0) / pi
+IN_SERIES = 2.0 / _FUNDAMENTAL
+"""Share of V_d that two phases in series lose, 2 V t_d f."""
 _RIPPLE = 1.0 / 16.0
 _TINY = 1e-300
 _RECTIFIED = pi / 3.0

@@ -11,9 +11,11 @@ from scipy.integrate import solve_ivp
 
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.actuators.capabilities import PHASES
+from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
 from .fault_runs import MODEL, equal, scheduled, wave
+from .held import HELD
 
 R, L, K = 0.25, 0.6e-3, 0.11  # Ohm, H, N.m/A of the default motor
 LEAD, ARM, TILT = 5e-3 / (2.0 * pi), 0.05, tan(radians(5.0))
@@ -143,3 +145,29 @@ def test_before_and_after_a_failed_winding(fault: str) -> None:
                   for names in ((), (fault,)))
     assert equal(run, {name: column for name, column in plain.items() if name != "fault_word"}, slice(0, 100))
     assert run["fin_angle"][-1] == pytest.approx(radians(8.0), abs=radians(0.05))
+
+
+@pytest.mark.parametrize(("changes", "named"), [
+    ({}, ""), ({"fault.winding_short.active": True}, "fault.winding_short.pole_pairs = 4 and motor.pole_pairs = 8"),
+    ({"fault.phase_loss.end": 1.0, "motor.pole_pairs": 4, "inverter.pole_pairs": 3},
+     "fault.phase_loss.pole_pairs = 4 and inverter.pole_pairs = 3"),
+    ({"fault.phase_loss.active": True, "fault.winding_short.active": True, "fault.phase_loss.pole_pairs": 8.0},
+     "fault.winding_short.pole_pairs = 4 and fault.phase_loss.pole_pairs = 8"),
+    ({"fault.phase_loss.active": True, "fault.phase_loss.pole_pairs": 0.0}, "")])
+def test_faults_have_the_pole_pairs_of_the_motor(changes: dict[str, Any], named: str) -> None:
+    """A fault that is switched on or scheduled."""
+    parameters = load_parameters(model="nonlinear+inverter+faults").with_values({"motor.pole_pairs": 8, **changes})
+    text = [w for w in parameters.warnings if "fault." in w and "pole_pairs" in w]
+    assert any(named in w for w in text) if named else not text
+
+
+def test_a_lost_phase_has_the_dead_time_of_two_in_series() -> None:
+    """K_p (share i_ref - i) = R i + 2 V t_d f, with the share of the sine of its position, to rounding."""
+    model = "nonlinear+inverter+faults"
+    values = load_parameters(model=model).with_values({
+        **HELD, "drive.kp": 5.0, "drive.supply_voltage": 39.0, "motor.inductance": L, "drive.current_offset": 20.0,
+        "inverter.dead_time": 2e-6, "fault.phase_loss.active": True, "fault.phase_loss.angle": -0.3}).values
+    run = simulate(values, 0.02, model=model)
+    current = (5.0 * 20.0 * sin(4.0 * 0.3) - 2.0 * 39.0 * 2e-6 * 20e3) / (5.0 + R)
+    assert run["motor_current"][-1] == pytest.approx(current, rel=1e-9)
+    assert run["motor_voltage"][-1] == pytest.approx(R * current, rel=1e-9)

@@ -1,0 +1,38 @@
+"""A motor has one number of pole pairs, although several parts have a parameter for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations
+from typing import Any
+
+from ..namespace import value_of
+from ..ops.base import Ops, Value
+from ..rules import Rule, rule, when
+
+
+def one_motor(names: Iterable[str]) -> tuple[Rule, ...]:
+    """Return the warnings of any two parameters that differ, except those that are 0 or of a fault that does not act.
+    """
+    return tuple(_same(*two) for two in combinations(names, 2))
+
+
+def _same(first: str, second: str) -> Rule:
+    @rule(f"{first} = %.6g and {second} = %.6g are of the same motor: give both the same, or 0 to leave out what they "
+          "cause", warning=True)
+    def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        one, other = value_of(p, first), value_of(p, second)
+        act = ops.both(_acts(ops, p, first), _acts(ops, p, second))
+        return when(ops, ops.both(act, ops.negate(ops.equal(one, other)))), one, other
+
+    return check
+
+
+def _acts(ops: Ops, p: Any, name: str) -> Value:
+    """Return whether a number of pole pairs has an effect: that of a fault if it is switched on or scheduled."""
+    has = value_of(p, name) > 0.0
+    fault = name.rpartition(".")[0]
+    if not fault.startswith("fault."):
+        return has
+    active, begin, end = (value_of(p, f"{fault}.{each}") for each in ("active", "begin", "end"))
+    return ops.both(has, ops.either(active, end > begin))
