@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.cli import app
+from emcas_fmu.pages.page import environment
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.studies.explore import page
 from tests.docs.recipes import ROOT
@@ -121,6 +122,15 @@ def test_a_page_starts_from_what_is_given(explore: Any, tmp_path: Path) -> None:
                     "supply_voltage=30", "--date", "2026-03-31", "-o", "mine.html")
     assert again.exit_code == 0
     assert Path("mine.html").read_text(encoding="utf-8") == text
+
+
+def test_a_page_says_that_its_linear_model_has_no_dead_time(explore: Any) -> None:
+    """In the words of the page of `emcas analyse`."""
+    words = environment().from_string("{{ m.no_dead_time(true) }}").render()
+    assert "the inverter's dead time left out" in words
+    for model, count in (("nonlinear", 0), ("nonlinear+inverter", 1)):
+        assert explore("--model", model).exit_code == 0
+        assert Path("explore.html").read_text(encoding="utf-8").count(words) == count
 
 
 def test_a_page_judges_by_requirements_that_are_given(explore: Any) -> None:
