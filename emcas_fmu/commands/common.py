@@ -339,8 +339,24 @@ def stepper(bars: Bars, label: str) -> Progress:
     return lambda name, done, total: bars.update(task, description=f"{label} {name}", completed=done, total=total)
 
 
+def _lines(label: str) -> Progress:
+    """Return a callback that prints a line to standard error whenever a further part is done."""
+    last = 0
+
+    def report(name: str, done: int, total: int) -> None:
+        nonlocal last
+        if done > last:
+            last = done
+            err.print(f"{label} {done} of {total}: {name}")
+
+    return report
+
+
 @contextmanager
-def work(label: str) -> Iterator[Progress]:
-    """Show a progress bar for the work of a command, and yield the callback that updates it."""
+def work(label: str, lines: bool = False) -> Iterator[Progress]:
+    """Show a progress bar for the work of a command, and yield the callback that updates it.
+
+    Without a terminal there is nothing, or there are `lines`.
+    """
     with progress_bar() as bars:
-        yield stepper(bars, label)
+        yield _lines(label) if lines and not err.is_terminal else stepper(bars, label)

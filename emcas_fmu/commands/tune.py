@@ -61,7 +61,7 @@ def tune(
         raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
     common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
     try:
-        with common.work("tune") as step:
+        with common.work("tune", lines=True) as step:
             result = run(base, chosen, seed, generations, workers, journal, step)
     except KeyboardInterrupt:
         common.err.print("stopped before there were gains to write")

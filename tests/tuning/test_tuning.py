@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -426,6 +427,9 @@ def test_what_cannot_be_met_is_said(tmp_path: Path) -> None:
     said = " ".join(done.output.split())
     assert "no gains were found that meet rise" in said
     assert "MISSED" in said
+    # A line of progress for each generation, since standard error is no terminal here.
+    lines = re.findall(r"^tune (\d) of 3: global, worst \d\S* of its limit \(\S+\)$", done.stderr, re.MULTILINE)
+    assert lines == ["1", "2"]
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
