@@ -148,7 +148,8 @@ def test_every_kind_that_is_fed_is_flown() -> None:
 
 
 def test_energy_in_the_picture_is_that_of_the_table(flight: Mapping[str, Array]) -> None:
-    """The line ends at drawn less returned energy, and the bars show both, for a power that changes its sign."""
+    """The line ends at drawn less returned energy, and the bars show both, for a power that changes its sign; in kJ,
+    since numbers of J touch each other below the bars."""
     swinging = {**flight, "power_w": flight["power_w"] - flight["power_w"].mean() / 2.0}
     unit = Unit("EMCAS.fmu", "", "supply_pressure", 21e6, 0.0)
     results = Results(1e-3, {"gentle": {IDEAL: flown(Ideal()), HYDRAULIC: swinging}}, MANOEUVRES,
@@ -159,9 +160,10 @@ def test_energy_in_the_picture_is_that_of_the_table(flight: Mapping[str, Array])
         drawn = kinds(results, "gentle").figure
     _, energy, _, share = drawn.axes
     ended: Any = energy.lines[0].get_ydata()
-    assert ended[-1] == pytest.approx(found["energy_drawn_j"] - found["energy_returned_j"])
-    widths = sorted(bar.get_width() for bar in share.patches)  # type: ignore[attr-defined]
+    assert 1e3 * ended[-1] == pytest.approx(found["energy_drawn_j"] - found["energy_returned_j"])
+    widths = sorted(1e3 * bar.get_width() for bar in share.patches)  # type: ignore[attr-defined]
     assert widths == pytest.approx([-found["energy_returned_j"], found["energy_drawn_j"]])
+    assert ["kJ" in words for words in (energy.get_ylabel(), share.get_xlabel())] == [True, True]
     assert [label.get_text() for label in share.get_yticklabels()] == [f"{HYDRAULIC} (hydraulic)"]
 
 
