@@ -50,9 +50,7 @@ def _library(model: str, folder: Path) -> ct.CDLL:
     sources = {SOURCE.name: SOURCE.read_text(encoding="utf-8"), **batch_sources(model)}
     path = folder / f"{model}{target.suffix}"
     path.write_bytes(compiler.library(sources, SOURCE.name, target, "step_times"))
-    library = ct.CDLL(str(path))
-    library.actuator_size.restype = ct.c_size_t
-    return library
+    return ct.CDLL(str(path))
 
 
 def figures(model: str, steps: int, repeats: int, seed: int, folder: Path) -> dict[str, Any]:
@@ -66,9 +64,8 @@ def figures(model: str, steps: int, repeats: int, seed: int, folder: Path) -> di
             *(start[v.name] for v in actuator.further_inputs)]
     least, first = np.zeros(steps, dtype=np.uint32), np.zeros(steps, dtype=np.uint32)
     tally = _Tally()
-    memory = ct.create_string_buffer(library.actuator_size())
     numbers = [float(values[v.name]) for v in actuator.parameters]
-    if not library.step_times(memory, (ct.c_double * len(numbers))(*numbers), (ct.c_double * len(calm))(*calm),
+    if not library.step_times((ct.c_double * len(numbers))(*numbers), (ct.c_double * len(calm))(*calm),
                               ct.byref(_Task(values["command.limit"], LOAD, supply, seed, steps, repeats)),
                               least.ctypes.data_as(ct.c_void_p), first.ctypes.data_as(ct.c_void_p), ct.byref(tally)):
         raise SystemExit(f"{model}: the parameters are refused")

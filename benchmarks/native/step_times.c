@@ -63,29 +63,40 @@ static void draw(const task *t, const core_inputs *calm, uint64_t *state, step *
     next->end += random_number(state) < 0.7 ? 1e-3 : 1e-5 + 9.9e-4 * random_number(state);
 }
 
+/* The core's inputs from an array: command, loads, supply, enable, the actuator's further inputs. */
+static core_inputs listed(const double *in)
+{
+    core_inputs inputs = {.command = in[0], .supply = in[1 + CORE_LOADS], .enable = in[2 + CORE_LOADS]};
+    memcpy(inputs.loads, in + 1, sizeof inputs.loads);
+    memcpy(inputs.further, in + 3 + CORE_LOADS, CORE_FURTHER * sizeof *in);
+    return inputs;
+}
+
 /* The least time [ns] of each step, of `repeats`, into `least`, and that of its first time into `first`. */
-API int step_times(actuator *a, const double *parameters, const double *calm, const task *t, uint32_t *least,
-                   uint32_t *first, tally *sums)
+API int step_times(const double *p, const double *calm, const task *t, uint32_t *least, uint32_t *first, tally *sums)
 {
     const core_inputs start = listed(calm);
     step steps[SEQUENCE], last = {start, 0.0};
     uint64_t state = t->seed;
     double out[MODEL_OUTPUTS];
     *sums = (tally){.clock_ns = UINT64_MAX};
-    if (!actuator_start(a, parameters)) return 0;
+    if (!rules_hold(p)) return 0;
+    double c[KERNEL_CONSTANTS + 1];
+    core_state now = {.time = {0, 0, 0}};
+    kernel_prepare(p, c);
+    core_start(p, c, &now);
     for (uint64_t begin = 0; begin < t->steps; begin += SEQUENCE) {
         for (int i = 0; i < SEQUENCE; ++i) {
             draw(t, &start, &state, &last);
             steps[i] = last;
         }
-        const core_state before = a->state;
+        const core_state before = now;
         for (uint64_t repeat = 0; repeat < t->repeats; ++repeat) {
-            a->state = before;
+            now = before;
             for (uint64_t i = 0; i < SEQUENCE; ++i) {
                 pieces = 0;
                 const uint64_t from = ns_now();
-                const core_result result = core_run(a->values, a->values + MODEL_PARAMETERS, &a->state, steps[i].end,
-                                                    &steps[i].in, NULL, out);
+                const core_result result = core_run(p, c, &now, steps[i].end, &steps[i].in, NULL, out);
                 const uint64_t till = ns_now(), again = ns_now();
                 const uint32_t spent = (uint32_t)(till - from);
                 if (again - till < sums->clock_ns) sums->clock_ns = again - till;

@@ -41,6 +41,11 @@ from emcas_fmu.studies.identification.current_loop import response
 from emcas_fmu.variables import Variable
 
 DOCS = Path(__file__).resolve().parents[1]
+if str(DOCS.parent) not in sys.path:
+    sys.path.append(str(DOCS.parent))
+
+from tests.simulation import ramped_core  # noqa: E402
+
 FINE = 1e-4  # s, the communication step the others are compared with
 STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)  # s
 STOP = 1.0  # s
@@ -100,7 +105,7 @@ class Loop:
         """Fin angle [deg] every `step` [s]."""
         values = dict(load_parameters().values)
         values["encoder.enabled"] = False  # its chatter would look like an error of the step (docs/model/numerics.md)
-        core = codegen.core(values)
+        core = ramped_core(values)
         supply = values["drive.supply_voltage"]
         angle, found = 0.0, [0.0]
         for k in range(round(STOP / step)):

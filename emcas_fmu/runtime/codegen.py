@@ -241,8 +241,8 @@ def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: s
     return MultiFin(each, line, power_place(actuator), sizes(actuator))
 
 
-def core_inputs(core: Any, row: Sequence[Any], actuator: Actuator) -> Inputs:
-    """Return the inputs of a core, in Python or compiled, from a row of its actuator's inputs."""
+def core_inputs(core: Core, row: Sequence[Any], actuator: Actuator) -> Inputs:
+    """Return the inputs of a core from a row of its actuator's inputs."""
     return inputs_of(row, core.motion_loads(*row[MOTION]), len(fin_port.MOTION), actuator.supply is not None)
 
 

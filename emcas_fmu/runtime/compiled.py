@@ -1,9 +1,9 @@
-"""Actuators in machine code: one that its user steps, and many whole runs in one call."""
+"""Many whole runs of an actuator in machine code, in one call."""
 
 from __future__ import annotations
 
 import ctypes as ct
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import isfinite
@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..actuators import NONLINEAR, get
-from ..actuators.fin_port import MOTION
 from ..parameters import ParameterError, check_parameters
-from ..physics.loads import LOADS, MotionLoads
 from . import core
 from .library import loaded, milliseconds, vectors
 from .schedule import Schedule
@@ -90,75 +88,6 @@ def refusal(row: Array, model: str) -> list[str]:
     """Return the problems of parameters that the C side has refused, from an actuator's row of them."""
     values = dict(zip(_names(model)[0], row.tolist(), strict=True))
     return check_parameters(values, model) or [REASONS[_REFUSED]]
-
-
-class CompiledCore:
-    """:class:`emcas_fmu.runtime.core.Core` in machine code: the same methods and the same bits.
-
-    `values` are the parameters by name in SI; `state` is a string of bytes.
-    Raises ParameterError for unsound parameters, CompilerError if there is no compiled kernel.
-    """
-
-    def __init__(self, values: Mapping[str, Any], model: str = NONLINEAR) -> None:
-        self._library = loaded(model)
-        self._model = model
-        self._memory = ct.create_string_buffer(self._library.actuator_size())
-        self._address = ct.addressof(self._memory)
-        size = ct.c_size_t()
-        self._state = self._library.actuator_state(ct.byref(size))
-        self._state_size = size.value
-        actuator = get(model)
-        self._in = (ct.c_double * (3 + len(LOADS) + len(actuator.further_inputs)))()
-        self._out = (ct.c_double * len(actuator.outputs))()
-        self._flags = {i for i, v in enumerate(actuator.outputs) if v.kind == "Boolean"}
-        self._set_parameters(self._library.actuator_start, values)
-
-    def _set_parameters(self, function: Callable[..., int], values: Mapping[str, Any]) -> None:
-        """Pass parameters to the C side, which applies the same limits and rules; their messages are found here."""
-        row = parameter_row(values, self._model)
-        if not function(self._address, address(row)):
-            raise ParameterError(refusal(row, self._model))
-
-    @property
-    def state(self) -> bytes:
-        """Everything that changes while running."""
-        return self._memory.raw[self._state:self._state + self._state_size]
-
-    @state.setter
-    def state(self, state: bytes) -> None:
-        if len(state) != self._state_size:
-            raise ValueError(f"a state has {self._state_size} bytes, not {len(state)}")
-        ct.memmove(self._address + self._state, state, self._state_size)
-
-    def bind(self, values: Mapping[str, Any]) -> None:
-        """Use these parameter values from now on. Raises ParameterError."""
-        self._set_parameters(self._library.actuator_bind, values)
-
-    def motion_loads(self, *motion: float) -> tuple[float, ...]:
-        """Return the loads of the vehicle's motion, from its inputs; all in SI, in the order of MotionLoads."""
-        if len(motion) != len(MOTION):
-            raise TypeError(f"the motion has {len(MOTION)} inputs, not {len(motion)}")
-        out = (ct.c_double * len(MotionLoads._fields))()
-        self._library.actuator_motion_loads(self._address, (ct.c_double * len(MOTION))(*motion), out)
-        return tuple(out)
-
-    def outputs(self, inputs: core.Inputs) -> tuple[Any, ...]:
-        """Return the outputs in the interface's order."""
-        self._in[:] = list(inputs)
-        self._library.actuator_outputs(self._address, self._in, self._out)
-        return self._results()
-
-    def run(self, end: float, inputs: core.Inputs, ramp: core.Ramp | None = None) -> tuple[Any, ...]:
-        """Advance to `end` [s] from the start; see :meth:`emcas_fmu.runtime.core.Core.run`."""
-        self._in[:] = list(inputs)
-        change = None if ramp is None else (ct.c_double * (1 + len(ramp[1])))(ramp[0], *ramp[1])
-        result = self._library.actuator_run(self._address, end, self._in, change, self._out)
-        if result:
-            raise ArithmeticError(REASONS[result])
-        return self._results()
-
-    def _results(self) -> tuple[Any, ...]:
-        return tuple(x != 0.0 if i in self._flags else x for i, x in enumerate(self._out))
 
 
 def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str],

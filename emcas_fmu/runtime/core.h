@@ -1,7 +1,7 @@
 /* Samples, delay buffers and ticks of actuators that are stepped together: core.py in C.
  *
  * `core_x` is the method x or _x of Core, core_move its _run, core_scheduled its bind, core_inputs_of the function
- * inputs_of; the other functions serve lanes and memory. states.h checks stored states as Core.unsound does.
+ * inputs_of; the other functions serve ramps of the inputs, lanes and memory. states.h checks stored states as Core.unsound does.
  *
  * `lanes` are a number for each of them: one number by scalar.h, several if vector.h comes first. Lanes move together
  * while their samples and ticks coincide; `which` are the lanes that do, values of the others have no meaning. model.h
@@ -67,11 +67,6 @@ typedef struct {
     lanes line[CORE_LINE];
 } core_state;
 
-/* Inputs and ramps have the order of core.py's. */
-CORE_REQUIRE(order_of_inputs, offsetof(core_inputs, supply) == (1 + CORE_LOADS) * sizeof(lanes)
-                              && offsetof(core_inputs, further) == (3 + CORE_LOADS) * sizeof(lanes)
-                              && offsetof(core_ramp, supply) == (2 + CORE_LOADS) * sizeof(lanes)
-                              && offsetof(core_ramp, further) == (3 + CORE_LOADS) * sizeof(lanes));
 /* A state begins with the part and ends with the line, of which core_keep copies what is in use. */
 CORE_REQUIRE(order_of_state, offsetof(core_state, time) == sizeof(core_part)
                              && offsetof(core_state, line) == sizeof(core_state) - CORE_LINE * sizeof(lanes));

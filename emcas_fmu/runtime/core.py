@@ -1,6 +1,6 @@
 """Samples, delay buffers and ticks of one actuator. Standard library only: this file is embedded in the FMU.
 
-core.h is the same in C. The state is that at the beginning of a tick
+core.h is the same in C; inputs may ramp there only. The state is that at the beginning of a tick
 (:mod:`emcas_fmu.runtime.schedule`). At a communication point inside a tick the outputs come from a tentative step, so
 that the trajectory does not depend on the host's step sizes.
 """
@@ -26,7 +26,6 @@ LATEST = 2.0**49
 
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]
 Inputs = tuple[Any, ...]
-Ramp = tuple[float, tuple[float, ...]]
 # A tick that contains a communication point: the plant's time within the tick [s], the time up to which inputs are
 # known [s], the inputs at the beginning, and the integrals of the loads' differences from these.
 Part = tuple[float, float, Inputs, tuple[float, ...]]
@@ -76,14 +75,14 @@ class Core:
     The inputs are the command, the loads, ``supply, enable`` and the further inputs.
     """
 
-    __slots__ = ("_acting", "_active", "_commands", "_controller", "_further", "_kernel_initial", "_kernel_locate",
+    __slots__ = ("_acting", "_active", "_commands", "_controller", "_kernel_initial", "_kernel_locate",
                  "_kernel_motion_loads", "_kernel_outputs", "_kernel_sample", "_kernel_step", "_line", "_loads",
                  "_part", "_period", "_plant", "_position", "_sampled", "_states", "_supply", "_tentative", "schedule")
 
     def __init__(self, functions: Functions, sizes: Sizes) -> None:
         self._states, self._controller, _, loads, acting = sizes
         self._loads, self._supply = slice(1, 1 + loads), 1 + loads  # the loads have a mean over a tick
-        self._acting, self._further = slice(1, 3 + loads + acting), slice(3 + loads, 3 + loads + acting)
+        self._acting = slice(1, 3 + loads + acting)
         self.bind(functions)
         self.start()
 
@@ -158,21 +157,19 @@ class Core:
         return self._kernel_outputs(*self._tentative, self._active, self._line[-1], *self._sampled[self._controller:],
                                     inputs[0], *inputs[self._acting])
 
-    def run(self, end: float, inputs: Inputs, ramp: Ramp | None = None) -> tuple[Any, ...]:
-        """Advance to `end` [s] from the start, all or nothing; return the outputs there.
+    def run(self, end: float, inputs: Inputs) -> tuple[Any, ...]:
+        """Advance to `end` [s] from the start with the inputs held, all or nothing; return the outputs there.
 
-        The inputs are held. With `ramp` = (begin [s], rates of change of the inputs before ``enable`` and of the
-        further inputs that act) they are the inputs at `begin` and change at these rates; a tick uses the inputs at
-        its middle. Raises ArithmeticError if the equations cannot be followed.
+        Raises ArithmeticError if the equations cannot be followed.
         """
         before = self.state
         try:
-            return self._run(end, inputs, ramp)
+            return self._run(end, inputs)
         except BaseException:
             self.state = before
             raise
 
-    def _run(self, end: float, inputs: Inputs, ramp: Ramp | None) -> tuple[Any, ...]:
+    def _run(self, end: float, inputs: Inputs) -> tuple[Any, ...]:
         length, before, ticks, _, h_before, h_after, _, _, slack = self.schedule
         periods, at, rest = self._period + 1, 0, 0.0  # most hosts step from sample to sample
         if not -slack <= end - periods * length <= slack:
@@ -188,48 +185,36 @@ class Core:
         period, position = to
         # The number of ticks is computed first, so that the loop ends whatever the state was.
         for _ in range((period - self._period) * ticks + position - self._position):
-            self._tick(inputs, ramp, h_before if self._position < before else h_after, True)
+            self._tick(inputs, h_before if self._position < before else h_after, True)
             self._position += 1
             if self._position == ticks:
                 self._position = 0
                 self._period += 1
         self._tentative = self._plant
         if rest > 0.0:
-            self._tick(inputs, ramp, rest, False)
-        outputs = self.outputs(self._at(inputs, ramp, end))
+            self._tick(inputs, rest, False)
+        outputs = self.outputs(inputs)
         total = sum(outputs, sum(self._tentative, sum(self._sampled)))
         if total - total != 0.0:  # infinite or not a number
             raise ArithmeticError("the state is no longer finite")
         return outputs
 
-    def _tick(self, inputs: Inputs, ramp: Ramp | None, until: float, whole: bool) -> None:
+    def _tick(self, inputs: Inputs, until: float, whole: bool) -> None:
         """Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part."""
-        part, begun, acting = self._part, 0.0, inputs
-        if ramp is not None:
-            begun = self._begun()
-            acting = self._at(inputs, ramp, begun + 0.5 * (until if part is None else until + part[1]))
+        part, origin, acting = self._part, 0.0, inputs
         if self._position == 0 and part is None:
-            self._sample(self._at(inputs, ramp, begun))
+            self._sample(inputs)
         self._active = self._line[0 if self._position < self.schedule[1] else 1]
-        origin = 0.0
         if part is not None:
-            part = self._split(part, acting)
+            part = self._split(part, inputs)
             origin = part[0]
         if part is not None or not whole:
-            part = self._extend(part, until, acting)
+            part = self._extend(part, until, inputs)
             acting = self._mean(part)
         if whole:
             self._plant, self._part = self._finish(acting, until - origin), None
         else:
             self._tentative, self._part = self._finish(acting, until - origin), part
-
-    def _begun(self) -> float:
-        """Return the time at which the present tick begins [s]."""
-        length, before, _, arrival, h_before, h_after, *_ = self.schedule
-        position = self._position
-        within = position * h_before if position < before else arrival + (position - before) * h_after
-        begun: float = self._period * length + within
-        return begun
 
     def _sample(self, inputs: Inputs) -> None:
         count, command = self._controller, inputs[0]
@@ -239,19 +224,10 @@ class Core:
                                                   command, *inputs[self._supply:])
         self._sampled, self._line = tuple(sampled), (*self._line[1:], reference)
 
-    def _at(self, inputs: Inputs, ramp: Ramp | None, time: float) -> Inputs:
-        """Return the inputs at a time [s] of a ramp."""
-        if ramp is None:
-            return inputs
-        begin, rates = ramp
-        t, enable = time - begin, self._supply + 1
-        changed = [x + rate * t for x, rate in zip((*inputs[:enable], *inputs[self._further]), rates, strict=True)]
-        return (*changed[:enable], inputs[enable], *changed[enable:], *inputs[self._further.stop:])
-
     def _split(self, part: Part, inputs: Inputs) -> Part:
         """Return the part; if inputs that act through limits change, advance the plant and begin another part there."""
         origin, covered, first, _ = part
-        switched = slice(self._supply, self._further.stop)
+        switched = slice(self._supply, self._acting.stop)
         if first[switched] == inputs[switched]:
             return part
         self._plant = self._finish(self._mean(part), covered - origin)

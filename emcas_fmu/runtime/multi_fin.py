@@ -1,6 +1,6 @@
 """Several fins that share one supply line. Standard library only: this file is embedded in the FMU.
 
-multi_fin.h is the same in C, and explains how the line is stepped; inputs may ramp there only.
+multi_fin.h is the same in C, and explains how the line is stepped.
 """
 
 from __future__ import annotations

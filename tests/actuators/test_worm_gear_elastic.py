@@ -16,8 +16,8 @@ from emcas_fmu.actuators import get
 from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters, require_sound
-from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
+from tests.simulation import CompiledCore
 
 MODEL = "worm-gear-elastic"
 RIM, RATIO = 0.045, 60.0  # m, radius of the wheel's pitch circle; turns of the worm in one of the wheel

@@ -15,9 +15,9 @@ from emcas_fmu.actuators import get
 from emcas_fmu.extensions.fault_list import FAULTS, possible
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import codegen
-from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow
+from tests.simulation import CompiledCore
 
 from .fault_runs import gust, wave
 
@@ -79,9 +79,6 @@ def test_both_kernels_and_kept_states(model: str) -> None:
         one, other = slow.run(k * 1e-3 + 3e-4, inputs), fast.run(k * 1e-3 + 3e-4, inputs)
         assert one == other
         if k % 20 == 0:
-            again = CompiledCore(values, name)
-            again.state = fast.state
-            fast = again
             kept = slow.state
             slow = codegen.core(values, name)
             slow.state = kept

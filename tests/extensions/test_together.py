@@ -15,9 +15,9 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.fault_list import possible
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.codegen import inputs_at_rest
-from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow, slow
+from tests.simulation import CompiledCore
 
 # Values with which an option does nothing; LuGre's bristles and a DC link have none.
 NEUTRAL: Mapping[str, Mapping[str, Any]] = {

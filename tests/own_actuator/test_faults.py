@@ -20,9 +20,9 @@ from emcas_fmu.extensions.fault_list import FAULTS, bits, possible
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import simulator
 from emcas_fmu.runtime import codegen
-from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
 from emcas_fmu.variables import tunable
+from tests.simulation import CompiledCore
 
 from .example import MODEL, changed
 
@@ -124,15 +124,15 @@ def test_switched_while_it_runs() -> None:
     word, current = ([v.name for v in get(FAULTY).outputs].index(name) for name in ("fault_word", "motor_current"))
     inputs = codegen.inputs_at_rest(0.1, -30.0, 39.0)
     on = BASE.with_values({"fault.demagnetised.active": True})
-    core, sound = CompiledCore(BASE.values, FAULTY), CompiledCore(BASE.values, FAULTY)
+    core, sound = (codegen.core(BASE.values, FAULTY) for _ in range(2))
     core.run(0.0204, inputs)
-    core.bind(on.values)
+    core.bind(codegen.bound(on.values, FAULTY))
     assert core.run(0.0208, inputs) == sound.run(0.0208, inputs)
     assert core.run(0.0212, inputs)[word] == DEMAGNETISED
     assert core.run(0.0304, inputs)[current] != sound.run(0.0304, inputs)[current]
-    other = CompiledCore(on.values, FAULTY)
+    other = codegen.core(on.values, FAULTY)
     other.state = core.state
-    other.bind(on.with_values({"fault.demagnetised.share": 0.3}).values)
+    other.bind(codegen.bound(on.with_values({"fault.demagnetised.share": 0.3}).values, FAULTY))
     assert core.run(0.0308, inputs)[current] != other.run(0.0308, inputs)[current]
 
 
@@ -195,9 +195,9 @@ def test_both_kernels_and_kept_states(several: str) -> None:
         inputs = codegen.inputs_at_rest(wave(k * 1e-3), gust(k * 1e-3), 39.0)
         assert slow.run(k * 1e-3 + 3e-4, inputs) == fast.run(k * 1e-3 + 3e-4, inputs)
         if k % 30 == 0:
-            again = CompiledCore(values, several)
-            again.state = fast.state
-            fast = again
+            kept = slow.state
+            slow = codegen.core(values, several)
+            slow.state = kept
 
 
 # -- what is declared badly ------------------------------------------------------------

@@ -24,7 +24,7 @@ from tests.marks import others_slow
 
 from ..fmu.built import slave_class as local_class
 from ..fmu.host import OK, Fmu, Instance
-from ..simulation import new_core
+from ..simulation import ramped_core
 
 ANGLE = 1e-9  # rad, the contract; measured: no difference at all
 REALS, BOOLEANS = ([v.name for v in OUTPUTS if v.kind == kind] for kind in ("Real", "Boolean"))
@@ -154,8 +154,8 @@ def _set(slave: Slave, name: str, value: Any) -> None:
 @given(rates=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(7))), sizes=st.lists(
     st.sampled_from([2e-4, 1e-3, 1.7e-3, 5e-3]), min_size=1, max_size=15))
 def test_ramps(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...], sizes: list[float]) -> None:
-    """Input derivatives: the native unit against the Python core, which takes them where the wrapper does not."""
-    native, core = Instance(library), new_core(values)
+    """Input derivatives: the native unit against a Python core with ramps: the same bits."""
+    native, core = Instance(library), ramped_core(values)
     native.initialize()
     scales = {"fin_command": 3.0, "aero_torque": 500.0, "acceleration.x": 2e3, "acceleration.z": 2e3,
               "supply_voltage": 30.0, "angular_rate.x": 300.0, "angular_acceleration.x": 5e3}

@@ -33,7 +33,6 @@ class Actuator {
         this.code = code;
         code._initialize();
         this.top = code.__heap_base.value;
-        this.actuator = this.reserve(code.actuator_size());
         this.parameters = this.reserve(8 * DATA.parameters.length);
         this.numbers = this.reserve(8 * DATA.most_numbers);
         this.result = this.reserve(8);
@@ -109,7 +108,6 @@ class Actuator {
     /** Simulates rows `step` [s] apart. Inputs by name are columns or constants, outputs of `names` are columns. */
     run(values, inputs, rows, step, names = DATA.outputs) {
         this.put(values);
-        if (!this.code.actuator_start(this.actuator, this.parameters)) throw new Error("the parameters are refused");
         const before = this.top, width = DATA.inputs.length, wide = DATA.outputs.length;
         const table = this.reserve(8 * rows * width), out = this.reserve(8 * rows * wide);
         this.top = before;
@@ -118,7 +116,7 @@ class Actuator {
             const column = inputs[name], held = typeof column === "object" ? null : Number(column);
             for (let k = 0; k < rows; ++k) cells[k * width + index] = held ?? column[k];
         });
-        const reached = this.code.actuator_simulate(this.actuator, rows, step, table, out, this.result);
+        const reached = this.code.simulate_rows(this.parameters, rows, step, table, out, this.result);
         const reason = new Int32Array(this.code.memory.buffer, this.result, 1)[0];
         if (reached < rows) throw new Error(`at ${general(reached * step, 6)} s: ${DATA.reasons[reason]}`);
         const computed = this.doubles(out, rows * wide);
