@@ -20,36 +20,16 @@ static inline bool rules_broken(const rule *one, const double *p, const double *
     return worst > 0.0;
 }
 
-/* Whether the parameters keep those of `count` rules that are not warnings. */
-static inline bool rules_kept(const rule *some, size_t count, const double *p, const double *constants)
-{
-    double numbers[RULE_NUMBERS + 1];
-    for (size_t i = 0; i < count; ++i)
-        if (!some[i].warning && rules_broken(&some[i], p, constants, numbers)) return false;
-    return true;
-}
-
-/* The limits come first: rules apply to values within them only. */
+/* Whether the parameters are within their limits and keep the rules, which apply to values within them only. */
 static inline bool rules_hold(const double *p)
 {
-    double constants[RULES_CONSTANTS];
+    double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
     for (size_t i = 0; i < MODEL_PARAMETERS; ++i)
         if (!core_finite(p[i]) || p[i] < LIMIT[i].minimum || p[i] > LIMIT[i].maximum) return false;
     rules_prepare(p, constants);
-    return rules_kept(RULE, RULES, p, constants);
-}
-
-/* Whether the line of several fins keeps its rules, with parameters within their limits. */
-static inline bool line_rules_hold(const double *line)
-{
-#if LINE_RULES
-    double constants[LINE_RULES_CONSTANTS + 1];
-    line_rules_prepare(line, constants);
-    return rules_kept(LINE_RULE, LINE_RULES, line, constants);
-#else
-    (void)line;
+    for (size_t i = 0; i < RULES; ++i)
+        if (!RULE[i].warning && rules_broken(&RULE[i], p, constants, numbers)) return false;
     return true;
-#endif
 }
 
 #endif

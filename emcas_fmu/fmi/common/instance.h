@@ -173,19 +173,6 @@ static void report_rule(const instance *m, int status, size_t fin, const char *m
     report(m, status, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }
 
-/* Return whether all parameters are within their limits and keep the rules. */
-static bool all_rules_hold(const instance *m)
-{
-    for (size_t vr = PARAMETER_BEGIN; vr < FIN_PARAMETER_BEGIN; ++vr) /* those of the line */
-        if (!core_finite(m->s.values[vr]) || m->s.values[vr] < VARIABLE[vr].minimum
-            || m->s.values[vr] > VARIABLE[vr].maximum)
-            return false;
-    if (!line_rules_hold(m->s.values + PARAMETER_BEGIN)) return false;
-    for (size_t fin = 0; fin < FINS; ++fin)
-        if (!rules_hold(parameters(m, fin))) return false;
-    return true;
-}
-
 /* Return whether the parameters `p` of a fin, or of the line if `fin` is FINS, break none of some rules that are not
  * warnings, or that are; log the others, a warning once until it no longer holds. */
 static bool kept(const instance *m, const rule *some, size_t count, const double *p, const double *constants,
@@ -221,13 +208,22 @@ static bool none_broken(instance *m, bool warnings)
     return none;
 }
 
-/* Return the same as all_rules_hold; log every value out of its limits, or if there is none, every broken rule. */
+/* Return whether all parameters are within their limits and keep the rules; log every value out of its limits, or if
+ * there is none, every broken rule. */
 static bool sound(instance *m)
 {
     bool good = true;
-    if (all_rules_hold(m)) return true;
     for (size_t vr = PARAMETER_BEGIN; vr < FMU_VARIABLES; ++vr) good &= !out_of_range(m, vr, m->s.values[vr]);
     return good && none_broken(m, false);
+}
+
+static bool sound_unlogged(instance *m)
+{
+    const uint32_t logged = m->logged;
+    m->logged = 0;
+    const bool good = sound(m);
+    m->logged = logged;
+    return good;
 }
 
 static void prepare(instance *m)
@@ -275,7 +271,7 @@ static void refresh(instance *m)
     core_inputs now[FINS];
     m->s.fresh = 1;
     if (!core_all_finite(m->s.values, FMU_INPUTS)) return;
-    if (before && !all_rules_hold(m)) {
+    if (before && !sound_unlogged(m)) {
         for (size_t vr = OUTPUT_BEGIN; vr < PARAMETER_BEGIN; ++vr)
             m->s.values[vr] = VARIABLE[vr].kind == REAL ? NAN : 0.0;
         return;

@@ -70,9 +70,9 @@ static const char *unsound(const instance *m, const model_state *s)
             return VARIABLE[i].name; /* not an integer, or not 0 or 1 */
     }
     if (s->phase & BEFORE_RUN) return NULL; /* the core will be restarted */
-    instance probe = {.host = m->host, .name = m->name};
+    instance probe = {.host = m->host, .name = m->name}; /* logs nothing */
     probe.s = *s;
-    if (!all_rules_hold(&probe)) return "parameters out of their limits";
+    if (!sound(&probe)) return "parameters out of their limits";
     prepare(&probe);
     if (fabs(s->start) > probe.fins.latest) return "time";
     for (size_t fin = 0; fin < FINS; ++fin) {

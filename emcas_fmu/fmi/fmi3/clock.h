@@ -4,23 +4,10 @@
 
 #include "instance.h"
 
-/* Return whether all value references of a call are the clock's; log an error if not. */
-static bool is_clock(const instance *m, int phases, const fmi3ValueReference vr[], size_t n, const void *value,
-                     const char *function)
-{
-    if (!allowed_with(m, phases, n, vr, value, function)) return false;
-    for (size_t i = 0; i < n; ++i)
-        if (vr[i] >= ARRAYS || ARRAY[vr[i]].type != TICKS) {
-            report(m, fmi3Error, "%s: no clock has value reference %u", function, (unsigned)vr[i]);
-            return false;
-        }
-    return true;
-}
-
 fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Clock value[])
 {
     const instance *m = c;
-    if (!is_clock(m, HANDLING_EVENT, vr, n, value, __func__)) return fmi3Error;
+    if (!are_of(m, HANDLING_EVENT, TICKS, vr, n, value, n, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; ++i) value[i] = m->ticks;
     return fmi3OK;
 }
@@ -29,7 +16,7 @@ fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
 {
     instance *m = c;
-    if (!is_clock(m, HANDLING_EVENT, vr, n, value, __func__)) return fmi3Error;
+    if (!are_of(m, HANDLING_EVENT, TICKS, vr, n, value, n, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; ++i) {
         const core_state *core = m->s.fins.core;
         if (!value[i] && m->ticks)
@@ -46,7 +33,7 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[],
                                   fmi3IntervalQualifier qualifiers[])
 {
     instance *m = c;
-    if (!is_clock(m, INITIALIZING | DURING_RUN, vr, n, intervals, __func__)) return fmi3Error;
+    if (!are_of(m, INITIALIZING | DURING_RUN, TICKS, vr, n, intervals, n, __func__)) return fmi3Error;
     if (!allowed_with(m, INITIALIZING | DURING_RUN, n, qualifiers, qualifiers, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; ++i) {
         intervals[i] = parameters(m, 0)[SAMPLE_TIME];
@@ -58,7 +45,7 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[],
 
 fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
 {
-    if (!is_clock(c, INITIALIZING | DURING_RUN, vr, n, shifts, __func__)) return fmi3Error;
+    if (!are_of(c, INITIALIZING | DURING_RUN, TICKS, vr, n, shifts, n, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; ++i) shifts[i] = 0.0;
     return fmi3OK;
 }

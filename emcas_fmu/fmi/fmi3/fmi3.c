@@ -43,16 +43,9 @@ static void release(const host_services *host, void *block)
 #include "step.h"
 
 #include "absent.h"
-#include "clock.h"
 #include "events.h"
 
 /* -- variables ---------------------------------------------------------------- */
-
-/* Return the index of an element of a variable among the scalars of the FMU. Elements are counted fin by fin. */
-static size_t scalar_index(const array *v, size_t element)
-{
-    return v->first + element / v->size * v->stride + element % v->size;
-}
 
 /* Return whether a function may be called now for variables of a type with `count` elements in all; log an error if
  * not. */
@@ -73,6 +66,12 @@ static bool are_of(const instance *m, int phases, int type, const fmi3ValueRefer
     report(m, fmi3Error, "%s: the variables have %lu elements, the call has %lu values", function,
            (unsigned long)elements, (unsigned long)count);
     return false;
+}
+
+/* Return the index of an element of a variable among the scalars of the FMU. Elements are counted fin by fin. */
+static size_t scalar_index(const array *v, size_t element)
+{
+    return v->first + element / v->size * v->stride + element % v->size;
 }
 
 static double value_at(const instance *m, size_t vr, size_t element)
@@ -120,6 +119,8 @@ DEFINE_ACCESS(Int32, INT32)
 DEFINE_ACCESS(UInt32, UINT32)
 DEFINE_ACCESS(Int64, INT64)
 DEFINE_ACCESS(Boolean, BOOL)
+
+#include "clock.h"
 
 /* -- stepping ----------------------------------------------------------------- */
 
