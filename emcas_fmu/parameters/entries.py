@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from math import isclose, radians
 from numbers import Integral, Real
 from typing import Any
 
 from ..actuators import EXTENSIONS, NAMES, get, get_extension, parts
 from ..errors import EmcasError, hint
-from ..rules import check_ranges
-from ..units import describe, quantity
 from ..variables import Variable
 from . import schema
 
@@ -157,33 +155,23 @@ def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str
     for key in _FIELDS[1:]:
         if not isinstance(fields.get(key, ""), str):
             raise ValueError(f"{key} = {fields[key]!r}: expected a string")
-    read = _boolean if variable.kind == "Boolean" else partial(_number, variable)
-    return Entry(variable, read(fields), as_text(fields), fields.get("source", source), fields.get("note", ""), file)
+    return Entry(variable, _value(variable, fields), as_text(fields), fields.get("source", source),
+                 fields.get("note", ""), file)
 
 
-def _boolean(fields: Mapping[str, Any]) -> bool:
-    if not isinstance(fields["value"], bool):
-        raise ValueError("expected true or false")
-    if "unit" in fields:
+def _value(variable: Variable, fields: Mapping[str, Any]) -> Value:
+    """Return the value of a scalar. Raises ValueError."""
+    if variable.kind == "Boolean" and "unit" in fields and isinstance(fields["value"], bool):
         raise ValueError("true and false have no unit")
-    return fields["value"]
-
-
-def _number(variable: Variable, fields: Mapping[str, Any]) -> float | int:
-    written = fields["value"]  # floats of TOML files are read as text
-    if not isinstance(written, (int, str)):
-        raise ValueError(f"expected {describe(variable.unit)}")
-    value = quantity(str(written), fields.get("unit", ""), variable.unit)
+    value: Value = schema.In.of(variable).number(fields["value"], fields.get("unit", ""))
     limits = (variable.minimum, variable.maximum)
-    value = next((limit for limit in limits if isclose(value, limit, rel_tol=_ROUNDING)), value)
-    if check_ranges({variable.name: value}, [(variable.name, *limits)]):
+    value = next((type(value)(limit) for limit in limits if isclose(value, limit, rel_tol=_ROUNDING)), value)
+    if not limits[0] <= value <= limits[1]:
         unit = "" if variable.unit == "1" else f" {variable.unit}"
         degrees = variable.unit == "rad" and limits[0] <= radians(value) <= limits[1]
         raise ValueError(f"is {value:.6g}{unit}; it must be within {limits[0]:.6g} .. {limits[1]:.6g}{unit}"
                          f"{f'; did you mean {value:.6g} deg?' if degrees else ''}")
-    if variable.kind == "Integer" and not float(value).is_integer():
-        raise ValueError("expected a whole number")
-    return int(value) if variable.kind == "Integer" else value
+    return value
 
 
 def in_variables_unit(name: str, value: object, model: str) -> object:

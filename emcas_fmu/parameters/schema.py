@@ -158,8 +158,11 @@ class In:
     base: float | None = None
     type: str = "Real"
 
-    def number(self, written: Any) -> Any:
-        """Return the value of an entry in the unit, without checking limits. Raises ValueError."""
+    def number(self, written: Any, unit: str = "") -> Any:
+        """Return the value of an entry in the unit, without checking limits. Raises ValueError.
+
+        The entry may have its `unit` beside it.
+        """
         if self.type == "Boolean":
             if not isinstance(written, bool):
                 raise ValueError("expected true or false")
@@ -172,7 +175,7 @@ class In:
                 raise ValueError("a percentage of a temperature has no meaning; write it with a unit such as degC")
             value = quantity(text, "", "1") * self.base
         else:
-            value = quantity(text, "", self.unit)
+            value = quantity(text, unit, self.unit)
         if self.type == "Integer":
             if not value.is_integer():
                 raise ValueError("expected a whole number")
