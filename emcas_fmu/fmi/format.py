@@ -19,14 +19,11 @@ from .interface import FmuInterface
 class Format:
     """A version of FMI, as the native back end writes it.
 
-    `options` are attributes of the CoSimulation element. The file that is compiled, `main`, includes the files
-    `written`, which are in the same folder, and the standard's headers, whose names end with `headers`. With `clock`
-    there is a clock of the controllers' samples, with `scalars` there are no arrays in FMI 3.0.
+    `options` are attributes of the CoSimulation element. With `clock` there is a clock of the controllers' samples,
+    with `scalars` there are no arrays in FMI 3.0.
     """
 
     version: int
-    headers: tuple[str, ...]
-    written: tuple[str, ...]
     options: Mapping[str, str]
     clock: bool = False
     scalars: bool = False
@@ -63,9 +60,8 @@ class Format:
 
     def standard_headers(self) -> dict[str, str]:
         """Return the headers of the FMI standard, as fmpy ships them: its FMI 2.0 never has a prefix."""
-        folder = Path(fmpy.__file__).parent / "c-code"
-        names = [f"fmi{self.version}{name}.h" for name in self.headers]
-        return {name: (folder / name).read_text(encoding="utf-8") for name in names}
+        headers = (Path(fmpy.__file__).parent / "c-code").glob(f"fmi{self.version}*.h")
+        return {header.name: header.read_text(encoding="utf-8") for header in headers}
 
     def generated(self) -> dict[str, str]:
         """Return the sources that are made of the standard's headers."""
@@ -100,12 +96,12 @@ class Format:
 
 
 FORMATS = {
-    "2": Format(2, ("Functions", "FunctionTypes", "TypesPlatform"), (), {
+    "2": Format(2, {
         "needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true",
         "canInterpolateInputs": "true", "maxOutputDerivativeOrder": "0", "canRunAsynchronuously": "false",
         "canBeInstantiatedOnlyOncePerProcess": "false", "canNotUseMemoryManagementFunctions": "false",
         "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "false"}),
-    "3": Format(3, ("Functions", "FunctionTypes", "PlatformTypes"), ("clock.h", "events.h"), {
+    "3": Format(3, {
         "needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
         "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
         "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",

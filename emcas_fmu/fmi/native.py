@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -13,15 +14,15 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..actuators import fin_port
 from ..errors import BuildError
-from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
+from ..runtime.c_sources import c_text, core_sources, enumerator, handwritten, header
 from ..runtime.compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform, universal
 from ..support.progress import LOG, Progress
+from ..trace.c_source import c_number
 from .description import element
 from .fmi3.arrays import CLOCK, Array
 from .format import FORMATS, Format
 from .interface import MIXING, FmuInterface
 
-_COMMON = ("instance.h", "states.h", "step.h")
 # Types of FMI 3.0 in C.
 _TYPES = {"Float64": "FLOAT64", "Int32": "INT32", "UInt32": "UINT32", "Enumeration": "INT64", "Boolean": "BOOL",
           "Clock": "TICKS"}
@@ -128,8 +129,8 @@ def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Form
 
     The standard's headers are the importer's. Raises BuildError if the model identifier names a file that is included.
     """
-    code = {**{name: handwritten(name, f"emcas_fmu.fmi.fmi{fmi.version}") for name in (fmi.main, *fmi.written)},
-            **{name: handwritten(name, "emcas_fmu.fmi.common") for name in _COMMON},
+    code = {**{file.name: file.read_text(encoding="utf-8") for folder in (f"fmi{fmi.version}", "common")
+               for file in files("emcas_fmu.fmi").joinpath(folder).iterdir() if file.name.endswith((".c", ".h"))},
             "multi_fin.h": handwritten("multi_fin.h"),
             **core_sources(interface.fins > 1, interface.kind, interface.respelt), **fmi.generated()}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]

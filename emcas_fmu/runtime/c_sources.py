@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 
@@ -14,7 +13,7 @@ from ..actuators.positional import identifier
 from ..control import command as bus
 from ..physics.loads import LOADS
 from ..trace import elementary
-from ..trace.c_source import c_elementary, c_source
+from ..trace.c_source import c_elementary, c_number, c_source
 from ..trace.tracer import Tracer
 from ..trace.vector_source import vector_elementary, vector_source
 from . import codegen, core
@@ -120,13 +119,6 @@ def model_header(actuator: Actuator) -> str:
         "/* Ticks from zero to the latest start. */\n"
         f"#define CORE_LATEST {c_number(core.LATEST)}\n\n"
         f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n")
-
-
-def c_number(value: float) -> str:
-    """Return a number as a C constant."""
-    if math.isinf(value):
-        return "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
-    return repr(float(value))
 
 
 def c_text(value: str) -> str:

@@ -69,7 +69,7 @@ def c_source(tracer: Tracer, prefix: str, templates: Mapping[str, str] = TEMPLAT
     return "\n".join([*text, *writer.functions(prefix)])
 
 
-def any_literal(value: float | bool) -> str:
+def c_number(value: float | bool) -> str:
     """Return a number in C; it may be infinite or not a number."""
     if isfinite(value):
         return repr(float(value))
@@ -180,4 +180,4 @@ class CWriter(Writer):
 
 class _ElementaryWriter(CWriter):
     def literal(self, value: float | bool) -> str:
-        return any_literal(value)
+        return c_number(value)

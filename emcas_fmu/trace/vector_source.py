@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .c_source import CWriter, any_literal
+from .c_source import CWriter, c_number
 from .tracer import BITS, FUNCTIONS, Assign, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC
 
@@ -49,7 +49,7 @@ class _VectorWriter(CWriter):
         self._which = ["which"]  # the lanes that count in each enclosing block, the outermost first
 
     def literal(self, value: float | bool) -> str:
-        return f"lanes_set({any_literal(value)})"
+        return f"lanes_set({c_number(value)})"
 
     def number(self, value: Operand) -> str:
         """Return the text of an operand as numbers; a condition is 1 where it holds, else 0."""
