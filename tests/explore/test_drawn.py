@@ -167,6 +167,6 @@ def test_a_stroke_over_a_file_keeps_the_rest_of_it(opened: Browser) -> None:
     np.testing.assert_allclose(again[202:249], 0.0, atol=radians(0.2))
     assert opened.run(load) == torque
     write(opened, "0, 2\n0.3, 2\n")
-    opened.wait("window.page.live.run.excitation.time.length === 301")
+    opened.wait("window.page.live.run?.excitation.time.length === 301")
     np.testing.assert_allclose(opened.run(COMMAND), radians(2.0), atol=1e-12)
     assert opened.run(load) == torque[:301]

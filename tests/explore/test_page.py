@@ -317,6 +317,25 @@ def test_files_give_the_same_response_in_simulate(opened: Browser, tmp_path: Pat
     np.testing.assert_array_equal(one, other)
 
 
+def test_a_file_saved_at_once_is_of_what_is_set(opened: Browser) -> None:
+    """A tap beside a field changes its value and presses the button before the next frame."""
+    saved = opened.run("""(buttons => {
+        const files = {}, before = window.save;
+        window.save = (name, text) => { files[name] = text; };
+        for (const amplitude of [0.1, "not a number"]) {
+            window.page.change("excitation.amplitude", amplitude);
+            for (const name of buttons) document.getElementById(`save-${name}`).click();
+        }
+        window.save = before;
+        return files;
+    })(arguments[0])""", ["inputs", "response"])
+    inputs, response = (saved[f"{name}.csv"].splitlines() for name in ("inputs", "response"))
+    assert inputs[0] == "time,fin_command"
+    assert float(inputs[-1].split(",")[1]) == 0.1  # the last value that has a response
+    assert len(response) == len(inputs)
+    assert response[0].startswith("time,fin_command,fin_angle")
+
+
 def test_a_csv_file_is_flown(opened: Browser, tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     path.write_text("time,fin_command,aero_torque\n0,0,0\n0.1,0.1,-20\n0.4,0.1,-20\n", encoding="utf-8")

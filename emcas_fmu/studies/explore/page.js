@@ -45,9 +45,9 @@ class Page {
         for (const [id, action] of Object.entries({
             keep: () => this.keep(), swap: () => this.show(this.kept, this.live), link: () => this.copyLink(),
             drop: () => this.show(this.live, null), reset: () => this.begin({setting: new Setting()}),
-            "save-parameters": () => save("parameters.toml", parameterFile(this.live.setting)),
-            "save-inputs": () => save("inputs.csv", csv(this.inputs())),
-            "save-response": () => save("response.csv", csv(this.response()))})) {
+            "save-parameters": () => this.save("parameters.toml", () => parameterFile(this.live.setting)),
+            "save-inputs": () => this.save("inputs.csv", () => csv(this.inputs())),
+            "save-response": () => this.save("response.csv", () => csv(this.response()))})) {
             $(id).addEventListener("click", action);
         }
         window.addEventListener("hashchange", () => this.restore());
@@ -278,6 +278,11 @@ class Page {
 
     response() {
         return {...this.inputs(), ...this.live.run.outputs};
+    }
+
+    /** Saves a file of the live case, also in the frame before its response is shown, unless it has problems. */
+    save(name, text) {
+        if (!this.answer(this.live).length) save(name, text());
     }
 
     async copyLink() {
