@@ -22,9 +22,8 @@ from .browser import Browser, written
 
 WITH_LOOP = [model for model in (*NAMES, DIRECT_DRIVE, *TOGETHER)
              if capabilities.POSITION_LOOP in get(model).provides]
-LOOP = ("(each => (({size, stable, gain_margin, phase_margin, delay_margin, gainCrossover, phaseCrossover}) => ({size, "
-        "stable, gain_margin, phase_margin, delay_margin, gainCrossover, phaseCrossover}))(each.loop))"
-        "(window.page.live)")
+LOOP = ("(({stable, gain_margin, phase_margin, delay_margin, gainCrossover}) => ({stable, gain_margin, phase_margin, "
+        "delay_margin, gainCrossover}))(window.page.live.loop)")
 # Of gain [dB], phase [deg] and delay [ms] each: 1e-6 of a margin, from differences of the equations and the splines of
 # python-control (1.5e-6 of 4 dB at most), with a factor of ten.
 EXACT = 1e-4

@@ -7,6 +7,8 @@ const AT_A_POLE = 1e-6; // distance from a pole below which a loop has no value,
 const DECAYS = 1 - 1e-10; // largest magnitude of a pole z of a stable loop, as in bench/linear/systems.py
 
 const zeros = (rows, columns) => Array.from({length: rows}, () => new Float64Array(columns));
+const unit = size => zeros(size, size).map((row, i) => row.fill(1, i, i + 1));
+const applied = (matrix, vector) => matrix.map(row => row.reduce((sum, x, k) => sum + x * vector[k], 0));
 const product = (a, b) => a.map(row => b[0].map((_, j) => row.reduce((sum, x, k) => sum + x * b[k][j], 0)));
 
 /** Values and Jacobian of a function of an array, by central differences; a choice keeps its side, as in ops/symbols. */
@@ -24,46 +26,23 @@ function differenced(f, at) {
     return {values, slopes};
 }
 
-/** Solves (re + i im) x = b by elimination; rows have b as their last element. Returns [real, imaginary] of x. */
-function solved(re, im) {
-    const n = re.length;
-    for (let k = 0; k < n; ++k) {
-        let p = k, most = -1;
-        for (let i = k; i < n; ++i) {
-            const size = re[i][k] * re[i][k] + im[i][k] * im[i][k];
-            if (size > most) [p, most] = [i, size];
-        }
-        for (const rows of [re, im]) [rows[k], rows[p]] = [rows[p], rows[k]];
-        const u = re[k], v = im[k], a = u[k] / most, b = v[k] / most;
-        for (let j = k; j <= n; ++j) {
-            const x = u[j], y = v[j];
-            u[j] = x * a + y * b;
-            v[j] = y * a - x * b;
-        }
-        for (let i = k + 1; i < n; ++i) {
-            const s = re[i], t = im[i], x = s[k], y = t[k];
-            if (x === 0 && y === 0) continue;
-            for (let j = k; j <= n; ++j) {
-                s[j] -= x * u[j] - y * v[j];
-                t[j] -= x * v[j] + y * u[j];
-            }
-        }
+/** Solves linear equations by elimination; rows have the right side as their last element. */
+function solved(rows) {
+    for (const k of rows.keys()) {
+        let p = k;
+        for (let i = k; i < rows.length; ++i) if (Math.abs(rows[i][k]) > Math.abs(rows[p][k])) p = i;
+        const pivot = rows[p].map(x => x / rows[p][k]);
+        rows[p] = rows[k];
+        rows = rows.map((row, i) => i === k ? pivot : row.map((x, j) => x - row[k] * pivot[j]));
     }
-    for (let k = n - 1; k > 0; --k) {
-        const x = re[k][n], y = im[k][n];
-        for (let i = 0; i < k; ++i) {
-            re[i][n] -= x * re[i][k] - y * im[i][k];
-            im[i][n] -= x * im[i][k] + y * re[i][k];
-        }
-    }
-    return [re, im].map(rows => rows.map(row => row[n]));
+    return rows.map(row => row.at(-1));
 }
 
 /** The exponential of a matrix, by its series for a share of it, squared. */
 function exponential(a) {
     const size = largest(a.map(row => row.reduce((sum, x) => sum + Math.abs(x), 0)));
     const halvings = Math.max(0, Math.ceil(Math.log2(size)) + 2), scale = 2 ** -halvings;
-    let sum = a.map((_, i) => a[0].map((_, j) => Number(i === j))), term = sum;
+    let sum = unit(a.length), term = sum;
     for (let k = 1; k < 14; ++k) {
         term = product(term, a.map(row => row.map(x => x * scale / k)));
         sum = sum.map((row, i) => row.map((x, j) => x + term[i][j]));
@@ -98,7 +77,7 @@ function rested(plant, start, held) {
             const size = magnitude(row.slice(0, n)) || 1;
             return Float64Array.from(row, value => value / size);
         });
-        const [change] = solved(rows, zeros(n, n + 1));
+        const change = solved(rows);
         unknown.forEach((group, k) => group.forEach(i => { x[i] += change[k]; }));
         if (!change.every(Number.isFinite)) return null;
         if (change.every((step, j) => Math.abs(step) <= 1e-12 * (1 + Math.abs(x[unknown[j][0]])))) {
@@ -108,8 +87,8 @@ function rested(plant, start, held) {
     return null;
 }
 
-/** The loop from the reference to the controllers' answer, over samples: x' = a x + b u, reference = c x; with the
-    sample time [s]. Null if the actuator cannot rest at 0. */
+/** The matrices of a sample, transposed, of the loop that is open at the reference and of the closed one; the sample
+    time [s]. Null if the actuator cannot rest at 0. */
 function linearised(actuator, parameters, supply) {
     const {states: count, kept, sampled} = DATA.linear;
     const {start, plant, controllers, schedule} = actuator.equations(parameters, supply);
@@ -122,62 +101,47 @@ function linearised(actuator, parameters, supply) {
     const [before, after] = [arrival, period - arrival].map(time => exponential([
         ...moving.map(([i]) => Float64Array.from([...moving, ...sources], group => time * over(slopes[i], group))),
         ...zeros(ins, n + ins)]));
-    const through = product(after.slice(0, n).map(row => row.subarray(0, n)), before.slice(0, n));
-    const aged = age => through.map((row, i) => age === whole ? after[i][n] : age === whole + 1 ? row[n] : 0);
     /* The controllers, without constant states such as an integral whose gain is 0. */
     const {slopes: of} = differenced(controllers, [...start.slice(count), ...x.slice(0, count), 0]);
     const own = [...Array(kept).keys()].filter(i => of[i].some((slope, j) => slope !== Number(i === j)));
-    const columns = [...moving.map(group => group.map(i => kept + i)), ...Array(late).fill([]), ...own.map(i => [i])];
-    const row = i => Float64Array.from(columns, group => over(of[i], group)), size = columns.length;
-    const fed = sources.slice(1).map((_, k) => row(kept + 2 + k));
-    const lines = Array.from({length: late + 1}, (_, k) => aged(k));
-    const a = [
-        ...through.map((free, i) => Float64Array.from(columns, (_, j) => (j < n ? free[j] :
-            j < n + late ? lines[j - n + 1][i] : 0) +
-            fed.reduce((sum, line, k) => sum + (free[n + 1 + k] + after[i][n + 1 + k]) * line[j], 0))),
-        ...Array.from({length: late}, (_, k) => Float64Array.from(columns, (_, j) => Number(k > 0 && j === n + k - 1))),
-        ...own.map(row)];
-    const b = Float64Array.from(columns, (_, i) => i < n ? lines[0][i] : Number(late > 0 && i === n));
-    if (!a.every(each => each.every(Number.isFinite))) return null;
-    /* Scaled, and with few elements below the diagonal, so that responses are fast. */
-    const [[, ...c], ...rows] = hessenberg(balanced([[0, ...row(kept)], ...a.map((each, i) => [b[i], ...each])]));
-    return {a: rows.map(each => each.subarray(1)), b: rows.map(each => each[0]), c, period, size};
+    /* The states after a sample: of the plant, the delayed references, the newest first, of the controllers. */
+    const sample = (states, closed) => {
+        const at = Array(kept + count + 1).fill(0);
+        moving.forEach((group, k) => group.forEach(i => { at[kept + i] = states[k]; }));
+        own.forEach((i, k) => { at[i] = states[n + late + k]; });
+        const answer = applied(of, at), held = answer.slice(kept + 2);
+        const sent = [closed ? answer[kept] : 0, ...states.slice(n, n + late), 0];
+        const middle = applied(before, [...states.slice(0, n), sent[whole + 1], ...held]);
+        const end = applied(after, [...middle.slice(0, n), sent[whole], ...held]);
+        return [...end.slice(0, n), ...sent.slice(0, late), ...own.map(i => answer[i])];
+    };
+    const [open, closed] = [false, true].map(each => unit(n + late + own.length).map(states => sample(states, each)));
+    return closed.every(row => row.every(Number.isFinite)) ? {open, closed, period} : null;
 }
 
-/** The response of a loop L, closed by 1 + L, at a point z = [real, imaginary]. */
-function loopAt({a, b, c, size}, [x, y]) {
-    const re = zeros(size, size + 1), im = zeros(size, size + 1);
-    for (let i = 0; i < size; ++i) {
-        for (let j = 0; j < size; ++j) re[i][j] = -a[i][j];
-        re[i][i] += x;
-        im[i][i] = y;
-        re[i][size] = b[i];
-    }
-    return solved(re, im).map(states => -states.reduce((sum, state, k) => sum + c[k] * state, 0));
-}
-
-/** The poles z of a loop, or with its loop closed, as [real, imaginary]. */
-function polesOf({a, b, c}, closed = false) {
-    return eigenvalues(closed ? a.map((row, i) => row.map((x, j) => x + b[i] * c[j])) : a);
+/** The response L of a loop at a point z = [x, y]: 1 + L = det(z - closed) / det(z - open), by the poles of both. */
+function loopAt(opened, closed, [x, y]) {
+    const [re, im] = closed.reduce(([u, v], [a, b], k) => {
+        const [c, d] = [x - opened[k][0], y - opened[k][1]], size = c * c + d * d;
+        const [p, q] = [((x - a) * c + (y - b) * d) / size, ((y - b) * c - (x - a) * d) / size];
+        return [u * p - v * q, u * q + v * p];
+    }, [1, 0]);
+    return [re - 1, im];
 }
 
 /** The growth of a response over a sample: the largest magnitude of a pole z. */
 const growthOf = poles => largest(poles.map(z => Math.hypot(...z)));
 const isStable = poles => growthOf(poles) < DECAYS;
 
-/** The frequency [Hz] between two at which a function changes its sign, by false position (Illinois). */
-function signChange(f, from, to) {
-    let [low, high] = [Math.log(from), Math.log(to)], below = f(from), above = f(to), side = 0;
-    for (let k = 0; k < 60 && high - low > 1e-12; ++k) {
-        const middle = (low * above - high * below) / (above - below), value = f(Math.exp(middle));
-        if (value === 0) return Math.exp(middle);
-        const left = value > 0 === below > 0;
-        if (left) [low, below, above] = [middle, value, side === 1 ? above / 2 : above];
-        else [high, above, below] = [middle, value, side === -1 ? below / 2 : below];
-        side = left ? 1 : -1;
-        if (Math.abs(value) < 1e-10) return Math.exp(middle);
+/** The frequency [Hz] between two at which a function changes its sign, by bisection to the last bit. */
+function signChange(f, low, high) {
+    const below = f(low) > 0;
+    for (let k = 0; k < 52; ++k) {
+        const middle = (low + high) / 2;
+        if (f(middle) > 0 === below) low = middle;
+        else high = middle;
     }
-    return Math.exp((low + high) / 2);
+    return low;
 }
 
 /** Points [Hz, response] between two, where a narrow resonance or notch turns or changes the response by a third. */
@@ -194,19 +158,13 @@ function turning(at, low, high, depth = 16) {
 function openLoop(loop) {
     const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants, {period} = loop, highest = 0.499 / period;
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
-    const opened = polesOf(loop), peaks = opened.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
-    const at = f => loopAt(loop, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));
+    const [opened, poles] = [loop.open, loop.closed].map(eigenvalues), stable = isStable(poles);
+    const peaks = opened.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
+    const at = f => loopAt(opened, poles, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));
     const known = [...grid, ...peaks.filter(f => f > lowest && f < highest)].sort((f, g) => f - g).map(f => [f, at(f)]);
     const followed = known.flatMap((point, k) => k ? [...turning(at, known[k - 1], point), point] : [point]);
-    const frequency = Float64Array.from(followed, ([f]) => f), response = followed.map(([, value]) => value);
-    const gain = Float64Array.from(response, value => 20 * Math.log10(Math.hypot(...value)));
-    let last = -180;
-    const phase = Float64Array.from(response, ([real, imaginary]) => {
-        const lag = degrees(Math.atan2(imaginary, real));
-        last = lag - 360 * Math.round((lag - last) / 360);
-        return last;
-    });
-    const poles = polesOf(loop, true), stable = isStable(poles);
+    const frequency = followed.map(([f]) => f), response = followed.map(([, value]) => value);
+    const {gain, phase} = bode(response, -180);
     if (!stable || gain.every(value => value < -200)) {
         const none = {gain_margin: NaN, phase_margin: NaN, delay_margin: NaN, margins: []};
         return {frequency, gain, phase, poles, stable, idle: stable, ...none};
@@ -214,7 +172,7 @@ function openLoop(loop) {
     const crossed = f => [...frequency.keys()].slice(1).filter(k =>
         f(response[k - 1]) * f(response[k]) < 0).map(k => signChange(g => f(at(g)), frequency[k - 1], frequency[k]));
     const free = z => opened.every(([x, y]) => Math.hypot(x - z, y) > AT_A_POLE);
-    const ends = [[1, 0], [-1, 0.5 / period]].filter(([z]) => free(z)).map(([z, f]) => [loopAt(loop, [z, 0])[0], f]);
+    const ends = [[1, 0], [-1, 0.5 / period]].filter(([z]) => free(z)).map(([z, f]) => [loopAt(opened, poles, [z, 0])[0], f]);
     const real = [...crossed(value => value[1]).map(f => [at(f)[0], f]), ...ends].filter(([value]) => value < 0);
     const gains = real.map(([value, f]) => [Math.abs(20 * Math.log10(-value)), f]);
     const phases = crossed(value => Math.hypot(...value) - 1).map(f => {

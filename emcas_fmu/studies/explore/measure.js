@@ -101,14 +101,7 @@ async function frequencyResponse(amplitude, load, respond) {
         await at(frequency);
     }
     const pure = [...known].filter(([, [real]]) => !Number.isNaN(real)).sort(([f], [g]) => f - g);
-    let last = 0;
-    const phase = pure.map(([, [real, imaginary]]) => {
-        const lag = degrees(Math.atan2(imaginary, real));
-        last = lag - 360 * Math.round((lag - last) / 360);
-        return last;
-    });
-    const gain = pure.map(([, response]) => 20 * Math.log10(Math.hypot(...response)));
-    return {frequency: pure.map(([f]) => f), gain, phase, ...levels};
+    return {frequency: pure.map(([f]) => f), ...bode(pure.map(([, response]) => response), 0), ...levels};
 }
 
 /** The measured value of a requirement [its unit], its worst case, the margin [its unit] and [%], and whether it is

@@ -9,6 +9,17 @@ const magnitude = values => largest(values.map(Math.abs));
 const degrees = angle => angle * 180 / Math.PI;
 const rms = values => Math.sqrt(mean(values.map(x => x * x)));
 
+/** Gain [dB] and unwrapped phase [°] of responses [real, imaginary]; the phase begins within 180° of `last`. */
+function bode(responses, last) {
+    const gain = responses.map(response => 20 * Math.log10(Math.hypot(...response)));
+    const phase = responses.map(([real, imaginary]) => {
+        const lag = degrees(Math.atan2(imaginary, real));
+        last = lag - 360 * Math.round((lag - last) / 360);
+        return last;
+    });
+    return {gain, phase};
+}
+
 /** The first time [s] at which `values` reach `level` from below, by linear interpolation; NaN if never. */
 function crossing(time, values, level) {
     const k = values.findIndex(value => value >= level);

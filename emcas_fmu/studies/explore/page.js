@@ -68,7 +68,7 @@ class Page {
         const closedAt = gains => {
             const changes = Object.fromEntries(PLACING.map((name, k) => [name, gains[k]]));
             const loop = linearised(this.actuator, {...setting.parameters, ...changes}, volts);
-            return loop ? {...loop, poles: polesOf(loop, true)} : {poles: []};
+            return loop ? {...loop, poles: eigenvalues(loop.closed)} : {poles: []};
         };
         const start = PLACING.map(name => setting.get(name)), most = Math.max(DECAYS, growthOf(closedAt(start).poles));
         /* A stable loop stays stable, and an unstable one does not grow faster. */
