@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from ..errors import BuildError
 from ..figures.plots import INK, Picture, figure, panels, style, svg
+from ..figures.traces import SHOWN, trace
 from ..motions import STEP
 from ..parameters import ParameterSet, are_defaults
 from ..reference import files
@@ -46,13 +47,11 @@ def _slew(parameters: ParameterSet) -> Figure:
     limit = float(parameters.values["command.limit"])
     result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python", model=parameters.model,
                       fin_command=lambda t: limit if t > 0.01 else 0.0)
-    shown = [(name, label, scale) for name, label, scale in (
-        ("fin_angle", "fin angle [deg]", 180.0 / np.pi), ("fin_rate", "fin rate [deg/s]", 180.0 / np.pi),
-        ("motor_current", "current [A]", 1.0), ("motor_voltage", "voltage [V]", 1.0)) if name in result]
+    shown = [name for name in ("fin_angle", "fin_rate", "motor_current", "motor_voltage") if name in result]
     plot, grid = panels(len(shown), 2, width=8.0, sharex=True)
-    for axes, (name, label, scale) in zip(grid, shown, strict=True):
-        axes.plot(result["time"] * 1e3, result[name] * scale)
-        axes.set_ylabel(label)
+    for axes, name in zip(grid, shown, strict=True):
+        trace(axes, result, name, unit=1e3)
+        axes.set_ylabel(SHOWN[name][0])
     for axes in grid[-2:]:  # the lowest of each column
         axes.set_xlabel("time [ms]")
         axes.tick_params(labelbottom=True)

@@ -194,7 +194,8 @@ class Panel {
             ctx.fill();
         }
         for (const {axis, at, color, width: thick, dash} of levels.filter(on)) {
-            across(ctx, axis, axis === "x" ? x(at) : y(at), frame, {color: tint(color), thick, dash});
+            pen(ctx, tint(color), thick, dash);
+            across(ctx, axis, axis === "x" ? x(at) : y(at), frame);
         }
     }
 

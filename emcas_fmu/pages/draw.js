@@ -7,13 +7,14 @@ const FONT = "12px system-ui, sans-serif", SMALL = () => `${11 * devicePixelRati
 const AXIS = {stroke: ink, font: FONT, labelFont: FONT, labelGap: 0, grid: {stroke: faint, width: 0.5},
     ticks: {stroke: faint, width: 0.5, size: 4}};
 
-/** An element with attributes and children. */
-function element(tag, attributes = {}, ...children) {
-    const created = document.createElement(tag);
-    for (const [name, value] of Object.entries(attributes)) created.setAttribute(name, value);
-    created.append(...children);
-    return created;
+/** Sets attributes of an element of a page or drawing, and appends children; returns the element. */
+function set(made, attributes, ...children) {
+    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+    made.append(...children);
+    return made;
 }
+
+const element = (tag, attributes = {}, ...children) => set(document.createElement(tag), attributes, ...children);
 
 /** Paints on a plot: `paints` receives the canvas context, functions from values to positions along x and y, and the
     frame; `within` clips at the frame. */
@@ -31,10 +32,14 @@ function paint(u, paints, within = false) {
     ctx.restore();
 }
 
-/** Strokes a line across a plot's frame, at a position [pixels of the canvas] along x or y. */
-function across(ctx, axis, at, {left, top, width, height}, {color, thick, dash = []}) {
-    Object.assign(ctx, {strokeStyle: color, lineWidth: thick * devicePixelRatio});
+/** Takes a pen: colour, thickness and dashes [pixels of the page]. */
+function pen(ctx, color, thick, dash = []) {
+    Object.assign(ctx, {strokeStyle: color, fillStyle: color, lineWidth: thick * devicePixelRatio});
     ctx.setLineDash(dash.map(length => length * devicePixelRatio));
+}
+
+/** Strokes a line across a plot's frame, at a position [pixels of the canvas] along x or y. */
+function across(ctx, axis, at, {left, top, width, height}) {
     ctx.beginPath();
     ctx.moveTo(axis === "x" ? at : left, axis === "x" ? top : at);
     ctx.lineTo(axis === "x" ? at : left + width, axis === "x" ? top + height : at);

@@ -216,9 +216,9 @@ def test_speeds_are_in_rpm_and_frequencies_end_with_the_data(opened: Browser) ->
     opened.rested("window.page.refresh()")
     shown = opened.run("DATA.panels.find(({names}) => names[0] === 'motor_speed').shown")
     assert shown == ["rpm", pytest.approx(np.pi / 30.0)]
-    opened.run("window.page.gain.redraw()")  # it is out of view
+    opened.run("window.page.bode[0].redraw()")  # it is out of view
     opened.settled()
-    ends, last = opened.run("(({chart}) => [chart.scales.x.max, chart.data[0].at(-1)])(window.page.gain)")
+    ends, last = opened.run("(({chart}) => [chart.scales.x.max, chart.data[0].at(-1)])(window.page.bode[0])")
     assert ends == last
 
 
@@ -391,10 +391,10 @@ def test_plots_out_of_view_are_drawn_when_they_come_into_it(opened: Browser) -> 
     opened.run("scrollTo(0, 0)")
     opened.settled()
     opened.set("excitation.amplitude", 0.1)
-    assert opened.run("window.page.gain.waiting !== null || !window.page.gain.drawn")
+    assert opened.run("window.page.bode[0].waiting !== null || !window.page.bode[0].drawn")
     opened.run("document.getElementById('bode').scrollIntoView()")
     opened.rested("window.page.refresh()")
-    assert opened.run("window.page.gain.waiting === null && window.page.gain.drawn.data[0].length > 10")
+    assert opened.run("window.page.bode[0].waiting === null && window.page.bode[0].drawn.data[0].length > 10")
 
 
 def test_the_page_is_one_file_that_asks_for_nothing(opened: Browser) -> None:

@@ -80,10 +80,10 @@ class Drawing {
     }
 
     /** Time [s] and command [rad] under a pointer, rounded to a step and to 0.01°. */
-    under({clientX, clientY}) {
-        const {chart} = this.plot, {left, top} = chart.over.getBoundingClientRect(), end = chart.data[0].at(-1);
-        const time = Math.min(Math.max(chart.posToVal(clientX - left, "x"), 0), end), limit = degrees(this.limit);
-        const angle = Math.min(Math.max(chart.posToVal(clientY - top, "y"), -limit), limit);
+    under(pointer) {
+        const [x, y] = this.plot.at(pointer), limit = degrees(this.limit);
+        const time = Math.min(Math.max(x, 0), this.plot.chart.data[0].at(-1));
+        const angle = Math.min(Math.max(y, -limit), limit);
         return [Math.round(time / STEP) / Math.round(1 / STEP), Math.round(100 * angle) / 100 * Math.PI / 180];
     }
 

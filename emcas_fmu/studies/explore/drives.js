@@ -4,17 +4,9 @@
 const ARM = 55; // of the lever, in the drawing
 const WHEEL = 38; // radius of the worm wheel, in the drawing
 
-/** An element of a drawing, with attributes and children. */
-function shape(tag, attributes = {}, ...children) {
-    const created = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    for (const [name, value] of Object.entries(attributes)) created.setAttribute(name, value);
-    created.append(...children);
-    return created;
-}
-
-function set(drawn, attributes) {
-    for (const [name, value] of Object.entries(attributes)) drawn.setAttribute(name, value);
-}
+/** An element of a drawing. */
+const shape = (tag, attributes, ...children) =>
+    set(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, ...children);
 
 /** A motor at (x, y) with a spoke at its angle. */
 class Motor {

@@ -38,54 +38,50 @@ function hessenberg(h) {
     return h;
 }
 
-/** The complex square root. */
-function root([x, y]) {
-    const size = Math.hypot(x, y), real = Math.sqrt((size + Math.abs(x)) / 2), other = real && y / (2 * real);
-    return x >= 0 ? [real, other] : [Math.abs(other), y < 0 ? -real : real];
+/* Complex numbers are [real, imaginary]. */
+const plus = ([a, b], [c, d]) => [a + c, b + d];
+const minus = ([a, b], [c, d]) => [a - c, b - d];
+const multiplied = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c];
+const divided = ([a, b], [c, d]) => [(a * c + b * d) / (c * c + d * d), (b * c - a * d) / (c * c + d * d)];
+const conjugate = ([a, b]) => [a, -b];
+
+/** The eigenvalue of the complex matrix [[a, b], [c, d]] next to d. */
+function shiftOf(a, b, c, d) {
+    const half = minus(a, d).map(x => x / 2), [x, y] = plus(multiplied(half, half), multiplied(b, c));
+    const size = Math.sqrt(Math.hypot(x, y)), angle = Math.atan2(y, x) / 2;
+    const root = [size * Math.cos(angle), size * Math.sin(angle)];
+    return half[0] * root[0] + half[1] * root[1] > 0 ? minus(plus(d, half), root) : plus(plus(d, half), root);
 }
 
-/** The eigenvalue of [[a, b], [c, d]] next to d; of complex numbers. */
-function shiftOf([ar, ai], [br, bi], [cr, ci], [dr, di]) {
-    const [x, y] = [(ar - dr) / 2, (ai - di) / 2];
-    const [re, im] = root([x * x - y * y + br * cr - bi * ci, 2 * x * y + br * ci + bi * cr]);
-    const sign = x * re + y * im > 0 ? -1 : 1;
-    return [dr + x + sign * re, di + y + sign * im];
-}
-
-/** Turns two elements of a complex matrix by c and s, with the sign of their imaginary parts. */
-function turned(re, im, [i, j], [k, l], cr, ci, sr, si, sign) {
-    const pr = re[i][j], pi = sign * im[i][j], qr = re[k][l], qi = sign * im[k][l];
-    re[i][j] = cr * pr - ci * pi + sr * qr - si * qi;
-    im[i][j] = sign * (cr * pi + ci * pr + sr * qi + si * qr);
-    re[k][l] = cr * qr + ci * qi - sr * pr - si * pi;
-    im[k][l] = sign * (cr * qi - ci * qr - sr * pi + si * pr);
-}
-
-/** The eigenvalues, as [real, imaginary], by complex QR steps with shifts. */
+/** The eigenvalues of a real matrix, by complex QR steps with shifts. */
 function eigenvalues(a) {
-    const re = hessenberg(balanced(a)), n = a.length, im = zeros(n, n), at = (i, j) => [re[i][j], im[i][j]];
-    const size = (i, j) => Math.abs(re[i][j]) + Math.abs(im[i][j]);
-    for (let end = n - 1, steps = 0; end > 0 && steps < 3000; ++steps) {
-        let first = end;
-        while (first > 0 && size(first, first - 1) > 1e-16 * (size(first, first) + size(first - 1, first - 1))) --first;
-        if (first === end) {
-            --end;
+    const h = hessenberg(balanced(a)).map(row => Array.from(row, x => [x, 0])), found = [];
+    const size = (i, j) => Math.abs(h[i][j][0]) + Math.abs(h[i][j][1]);
+    for (let n = h.length - 1, steps = 0; n >= 0; ++steps) {
+        if (!n || size(n, n - 1) <= 1e-16 * (size(n, n) + size(n - 1, n - 1)) || steps === 3000) {
+            found.push(h.pop().pop());
+            for (const row of h) row.pop();
+            --n;
             continue;
         }
-        const [x, y] = steps % 11 === 10 ? [re[end][end] + size(end, end - 1), 0] :
-            shiftOf(at(end - 1, end - 1), at(end - 1, end), at(end, end - 1), at(end, end));
-        for (let k = first; k <= end; ++k) [re[k][k], im[k][k]] = [re[k][k] - x, im[k][k] - y];
+        const shift = steps % 11 === 10 ? [h[n][n][0] + size(n, n - 1), 0] :
+            shiftOf(h[n - 1][n - 1], h[n - 1][n], h[n][n - 1], h[n][n]);
+        h.forEach((row, i) => { row[i] = minus(row[i], shift); });
         const turns = [];
-        for (let k = first; k < end; ++k) {  // rows by the conjugate of a rotation, then columns by the rotation
-            const whole = Math.hypot(...at(k, k), ...at(k + 1, k)) || 1;
-            turns.push([...at(k, k), ...at(k + 1, k)].map(value => value / whole));
-            for (let j = k; j <= end; ++j) turned(re, im, [k, j], [k + 1, j], ...turns.at(-1), -1);
+        for (let k = 0; k < n; ++k) {  // rows by the conjugate of a rotation, then columns by the rotation
+            const [upper, lower] = [h[k], h[k + 1]], whole = Math.hypot(...upper[k], ...lower[k]);
+            const [c, s] = whole ? [upper[k], lower[k]].map(z => z.map(x => x / whole)) : [[1, 0], [0, 0]];
+            turns.push([c, s]);
+            h[k] = upper.map((z, j) => plus(multiplied(conjugate(c), z), multiplied(conjugate(s), lower[j])));
+            h[k + 1] = lower.map((z, j) => minus(multiplied(c, z), multiplied(s, upper[j])));
         }
-        turns.forEach((turn, t) => {
-            const k = first + t;
-            for (let i = first; i <= Math.min(k + 1, end); ++i) turned(re, im, [i, k], [i, k + 1], ...turn, 1);
+        turns.forEach(([c, s], k) => {
+            for (const row of h) {
+                [row[k], row[k + 1]] = [plus(multiplied(row[k], c), multiplied(row[k + 1], s)),
+                    minus(multiplied(row[k + 1], conjugate(c)), multiplied(row[k], conjugate(s)))];
+            }
         });
-        for (let k = first; k <= end; ++k) [re[k][k], im[k][k]] = [re[k][k] + x, im[k][k] + y];
+        h.forEach((row, i) => { row[i] = plus(row[i], shift); });
     }
-    return Array.from(re, (_, k) => at(k, k));
+    return found;
 }

@@ -87,11 +87,12 @@ function rested(plant, start, held) {
     return null;
 }
 
-/** The matrices of a sample, transposed, of the loop that is open at the reference and of the closed one; the sample
-    time [s]. Null if the actuator cannot rest at 0. */
-function linearised(actuator, parameters, supply) {
-    const {states: count, kept, sampled} = DATA.linear;
-    const {start, plant, controllers, schedule} = actuator.equations(parameters, supply);
+/** The matrices of a sample, transposed, of the loop that is open at the reference and of the closed one, of a setting
+    with changed parameters; the sample time [s]. Null if the actuator cannot rest at 0. */
+function linearised(actuator, setting, changes) {
+    const {states: count, kept, sampled, supply} = DATA.linear;
+    const {start, plant, controllers, schedule} = actuator.equations(
+        {...setting.parameters, ...changes}, supply ? Number(setting.get(supply)) : 0);
     const [period, , , arrival, , , whole] = schedule;
     const rest = rested(plant, start.slice(0, count), start.slice(count + kept - sampled));
     if (!rest) return null;
@@ -120,13 +121,9 @@ function linearised(actuator, parameters, supply) {
 }
 
 /** The response L of a loop at a point z = [x, y]: 1 + L = det(z - closed) / det(z - open), by the poles of both. */
-function loopAt(opened, closed, [x, y]) {
-    const [re, im] = closed.reduce(([u, v], [a, b], k) => {
-        const [c, d] = [x - opened[k][0], y - opened[k][1]], size = c * c + d * d;
-        const [p, q] = [((x - a) * c + (y - b) * d) / size, ((y - b) * c - (x - a) * d) / size];
-        return [u * p - v * q, u * q + v * p];
-    }, [1, 0]);
-    return [re - 1, im];
+function loopAt(opened, closed, z) {
+    const ratios = closed.map((pole, k) => divided(minus(z, pole), minus(z, opened[k])));
+    return minus(ratios.reduce(multiplied, [1, 0]), [1, 0]);
 }
 
 /** The growth of a response over a sample: the largest magnitude of a pole z. */
@@ -155,10 +152,10 @@ function turning(at, low, high, depth = 16) {
 
 /** Frequency [Hz], also those of resonances, gain [dB] and unwrapped phase [°] of a loop, and the figures of its
     margins, with the frequencies [Hz] of those of gain and phase; NaN if it is unstable when closed. */
-function openLoop(loop) {
-    const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants, {period} = loop, highest = 0.499 / period;
+function openLoop({open, closed, period}) {
+    const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants, highest = 0.499 / period;
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
-    const [opened, poles] = [loop.open, loop.closed].map(eigenvalues), stable = isStable(poles);
+    const [opened, poles] = [open, closed].map(eigenvalues), stable = isStable(poles);
     const peaks = opened.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
     const at = f => loopAt(opened, poles, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));
     const known = [...grid, ...peaks.filter(f => f > lowest && f < highest)].sort((f, g) => f - g).map(f => [f, at(f)]);
@@ -166,13 +163,14 @@ function openLoop(loop) {
     const frequency = followed.map(([f]) => f), response = followed.map(([, value]) => value);
     const {gain, phase} = bode(response, -180);
     if (!stable || gain.every(value => value < -200)) {
-        const none = {gain_margin: NaN, phase_margin: NaN, delay_margin: NaN, margins: []};
-        return {frequency, gain, phase, poles, stable, idle: stable, ...none};
+        const none = {gain_margin: NaN, phase_margin: NaN, delay_margin: NaN, marks: []};
+        return {period, frequency, gain, phase, poles, stable, idle: stable, ...none};
     }
     const crossed = f => [...frequency.keys()].slice(1).filter(k =>
         f(response[k - 1]) * f(response[k]) < 0).map(k => signChange(g => f(at(g)), frequency[k - 1], frequency[k]));
     const free = z => opened.every(([x, y]) => Math.hypot(x - z, y) > AT_A_POLE);
-    const ends = [[1, 0], [-1, 0.5 / period]].filter(([z]) => free(z)).map(([z, f]) => [loopAt(opened, poles, [z, 0])[0], f]);
+    const ends = [[1, 0], [-1, 0.5 / period]].filter(([z]) => free(z)).map(([z, f]) =>
+        [loopAt(opened, poles, [z, 0])[0], f]);
     const real = [...crossed(value => value[1]).map(f => [at(f)[0], f]), ...ends].filter(([value]) => value < 0);
     const gains = real.map(([value, f]) => [Math.abs(20 * Math.log10(-value)), f]);
     const phases = crossed(value => Math.hypot(...value) - 1).map(f => {
@@ -186,15 +184,14 @@ function openLoop(loop) {
     const read = (column, f) => sampled([f], frequency, column)[0];
     const turns = gainCrossover ? Math.round((read(phase, gainCrossover) + 90) / 360) : 0;
     phase.forEach((lag, k) => { phase[k] = lag - 360 * turns; });
-    const margins = [phaseCrossover, gainCrossover].filter(f => f > 0 && f <= highest).map(f =>
+    const marks = [phaseCrossover, gainCrossover].filter(f => f > 0 && f <= highest).map(f =>
         ({frequency: f, gain: read(gain, f), phase: read(phase, f)}));
-    return {frequency, gain, phase, poles, stable, margins, phaseCrossover, gainCrossover, gain_margin: gainMargin,
-        phase_margin: phaseMargin, delay_margin: least(phases, row => row[2])[2]};
+    return {period, frequency, gain, phase, poles, stable, marks, phaseCrossover, gainCrossover,
+        gain_margin: gainMargin, phase_margin: phaseMargin, delay_margin: least(phases, row => row[2])[2]};
 }
 
-/** The linearised loop of a setting with changed parameters, and its figures; null if the actuator cannot rest. */
-function loopOf(actuator, setting, changes = {}) {
-    const {supply} = DATA.linear, parameters = {...setting.parameters, ...changes};
-    const loop = linearised(actuator, parameters, supply ? Number(setting.get(supply)) : 0);
-    return loop && {...loop, ...openLoop(loop)};
+/** The loop of a setting with changed parameters, as of openLoop; null if the actuator cannot rest at 0. */
+function loopOf(actuator, setting, changes) {
+    const loop = linearised(actuator, setting, changes);
+    return loop && openLoop(loop);
 }

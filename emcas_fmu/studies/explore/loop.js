@@ -5,37 +5,26 @@
 class LoopPlots {
     /** `change` moves a pole, as for Poles. */
     constructor(box, change) {
-        const bode = {x: "frequency [Hz]", log: true, shared: false};
-        this.gain = new Plot("Gain of the open loop", {...bode, y: "[dB]"});
-        this.phase = new Plot("Phase of the open loop", {...bode, y: "[°]", turns: "y"});
+        this.bode = bodePlots(["Gain of the open loop", "Phase of the open loop"], {turns: "y"});
         this.nichols = new Plot("Nichols plot", {x: "phase [°]", y: "gain [dB]", shared: false,
             turns: "x", legend: false, height: 235});
         this.poles = new Poles(change);
-        this.all = [this.gain, this.phase, this.nichols, this.poles.plot];
+        this.all = [...this.bode, this.nichols, this.poles.plot];
         box.append(...this.all.map(plot => plot.figure));
     }
 
     draw(cases, summary) {
-        const loops = cases.filter(([, {loop}]) => loop).map(([letter, {loop}]) => ({...loop,
-            label: cases.length > 1 ? `loop ${letter}` : "loop", stroke: COLORS[letter === "A" ? 1 : 0],
-            dash: letter === "A" ? [7, 4] : undefined}));
+        const loops = cases.filter(([, {loop}]) => loop).map(([letter, {loop}]) =>
+            ({...loop, label: labelled(cases, letter, "loop"), ...lookOf(letter)}));
         for (const plot of this.all) plot.figure.hidden = !loops.length;
-        const words = cases.map(([letter, {loop}]) => (cases.length > 1 ? `${letter}: ` : "") + marginsInWords(loop));
-        summary.textContent = words.join(". ");
+        const words = inTurn(cases, ({loop}) => marginsInWords(loop));
+        summary.textContent = words;
         if (!loops.length) return;
-        for (const [plot, part, level] of [[this.gain, "gain", 0], [this.phase, "phase", -180]]) {
-            plot.over = u => {
-                rule(u, "y", level, part === "gain" ? "0 dB" : "−180°");
-                for (const {stroke, margins} of loops) {
-                    for (const point of margins) mark(u, point.frequency, point[part], stroke());
-                }
-            };
-            plot.draw(loops.map(({frequency, [part]: y, stroke, label, dash}) => ({label, stroke, dash, x: frequency,
-                y: Array.from(y, value => part === "phase" && value < -360 ? null : value)})));
-        }
+        drawBode(this.bode, [[0, "0 dB"], [-180, "−180°"]], loops.map(loop =>
+            ({...loop, phase: loop.phase.map(value => value < -360 ? null : value)})), words);
         this.drawNichols(loops);
         this.poles.draw(loops.map(loop => ({...loop, poles: upperPoles(loop)})));
-        for (const plot of [this.gain, this.phase, this.nichols]) plot.describe(words.join(". "));
+        this.nichols.describe(words);
     }
 
     /** Draws gain over phase near the point at which the closed loop oscillates, with it. */
@@ -43,9 +32,9 @@ class LoopPlots {
         this.nichols.over = u => {
             rule(u, "x", -180, "−180°");
             rule(u, "y", 0, "0 dB");
-            for (const {stroke, dash, phase, gain, margins} of loops) {
+            for (const {stroke, dash, phase, gain, marks} of loops) {
                 trajectory(u, {x: phase, y: gain, stroke, dash});
-                for (const point of margins) mark(u, point.phase, point.gain, stroke());
+                for (const point of marks) mark(u, point.phase, point.gain, stroke());
             }
         };
         this.nichols.draw([{label: "", x: [-360, 0], y: [-30, 40], stroke: gray, width: 0}]);

@@ -55,8 +55,8 @@ class Mechanism {
         this.time = time;
         const k = Math.round(Math.min(time, this.end) / STEP), fin = outputs.fin_angle[k];
         /* Positive angles turn the lever's end to the right; angles of the drawing are clockwise. */
-        this.fin.setAttribute("transform", `rotate(${-degrees(fin)})`);
-        this.command.setAttribute("transform", `rotate(${-degrees(command?.[k] ?? 0)})`);
+        set(this.fin, {transform: `rotate(${-degrees(fin)})`});
+        set(this.command, {transform: `rotate(${-degrees(command?.[k] ?? 0)})`});
         this.drive?.show(Object.fromEntries(Object.entries(outputs).map(([name, column]) => [name, column[k]])),
             parameters, this.highest);
         const shown = `${shownNumber(k * STEP)} s`, angle = `fin angle ${withUnit(degrees(fin), "°")}`;

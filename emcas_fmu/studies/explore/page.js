@@ -18,10 +18,8 @@ class Page {
             if (!this.mechanism.playing) this.mechanism.show(time);
         };
         $("plots").prepend(this.mechanism.figure);
-        const bode = {x: "frequency [Hz]", log: true, shared: false};
-        this.gain = new Plot("Gain of the fin angle over the command", {...bode, y: "[dB]"});
-        this.phase = new Plot("Phase", {...bode, y: "[°]"});
-        $("bode").append(this.gain.figure, this.phase.figure);
+        this.bode = bodePlots(["Gain of the fin angle over the command", "Phase"]);
+        $("bode").append(...this.bode.map(plot => plot.figure));
         drawStrip($("verdicts"), $("verdict"), [["B", {}]]);
         this.plane = DATA.plane && new Plot("Motor torque over motor speed", {
             x: `motor speed [${DATA.plane.speed[0]}]`, y: `[${DATA.plane.torque[0]}]`, shared: false, height: 235});
@@ -64,10 +62,9 @@ class Page {
 
     /** Sets the two gains, within their sliders, that move a pole [Hz] towards a target; returns where it is then. */
     movePole(target, pole) {
-        const {setting} = this.live, {supply} = DATA.linear, volts = supply ? Number(setting.get(supply)) : 0;
-        const closedAt = gains => {
+        const {setting} = this.live, closedAt = gains => {
             const changes = Object.fromEntries(PLACING.map((name, k) => [name, gains[k]]));
-            const loop = linearised(this.actuator, {...setting.parameters, ...changes}, volts);
+            const loop = linearised(this.actuator, setting, changes);
             return loop ? {...loop, poles: eigenvalues(loop.closed)} : {poles: []};
         };
         const start = PLACING.map(name => setting.get(name)), most = Math.max(DECAYS, growthOf(closedAt(start).poles));
@@ -250,7 +247,7 @@ class Page {
         drawStrip($("verdicts"), $("verdict"), this.cases);
         drawRequirements($("requirements"), this.cases);
         for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
-        drawBode(this.gain, this.phase, this.cases);
+        drawResponses(this.bode, this.cases);
         $("bode-summary").textContent = bodeSummary(this.cases);
     }
 
@@ -298,7 +295,7 @@ class Page {
     }
 
     redraw() {
-        for (const plot of [...this.plots, this.plane, this.loop, this.gain, this.phase]) plot?.redraw();
+        for (const plot of [...this.plots, this.plane, this.loop, ...this.bode]) plot?.redraw();
     }
 }
 

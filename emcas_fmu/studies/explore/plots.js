@@ -16,8 +16,9 @@ function rule(u, scale, value, text, below = false) {
     paint(u, (ctx, x, y, frame) => {
         const {left, top, width, height} = frame, level = scale === "y", at = level ? y(value) : x(value);
         if (level ? at < top || at > top + height : at < left || at > left + width) return;
-        across(ctx, scale, at, frame, {color: gray(), thick: 1, dash: [2, 3]});
-        Object.assign(ctx, {fillStyle: gray(), font: SMALL(), textAlign: "right"});
+        pen(ctx, gray(), 1, [2, 3]);
+        across(ctx, scale, at, frame);
+        Object.assign(ctx, {font: SMALL(), textAlign: "right"});
         const [right, down] = level ? [left + width - 4, at + (below ? 12 : -4)] : [at - 4, top + height - 6];
         ctx.fillText(text, right, down);
     });
@@ -60,9 +61,10 @@ function forbidden(u, end, floor) {
 
 /** A ring at a point. */
 function mark(u, at, level, stroke) {
-    if (!Number.isFinite(at)) return;
+    if (!Number.isFinite(at) || !Number.isFinite(level)) return;
     paint(u, (ctx, x, y) => {
-        Object.assign(ctx, {strokeStyle: stroke, fillStyle: css("--back"), lineWidth: 2 * devicePixelRatio});
+        pen(ctx, stroke, 2);
+        ctx.fillStyle = css("--back");
         ctx.arc(x(at), y(level), 4 * devicePixelRatio, 0, 2 * Math.PI);
         ctx.fill();
         ctx.stroke();
@@ -70,10 +72,9 @@ function mark(u, at, level, stroke) {
 }
 
 /** A curve through points in their order, such as a trajectory; a dot at its end. */
-function trajectory(u, {x: xs, y: ys, stroke, dash = []}) {
+function trajectory(u, {x: xs, y: ys, stroke, dash}) {
     paint(u, (ctx, x, y) => {
-        Object.assign(ctx, {strokeStyle: stroke(), fillStyle: stroke(), lineWidth: 1.6 * devicePixelRatio});
-        ctx.setLineDash(dash.map(length => length * devicePixelRatio));
+        pen(ctx, stroke(), 1.6, dash);
         xs.forEach((at, k) => ctx.lineTo(x(at), y(ys[k])));
         ctx.stroke();
         ctx.beginPath();
@@ -86,8 +87,8 @@ function trajectory(u, {x: xs, y: ys, stroke, dash = []}) {
 function ray(u, damping, size) {
     paint(u, (ctx, x, y) => {
         const [a, b] = [-damping * 0.95 * size, Math.sqrt(1 - damping * damping) * 0.95 * size];
-        Object.assign(ctx, {strokeStyle: gray(), fillStyle: gray(), font: SMALL(), textAlign: "right"});
-        ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+        pen(ctx, gray(), 0.5, [2, 3]);
+        Object.assign(ctx, {font: SMALL(), textAlign: "right"});
         ctx.moveTo(x(0), y(0));
         ctx.lineTo(x(a), y(b));
         ctx.stroke();
@@ -99,7 +100,7 @@ function ray(u, damping, size) {
 function cross(u, [real, imaginary], stroke) {
     paint(u, (ctx, x, y) => {
         const [a, b, size] = [x(real), y(imaginary), 4 * devicePixelRatio];
-        Object.assign(ctx, {strokeStyle: stroke, lineWidth: 2 * devicePixelRatio});
+        pen(ctx, stroke, 2);
         for (const side of [-1, 1]) {
             ctx.moveTo(a - size, b - side * size);
             ctx.lineTo(a + size, b + side * size);
@@ -202,6 +203,12 @@ class Plot {
             values: () => this.ticks.map(([, name]) => name)};
     }
 
+    /** The values along x and y under a pointer. */
+    at({clientX, clientY}) {
+        const {left, top} = this.chart.over.getBoundingClientRect();
+        return [this.chart.posToVal(clientX - left, "x"), this.chart.posToVal(clientY - top, "y")];
+    }
+
     /** Moves the cursor of this and the plots beside it to a time. */
     point(time) {
         this.chart.setCursor({left: this.chart.valToPos(time, "x"), top: 10}, false, true);
@@ -213,6 +220,29 @@ class Plot {
 
     describe(text) {
         this.box.setAttribute("aria-label", `${this.title}: ${text}`);
+    }
+}
+
+/** Two plots over frequency: gain [dB] and phase [°]. */
+const bodePlots = (titles, ofPhase = {}) => titles.map((title, k) => new Plot(title, {
+    x: "frequency [Hz]", y: k ? "[°]" : "[dB]", log: true, shared: false, ...(k ? ofPhase : {})}));
+
+/** Draws responses {label, stroke, dash, frequency, gain, phase, marks: [{frequency, gain, phase}]} in both plots, the
+    level of each with its text, and a `required` bandwidth [Hz]. */
+function drawBode(plots, levels, responses, text, required) {
+    for (const [k, part] of ["gain", "phase"].entries()) {
+        const plot = plots[k], [level, name] = levels[k], wide = required && part === "gain";
+        plot.under = u => wide && forbidden(u, required, level);
+        plot.over = u => {
+            rule(u, "y", level, name);
+            if (wide) rule(u, "x", required, `required ${shownNumber(required)} Hz`);
+            for (const {stroke, marks} of responses) {
+                for (const {frequency, [part]: at} of marks) mark(u, frequency, at, stroke());
+            }
+        };
+        if (responses.length) plot.draw(responses.map(({frequency: x, [part]: y, ...look}) => ({...look, x, y})));
+        plot.figure.hidden = !responses.length;
+        plot.describe(text);
     }
 }
 

@@ -70,7 +70,7 @@ class Poles {
             this.handle.setPointerCapture(at.pointerId);
             this.held = true;
         });
-        listen("pointermove", at => this.held && this.move(this.under(at)));
+        listen("pointermove", at => this.held && this.move(this.plot.at(at)));
         for (const name of ["pointerup", "pointercancel"]) listen(name, () => { this.held = false; });
         listen("keydown", key => {
             const step = KEYS[key.key];
@@ -78,11 +78,6 @@ class Poles {
             key.preventDefault();
             this.move(this.pole.map((x, i) => x + step[i] * this.size / 100));
         });
-    }
-
-    under({clientX, clientY}) {
-        const {left, top} = this.plot.chart.over.getBoundingClientRect();
-        return [this.plot.chart.posToVal(clientX - left, "x"), this.plot.chart.posToVal(clientY - top, "y")];
     }
 
     move([x, y]) {

@@ -3,6 +3,14 @@
 
 const words = name => name.replace(/_/g, " ").replace(/\b3db\b/, "at −3 dB").replace(/\b90deg\b/, "at −90°");
 
+/** The label of a curve of a case, and its look: of A dashed in the second colour. */
+const labelled = (cases, letter, label) => cases.length > 1 ? `${label} ${letter}` : label;
+const lookOf = letter => letter === "A" ? {stroke: COLORS[1], dash: [7, 4]} : {stroke: COLORS[0]};
+
+/** A text of every case, with its letter where there are two. */
+const inTurn = (cases, text) =>
+    cases.map(([letter, each]) => (cases.length > 1 ? `${letter}: ` : "") + text(each)).join(". ");
+
 /** A value with its unit, for display. */
 function withUnit(value, unit) {
     const text = shownNumber(value);
@@ -40,7 +48,7 @@ function drawPanel(plot, panel, number, cases) {
         panel.bits.length && !flags.length ? [[0, "none"]] :
         flags.map((bit, row) => [row, words(panel.bits[bit])]);
     const curves = cases.flatMap(([letter, {run}]) => traces(panel, run.outputs, flags).map((trace, k) => ({
-        value, ...trace, label: cases.length > 1 ? `${trace.label} ${letter}` : trace.label, x: run.excitation.time,
+        value, ...trace, label: labelled(cases, letter, trace.label), x: run.excitation.time,
         step: panel.discrete, stroke: COLORS[(k + Number(letter === "A" && panel.names.length === 1)) % COLORS.length],
         ...(letter === "A" ? {dash: [7, 4], width: 1.3} : {})})));
     const command = number === 0 && columns.fin_command?.map(x => x / factor);
@@ -69,8 +77,8 @@ function drawPlane(plot, actuator, cases) {
     const speeds = Float64Array.from({length: 201}, (_, k) => end * (k - 100) / 100);
     const most = actuator.limitTorques(setting.parameters, volts, speeds).map(x => x / unit);
     const x = speeds.map(w => w / size), look = {x, stroke: gray, width: 1.2};
-    const lines = runs.map(({letter, speed, torque}) => ({stroke: COLORS[letter === "A" ? 1 : 0],
-        dash: letter === "A" ? [7, 4] : [], x: speed.map(w => w / size), y: torque.map(t => t / unit)}));
+    const lines = runs.map(({letter, speed, torque}) =>
+        ({...lookOf(letter), x: speed.map(w => w / size), y: torque.map(t => t / unit)}));
     const reached = largest(lines.map(({y}) => magnitude(y)));
     plot.reach = [-reached, reached];
     plot.over = u => lines.forEach(line => trajectory(u, line));
@@ -128,12 +136,11 @@ function drawStrip(list, line, cases) {
             element("span", {}, verdict ? inWords(requirement, verdict) : "–"),
             element("span", {class: "margin"}, verdict ? marginInWords(requirement, verdict) : ""));
     }));
-    line.textContent = cases.filter(([, each]) => each.verdicts).map(([letter, each]) => {
+    line.textContent = verdicts ? inTurn(cases, each => {
         const missed = able.filter(({name}) => !each.verdicts.get(name).passed);
-        const of = cases.length > 1 ? `${letter}: ` : "";
-        return of + (missed.length ? `${missed.length} of ${able.length} requirements missed: ` +
-            missed.map(({title}) => title).join("; ") : `all ${able.length} judged requirements met`);
-    }).join(". ");
+        return missed.length ? `${missed.length} of ${able.length} requirements missed: ` +
+            missed.map(({title}) => title).join("; ") : `all ${able.length} judged requirements met`;
+    }) : "";
 }
 
 function drawRequirements(table, cases) {
@@ -153,24 +160,13 @@ function drawRequirements(table, cases) {
 
 const DASHES = [undefined, [7, 4], [2, 3]];
 
-function drawBode(gain, phase, cases) {
+function drawResponses(bode, cases) {
     const responses = cases.flatMap(([letter, each]) => each.responses.map(([label, response], k) => ({
-        label: cases.length > 1 ? `${label} ${letter}` : label, response, dash: DASHES[k % DASHES.length],
-        stroke: COLORS[letter === "A" ? 1 : 0]}))).filter(({response}) => response.frequency.length);
+        label: labelled(cases, letter, label), ...response, dash: DASHES[k % DASHES.length], stroke: lookOf(letter).stroke,
+        marks: [{frequency: response.bandwidth_3db, gain: -3}, {frequency: response.bandwidth_90deg, phase: -90}]})));
     const required = DATA.requirements.find(({figure, left_out: leftOut}) => figure === "bandwidth_3db" && !leftOut);
-    gain.under = u => required && forbidden(u, required.limit, -3);
-    for (const [plot, part, level, text, figure] of [
-        [gain, "gain", -3, "−3 dB", "bandwidth_3db"], [phase, "phase", -90, "−90°", "bandwidth_90deg"]]) {
-        plot.over = u => {
-            rule(u, "y", level, text);
-            if (required && plot === gain) rule(u, "x", required.limit, `required ${shownNumber(required.limit)} Hz`);
-            for (const {response, stroke} of responses) mark(u, response[figure], level, stroke());
-        };
-        if (responses.length) plot.draw(responses.map(({response, ...look}) => (
-            {...look, x: response.frequency, y: response[part]})));
-        plot.figure.hidden = !responses.length;
-        plot.describe(bodeSummary(cases));
-    }
+    drawBode(bode, [[-3, "−3 dB"], [-90, "−90°"]], responses.filter(({frequency}) => frequency.length),
+        bodeSummary(cases), required?.limit);
 }
 
 function bodeSummary(cases) {
@@ -178,6 +174,5 @@ function bodeSummary(cases) {
         x < DATA.constants.BANDWIDTHS[1] ? `at ${shownNumber(x)} Hz` : `above ${shownNumber(x)} Hz`;
     const one = ([label, {bandwidth_3db: gain, bandwidth_90deg: lag}]) =>
         `${label}: −3 dB ${at(gain)}, −90° ${at(lag)}`;
-    const all = ([letter, {responses}]) => (cases.length > 1 ? `${letter}: ` : "") + responses.map(one).join("; ");
-    return cases.map(all).join(". ");
+    return inTurn(cases, ({responses}) => responses.map(one).join("; "));
 }
