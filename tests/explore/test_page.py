@@ -369,7 +369,7 @@ def test_long_computations_are_in_a_worker(opened: Browser) -> None:
     opened.rested("Object.assign(window.page.live, {verdicts: null, responses: null}); window.page.refresh()")
     assert opened.run("[window.runs, window.page.live.verdicts.size > 20]") == [0, True]
     own, worked = opened.driver.execute_async_script("""const done = arguments[0], {page} = window;
-        const {setting} = page.live, here = LONG.measured(page.actuator, setting, () => true);
+        const {setting} = page.live, here = LONG.measured(page.actuator, setting);
         Promise.all([here, page.ask("measured", setting)]).then(both =>
             done(both.map(each => JSON.stringify(each))));""")
     assert own == worked

@@ -144,8 +144,8 @@ def test_figures_are_the_bench_s(scripts: Browser, subject: ParameterSubject) ->
 
 def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[str, Any] | None = None) -> None:
     """Fail unless the page that is open judges a setting as the bench does."""
-    found = browser.run("LONG.measured(window.page.actuator, new Setting(arguments[0]), () => true).then(measured => "
-                        "DATA.requirements.map(r => r.left_out ? null : judged(r, measured)))", values or {})
+    found = browser.run("(measured => DATA.requirements.map(r => r.left_out ? null : judged(r, measured)))("
+                        "LONG.measured(window.page.actuator, new Setting(arguments[0])))", values or {})
     for j, one in zip(expected, found, strict=True):
         if one is None:
             assert j.skipped, j.name

@@ -1,6 +1,6 @@
 "use strict";
 /* The tests of requirements, a port of bench/measure.py, and their verdict, of bench/verdict.py. SI throughout. The
- * function `respond(excitation, outputs)` returns a promise of a run, or of null if the run does not reach its end. */
+ * function `respond(excitation, outputs)` returns a run, or null if the run does not reach its end. */
 
 /** The excitation of a test from its values and their counts; constant inputs are shares of those that are set. */
 function embedded({begin, stop, columns}, setting) {
@@ -12,10 +12,9 @@ function embedded({begin, stop, columns}, setting) {
 }
 
 /** The figures of a test, in each of its directions. */
-async function measure(test, setting, respond) {
-    if (test.kind === "sine") return [await bandwidths(test.figures, sines(test.amplitude, 0, respond).at)];
-    const runs = [];
-    for (const run of test.runs) runs.push(await respond(embedded(run, setting), test.outputs));
+function measure(test, setting, respond) {
+    if (test.kind === "sine") return [bandwidths(test.figures, sines(test.amplitude, 0, respond).at)];
+    const runs = test.runs.map(run => respond(embedded(run, setting), test.outputs));
     if (runs.includes(null)) return [{}];
     if (test.kind === "repeat") {
         const [worn, fresh] = runs.map(({excitation: {time, begin}, outputs: {fin_angle: angle}}) =>
@@ -34,12 +33,12 @@ function moved(run) {
 }
 
 /** The fundamental of the fin angle over a sine of the command, [real, imaginary]; NaN where it is not a sine. */
-async function describingFunction(amplitude, load, frequency, respond) {
+function describingFunction(amplitude, load, frequency, respond) {
     const {CYCLES, FITTED, TRANSIENT: [cycles, seconds], PURE} = DATA.constants, turn = 2 * Math.PI * frequency;
     const begin = Math.max(cycles / frequency, seconds);
     const end = begin + Math.ceil(Math.max(CYCLES / frequency, FITTED) * frequency) / frequency, time = times(end);
     const columns = {fin_command: time.map(t => amplitude * Math.sin(turn * t)), aero_torque: time.map(() => load)};
-    const run = await respond({time, begin, columns}, ["fin_angle"]);
+    const run = respond({time, begin, columns}, ["fin_angle"]);
     if (!run) return [NaN, NaN];
     const rows = [time.findIndex(t => t >= begin), time.findLastIndex(t => t <= end) + 1];
     const waves = [Math.cos, Math.sin].map(wave => time.map(t => wave(turn * t)));
@@ -57,8 +56,8 @@ async function describingFunction(amplitude, load, frequency, respond) {
 /** The responses to sines of an amplitude under a load: function `at` of the frequency, with the `known` ones. */
 function sines(amplitude, load, respond) {
     const known = new Map();
-    const at = async frequency => {
-        if (!known.has(frequency)) known.set(frequency, await describingFunction(amplitude, load, frequency, respond));
+    const at = frequency => {
+        if (!known.has(frequency)) known.set(frequency, describingFunction(amplitude, load, frequency, respond));
         return known.get(frequency);
     };
     return {known, at};
@@ -67,26 +66,25 @@ function sines(amplitude, load, respond) {
 const LEVELS = {bandwidth_3db: gain => Math.hypot(...gain) - 10 ** (-3 / 20), bandwidth_90deg: ([real]) => real};
 
 /** The frequencies [Hz] at which gain or lag cross their levels, by bisection; none if a response is not a sine. */
-async function bandwidths(figures, at) {
-    const crossings = [];
-    for (const name of figures) crossings.push([name, await crossed(async f => LEVELS[name](await at(f)))]);
+function bandwidths(figures, at) {
+    const crossings = figures.map(name => [name, crossed(f => LEVELS[name](at(f)))]);
     return Object.fromEntries(crossings.filter(([, value]) => !Number.isNaN(value)));
 }
 
 /** The frequency [Hz] at which a level, positive at low frequency, first falls to zero; otherwise the grid's highest.
     NaN if the level is NaN at a lower frequency. */
-async function crossed(level) {
+function crossed(level) {
     const {BANDWIDTHS: [lowest, highest], BISECTIONS, GRID} = DATA.constants;
     let low = lowest, high = lowest, there = 1;
     for (high of GRID) {
-        there = await level(high);
+        there = level(high);
         if (!(there > 0)) break;
         low = high;
     }
     if (low === highest) return highest;
     for (let k = 0; k < BISECTIONS && low < high && !Number.isNaN(there); ++k) {
         const middle = Math.sqrt(low * high);
-        there = await level(middle);
+        there = level(middle);
         if (there > 0) low = middle;
         else high = middle;
     }
@@ -94,11 +92,11 @@ async function crossed(level) {
 }
 
 /** The frequency response as far as it is a sine: frequency [Hz], gain [dB], unwrapped phase [°], bandwidths [Hz]. */
-async function frequencyResponse(amplitude, load, respond) {
-    const {known, at} = sines(amplitude, load, respond), levels = await bandwidths(Object.keys(LEVELS), at);
+function frequencyResponse(amplitude, load, respond) {
+    const {known, at} = sines(amplitude, load, respond), levels = bandwidths(Object.keys(LEVELS), at);
     for (const [k, frequency] of DATA.constants.GRID.entries()) {
-        if (k) await at(Math.sqrt(frequency * DATA.constants.GRID[k - 1]));
-        await at(frequency);
+        if (k) at(Math.sqrt(frequency * DATA.constants.GRID[k - 1]));
+        at(frequency);
     }
     const pure = [...known].filter(([, [real]]) => !Number.isNaN(real)).sort(([f], [g]) => f - g);
     return {frequency: pure.map(([f]) => f), ...bode(pure.map(([, response]) => response), 0), ...levels};
