@@ -15,8 +15,9 @@ from .bench import metrics
 from .bench.conditions import ESTIMATE
 from .bench.excitation import COMMAND
 from .bench.runs import Columns, Run
-from .figures.plots import COLORS, figure, legend, shade, time_axis
+from .figures.plots import COLORS, legend, shade, time_axis
 from .figures.plots import COMMAND as COMMAND_LINE
+from .figures.plots import panels as grid_of
 from .fmi.interface import FmuInterface
 from .variables import Variable
 
@@ -35,9 +36,9 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
     time = columns["time"] * unit_of_time
     extensions = extension_outputs(unit.kind)
     shared = unit.line.outputs if unit.line else ()
-    count = len(panels) + len(shared) + len(extensions)
-    plotted, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
-    first, remaining = grid[0, 0], iter(grid.ravel())
+    plotted, grid = grid_of(len(panels) + len(shared) + len(extensions), 2, (
+        f"{label} (shaded: a limit {'of any fin ' * (len(fins) > 1)}is active)"), width=10.0, sharex=True)
+    first, remaining = grid[0], iter(grid)
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
     for command in commands:
         first.step(time, np.degrees(command), where="post", label="command", **COMMAND_LINE)
@@ -51,15 +52,10 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
         axes.set_ylabel(f"{v.name.replace('_', ' ')} [{measured_in}]")
     for v, axes in zip(extensions, remaining, strict=False):
         _draw_output(axes, v, time, [run.columns[v.name] for run in fins], v.name in estimated)
-    for axes in remaining:
-        axes.set_visible(False)
     limited = np.any([run.columns["saturated"] > 0.0 for run in fins], axis=0)
-    for axes in grid.ravel():
+    for axes in grid:
         shade(axes, time, limited)
         axes.margins(x=0.0)
-    for axes in grid.ravel()[:count][-2:]:  # the lowest panel of each column
-        axes.tick_params(labelbottom=True)
-        axes.set_xlabel(f"{label} (shaded: a limit {'of any fin ' * (len(fins) > 1)}is active)")
     return plotted
 
 

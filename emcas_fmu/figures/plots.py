@@ -81,11 +81,15 @@ def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
     return empty, grid[:, 0]
 
 
-def panels(count: int, columns: int, **more: Any) -> tuple[Figure, list[Any]]:
-    """Return a figure of `count` panels in rows of `columns`, and their axes; see `figure`."""
+def panels(count: int, columns: int, x: str = "", **more: Any) -> tuple[Figure, list[Any]]:
+    """Return a figure of `count` panels in rows of `columns`, and their axes, with `x` below each column; see `figure`.
+    """
     empty, grid = figure(-(-count // columns), columns, **more)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
+    for axes in grid.flat[max(count - columns, 0):count]:
+        axes.tick_params(labelbottom=True)  # also where the axes share x
+        axes.set_xlabel(x)
     return empty, list(grid.flat[:count])
 
 

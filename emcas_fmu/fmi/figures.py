@@ -48,13 +48,10 @@ def _slew(parameters: ParameterSet) -> Figure:
     result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python", model=parameters.model,
                       fin_command=lambda t: limit if t > 0.01 else 0.0)
     shown = [name for name in ("fin_angle", "fin_rate", "motor_current", "motor_voltage") if name in result]
-    plot, grid = panels(len(shown), 2, width=8.0, sharex=True)
+    plot, grid = panels(len(shown), 2, "time [ms]", width=8.0, sharex=True)
     for axes, name in zip(grid, shown, strict=True):
         trace(axes, result, name, unit=1e3)
         axes.set_ylabel(SHOWN[name][0])
-    for axes in grid[-2:]:  # the lowest of each column
-        axes.set_xlabel("time [ms]")
-        axes.tick_params(labelbottom=True)
     return plot
 
 

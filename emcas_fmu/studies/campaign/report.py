@@ -82,8 +82,6 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
         axes.set(title=s.name.partition(".")[2], xlim=(-1.0, 1.0))
         axes.set_yticks(range(len(factors)), factors, fontsize=7.0)
         axes.grid(axis="y", visible=False)
-    for axes in grid[-_COLUMNS:]:  # the lowest of each column
-        axes.tick_params(labelbottom=True)
     grid[0].invert_yaxis()
     return Drawing(
         f"Experiment {name}: what it depends on", drawn,
