@@ -27,7 +27,7 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.explore.page import About, render
+from emcas_fmu.studies.explore.page import render
 from emcas_fmu.variables import Variable
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -100,8 +100,7 @@ def _sliders(name: str) -> str:
 
 def explored(name: str) -> str:
     """Return the page in which sliders move an actuator."""
-    parameters = load_parameters(model=name)
-    return render(parameters, {}, About(f"emcas explore --model {name}", ParameterSubject(parameters).identification))
+    return render(ParameterSubject(load_parameters(model=name)), {}, f"emcas explore --model {name}")
 
 
 @cache

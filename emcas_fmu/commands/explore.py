@@ -38,8 +38,9 @@ def explore(
     from ..bench.excitation import COMMAND
     from ..bench.subject import ParameterSubject
     from ..fmi.interface import FmuInterface
-    from ..studies.explore.page import About, write
+    from ..studies.explore.page import render
     from ..support.dates import today
+    from ..support.writing import write
 
     files = parameters or []
     common.check_outputs(output, inputs=(files, requirements))
@@ -54,8 +55,8 @@ def explore(
         *(part for each in settings or () for part in ("--set", each)),
         *common.option("--requirements", requirements and as_given(requirements)),
         *common.option("--output", output), *common.option("--date", date, "")])
-    about = About(command, ParameterSubject(chosen, files).identification, date or today(), requirements)
     with common.err.status("compiling the actuator for the browser; the first time zig makes its C library, a minute"):
-        size = write(output, chosen, constants, about)
+        page = render(ParameterSubject(chosen, files), constants, command, date or today(), requirements)
+    size = write(output, page)
     common.print_written(output)
     common.out.print(f"{size / 1000:.0f} kB; open it in a browser")

@@ -110,8 +110,7 @@ def chromium() -> Iterator[Browser]:
 
 def written(folder: Path, model: str, requirements: Path | None = None) -> Path:
     """The page of an actuator with its default parameters."""
-    parameters = load_parameters(model=model)
     path = folder / "explore.html"
-    about = page.About("emcas explore", ParameterSubject(parameters).identification, requirements=requirements)
-    page.write(path, parameters, {}, about)
+    subject = ParameterSubject(load_parameters(model=model))
+    path.write_text(page.render(subject, {}, "emcas explore", requirements=requirements), encoding="utf-8")
     return path

@@ -14,6 +14,7 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.bench.requirements import load_requirements
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
 from emcas_fmu.pages.page import environment
 from emcas_fmu.parameters import ParameterSet, load_parameters
@@ -44,7 +45,7 @@ def data(path: str = "explore.html") -> dict[str, Any]:
 
 
 def described(parameters: ParameterSet) -> dict[str, Any]:
-    return page.document(parameters, {}, load_requirements(None, parameters))
+    return page.document(ParameterSubject(parameters), {}, load_requirements(None, parameters))
 
 
 @pytest.mark.parametrize("model", [*NAMES, DIRECT_DRIVE, "elastic+stribeck+heat+homing+supply+faults"],

@@ -39,10 +39,6 @@ class LoopPlots {
         };
         this.nichols.draw([{label: "", x: [-360, 0], y: [-30, 40], stroke: gray, width: 0}]);
     }
-
-    redraw() {
-        for (const plot of this.all) plot.redraw();
-    }
 }
 
 function marginsInWords(loop) {

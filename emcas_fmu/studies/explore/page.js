@@ -49,10 +49,11 @@ class Page {
             $(id).addEventListener("click", action);
         }
         window.addEventListener("hashchange", () => this.restore());
+        const redraw = () => PLOTS.forEach(plot => plot.redraw());
         for (const media of ["(prefers-color-scheme: dark)", "print"]) {
-            window.matchMedia(media).addEventListener("change", () => this.redraw());
+            window.matchMedia(media).addEventListener("change", redraw);
         }
-        window.addEventListener("beforeprint", () => this.redraw());
+        window.addEventListener("beforeprint", redraw);
     }
 
     change(name, value) {
@@ -292,10 +293,6 @@ class Page {
         } catch {
             $("copied").textContent = "the address of this page is the link: copy it from above";
         }
-    }
-
-    redraw() {
-        for (const plot of [...this.plots, this.plane, this.loop, ...this.bode]) plot?.redraw();
     }
 }
 

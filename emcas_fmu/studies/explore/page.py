@@ -8,7 +8,7 @@ import json
 import re
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
 from math import isclose
 from pathlib import Path
@@ -23,7 +23,7 @@ from ...bench.excitation import COMMAND, LOAD, Excitation
 from ...bench.frequency_response import PURE
 from ...bench.linear import equations
 from ...bench.requirements import Requirement, Specification, load_requirements
-from ...bench.subject import Identification, ParameterSubject, Subject
+from ...bench.subject import ParameterSubject, Subject
 from ...bench.verdict import SENSES, at_start
 from ...bench.writers import plain
 from ...errors import EmcasError
@@ -38,7 +38,6 @@ from ...runtime.codegen import Traced, traced_functions
 from ...runtime.compiled import REASONS
 from ...runtime.compiler import WEB, zig
 from ...support.files import described_sets
-from ...support.writing import write as write_file
 from ...trace.c_source import TEMPLATES, c_source
 from ...units import factor
 from ...variables import Variable
@@ -58,16 +57,6 @@ _CONSTANTS = {
     **{name: getattr(measure, name) for name in ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT",
                                                  "LOOP_LOWEST", "LOOP_POINTS")},
     "STEP": motions.STEP, "LEAD_IN": motions.LEAD_IN, "ACCURACY": metrics.ACCURACY, "HELD": metrics.HELD, "PURE": PURE}
-
-
-@dataclass(frozen=True)
-class About:
-    """Origin of a page: the command that wrote it, the parameter set at its start, a date, the requirements' file."""
-
-    command: str
-    identification: Identification
-    date: str = ""
-    requirements: Path | None = None
 
 
 def sources(model: str) -> dict[str, str]:
@@ -128,10 +117,10 @@ def packed(code: bytes) -> str:
     return base64.b64encode(deflate.compress(code) + deflate.flush()).decode()
 
 
-def document(parameters: ParameterSet, inputs: Mapping[str, float], specification: Specification) -> dict[str, Any]:
+def document(subject: ParameterSubject, inputs: Mapping[str, float], specification: Specification) -> dict[str, Any]:
     """Return the data of the page's scripts: actuator, parameters, constants of `inputs`, requirements."""
-    model, actuator = full_name(parameters.model), parameters.actuator
-    shipped, subject = load_parameters(model=model).values, ParameterSubject(parameters)
+    parameters, model, actuator = subject.parameters, full_name(subject.model), subject.actuator
+    shipped = load_parameters(model=model).values
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
     described: dict[str, Any] = {
@@ -328,10 +317,14 @@ def _dense(name: str) -> str:
     return re.sub(r"\n +", "\n", code)
 
 
-def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> str:
-    """Return the page; the same arguments give the same text. Raises CompilerError."""
-    specification = load_requirements(about.requirements, parameters)
-    described, files = document(parameters, inputs, specification), sources(parameters.model)
+def render(subject: ParameterSubject, inputs: Mapping[str, float], command: str, date: str = "",
+           requirements: Path | None = None) -> str:
+    """Return the page that starts from parameters and constant `inputs`; the same arguments give the same text.
+
+    `command` wrote it, `requirements` is their file. Raises CompilerError.
+    """
+    specification = load_requirements(requirements, subject.parameters)
+    described, files = document(subject, inputs, specification), sources(subject.model)
     code = compiled(files)
     digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
     source_digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()
@@ -343,16 +336,9 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
         groups.setdefault(each["name"].partition(".")[0], []).append(each["name"])
     groups["inputs held"] = [each["name"] for each in described["inputs"] if each["name"] not in (COMMAND, LOAD)]
     return page(
-        "studies/explore/page.html.j2", about=about, requirements=specification.file, digest=digest,
-        source_digest=source_digest, parameters=parameters, model=described["model"], kinds=described["kinds"],
-        presets=described["presets"], plane=described["plane"],
-        linear=described["linear"],
-        controls=controls, described=words, first=_first(parameters), groups=groups,
+        "studies/explore/page.html.j2", subject=subject, command=command, date=date, requirements=specification.file,
+        digest=digest, source_digest=source_digest, given=described, controls=controls, described=words,
+        first=_first(subject.parameters), groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=packed(code),
         style=handwritten("page.css", _HERE), program="\n".join(map(_dense, _PROGRAM)),
         script="\n".join(map(_dense, _SCRIPTS)))
-
-
-def write(path: Path, parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> int:
-    """Write the page, and return its size [bytes]. Raises CompilerError."""
-    return write_file(path, render(parameters, inputs, about))

@@ -110,7 +110,7 @@ function cross(u, [real, imaginary], stroke) {
 }
 
 /* Plots by their boxes, and those in or near the window. */
-const PLOTS = new WeakMap(), IN_VIEW = new IntersectionObserver(entries => {
+const PLOTS = new Map(), IN_VIEW = new IntersectionObserver(entries => {
     for (const {target, isIntersecting} of entries) PLOTS.get(target).shown(isIntersecting);
 }, {rootMargin: "50%"});
 
