@@ -370,7 +370,7 @@ def test_long_computations_are_in_a_worker(opened: Browser) -> None:
     assert opened.run("[window.runs, window.page.live.verdicts.size > 20]") == [0, True]
     own, worked = opened.driver.execute_async_script("""const done = arguments[0], {page} = window;
         const {setting} = page.live, here = LONG.measured(page.actuator, setting);
-        Promise.all([here, page.ask("measured", setting)]).then(both =>
+        Promise.all([here, page.worked.ask("measured", setting)]).then(both =>
             done(both.map(each => JSON.stringify(each))));""")
     assert own == worked
     assert len(own) > 1000
@@ -385,6 +385,21 @@ def test_a_later_computation_ends_an_earlier_one(opened: Browser) -> None:
         """)
     assert answers[-1] == "third"
     assert "first" not in answers
+
+
+def test_a_change_ends_a_computation(opened: Browser) -> None:
+    """At once, so that no answer is of another setting, and a slider that moves has the processor."""
+    opened.rested("window.page.refresh()")
+    ended = opened.run("""(({page}, {terminate}) => {
+        const ended = [];
+        page.worked.ask("measured", page.live.setting);
+        const asked = page.worked.worker;
+        Worker.prototype.terminate = function() { ended.push(this === asked); terminate.call(this); };
+        page.change("controller.position.kp", 61);
+        Worker.prototype.terminate = terminate;
+        return ended;
+    })(window, Worker.prototype)""")
+    assert ended == [True]
 
 
 def test_plots_out_of_view_are_drawn_when_they_come_into_it(opened: Browser) -> None:

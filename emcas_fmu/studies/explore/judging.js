@@ -52,9 +52,14 @@ class Worked {
         this.source = URL.createObjectURL(new Blob([source], {type: "text/javascript"}));
     }
 
-    /** Promises the answer to a computation of LONG, or throws an Error; a later one ends it without. */
-    ask(name, setting) {
+    /** Ends a computation without an answer. */
+    end() {
         this.worker?.terminate();
+    }
+
+    /** Promises the answer to a computation of LONG, or throws an Error; ends an earlier one. */
+    ask(name, setting) {
+        this.end();
         this.worker = new Worker(this.source);
         this.worker.postMessage([name, setting.values]);
         return new Promise((resolve, reject) => {

@@ -160,6 +160,7 @@ class Page {
         $("keep").setAttribute("aria-pressed", String(this.kept !== null));
         cancelAnimationFrame(this.frame);
         clearTimeout(this.resting);
+        this.worked.end();
         this.frame = requestAnimationFrame(() => this.compute());
     }
 
@@ -200,13 +201,6 @@ class Page {
         return {excitation, outputs: this.actuator.run(parameters, inputs, excitation.time.length, STEP)};
     }
 
-    /** Promises the answer of the worker, or throws an Error, while the settings are the same. */
-    ask(name, setting) {
-        const {live, kept} = this;
-        return this.worked.ask(name, setting).finally(() =>
-            this.live === live && this.kept === kept || new Promise(() => undefined));
-    }
-
     say(problems, warnings = []) {
         for (const [id, texts] of Object.entries({problems, warnings})) {
             $(id).replaceChildren(...texts.map(text => element("p", {}, text)));
@@ -244,7 +238,7 @@ class Page {
 
     /** Judges the requirements, and computes the Bode plot. Throws an Error. */
     async judge() {
-        for (const [, each] of this.cases) each.verdicts ??= verdictsOf(await this.ask("measured", each.setting));
+        for (const [, each] of this.cases) each.verdicts ??= verdictsOf(await this.worked.ask("measured", each.setting));
         drawStrip($("verdicts"), $("verdict"), this.cases);
         drawRequirements($("requirements"), this.cases);
         for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
@@ -254,7 +248,7 @@ class Page {
 
     /** The frequency responses of a setting with their labels. */
     async responses(setting) {
-        return (await this.ask("responses", setting)).map(([[amplitude, load], response]) =>
+        return (await this.worked.ask("responses", setting)).map(([[amplitude, load], response]) =>
             [withUnit(degrees(amplitude), "°") + (load ? `, ${withUnit(load, "N·m")}` : ""), response]);
     }
 
