@@ -6,5 +6,5 @@
     terminal.py    tables on the terminal
     provenance.py  how a page was made: command, files, hashes, date
     credibility.py what is known of a model, and what was not done: the card of an FMU and of a report
-    curves.js      draws the curves of a figure with uPlot
+    curves.js      draws the curves of a figure with uPlot; draw.js, what it shares with the explorer
 """

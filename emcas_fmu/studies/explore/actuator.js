@@ -105,9 +105,11 @@ class Actuator {
             controllers: of("at_rest_controllers", kept + 2 + sampled)};
     }
 
-    /** Simulates rows `step` [s] apart. Inputs by name are columns or constants, outputs of `names` are columns. */
-    run(values, inputs, rows, step, names = DATA.outputs) {
-        this.put(values);
+    /** Simulates a setting with changed parameters: the run has the excitation, and outputs of `names` as columns.
+        Throws an Error. */
+    run(setting, excitation, names = DATA.outputs, changes = {}) {
+        const inputs = setting.inputs(excitation), rows = excitation.time.length;
+        this.put({...setting.parameters, ...changes});
         const before = this.top, width = DATA.inputs.length, wide = DATA.outputs.length;
         const table = this.reserve(8 * rows * width), out = this.reserve(8 * rows * wide);
         this.top = before;
@@ -116,14 +118,14 @@ class Actuator {
             const column = inputs[name], held = typeof column === "object" ? null : Number(column);
             for (let k = 0; k < rows; ++k) cells[k * width + index] = held ?? column[k];
         });
-        const reached = this.code.simulate_rows(this.parameters, rows, step, table, out, this.result);
+        const reached = this.code.simulate_rows(this.parameters, rows, STEP, table, out, this.result);
         const reason = new Int32Array(this.code.memory.buffer, this.result, 1)[0];
-        if (reached < rows) throw new Error(`at ${general(reached * step, 6)} s: ${DATA.reasons[reason]}`);
+        if (reached < rows) throw new Error(`at ${general(reached * STEP, 6)} s: ${DATA.reasons[reason]}`);
         const computed = this.doubles(out, rows * wide);
-        return Object.fromEntries(names.map(name => {
+        return {excitation, outputs: Object.fromEntries(names.map(name => {
             const column = new Float64Array(rows), index = DATA.outputs.indexOf(name);
             for (let k = 0; k < rows; ++k) column[k] = computed[k * wide + index];
             return [name, column];
-        }));
+        }))};
     }
 }

@@ -3,10 +3,9 @@
 
 /** The function `respond` of measure.js for a setting with changes. */
 function responding(actuator, setting, changes) {
-    return (excitation, names = DATA.outputs) => {
+    return (excitation, names) => {
         try {
-            return {excitation, outputs: actuator.run({...setting.parameters, ...changes}, setting.inputs(excitation),
-                excitation.time.length, STEP, names)};
+            return actuator.run(setting, excitation, names, changes);
         } catch {
             return null;
         }

@@ -186,7 +186,7 @@ class Page {
         each.problems = unreadable.length ? unreadable : [...setting.problems, ...this.actuator.problems(parameters)];
         if (each.problems.length) return each.problems;
         try {
-            each.run = this.respond(setting, setting.excite());
+            each.run = this.actuator.run(setting, setting.excite());
             each.figures = figures(each.run);
             each.loop = DATA.linear && loopOf(this.actuator, setting);
             each.warnings = [...clipped(setting, each.run.excitation), ...this.actuator.broken(parameters, true)];
@@ -194,11 +194,6 @@ class Page {
             each.problems = [error.message];
         }
         return each.problems;
-    }
-
-    respond(setting, excitation) {
-        const {parameters} = setting, inputs = setting.inputs(excitation);
-        return {excitation, outputs: this.actuator.run(parameters, inputs, excitation.time.length, STEP)};
     }
 
     say(problems, warnings = []) {

@@ -40,7 +40,7 @@ function traces({names, bits, shown: [, factor]}, outputs, flags) {
 
 /** Draws a panel over time: all outputs, those of A dashed; in the first panel also the command. */
 function drawPanel(plot, panel, number, cases) {
-    const [, factor] = panel.shown, live = cases[cases.length - 1][1].run, {time, columns} = live.excitation;
+    const [, factor] = panel.shown, live = cases.at(-1)[1].run, {time, columns} = live.excitation;
     const flags = panel.bits.map((_, bit) => bit).filter(bit => cases.some(([, {run}]) =>
         run.outputs[panel.names[0]].some(word => word >> bit & 1)));
     const value = panel.items.length ? (_, v) => v === null ? "" : named(panel)(v) : undefined;
@@ -68,7 +68,7 @@ function drawPanel(plot, panel, number, cases) {
 
 /** Draws motor torque over motor speed within the steady limits of the live case's current and supply. */
 function drawPlane(plot, actuator, cases) {
-    const {supply, speed: [, size], torque: [, unit]} = DATA.plane, [, {setting}] = cases[cases.length - 1];
+    const {supply, speed: [, size], torque: [, unit]} = DATA.plane, [, {setting}] = cases.at(-1);
     const runs = cases.map(([letter, {run: {outputs}}]) =>
         ({letter, speed: outputs.motor_speed, torque: outputs.motor_torque}));
     const fastest = largest(runs.map(({speed}) => magnitude(speed))), volts = Number(setting.get(supply));
@@ -127,7 +127,7 @@ function marginInWords({unit}, {margin, percent}) {
 
 /** Fills the strip beside the sliders with the verdicts of the live case, and a line that counts those of all. */
 function drawStrip(list, line, cases) {
-    const [, {verdicts}] = cases[cases.length - 1], able = DATA.requirements.filter(({left_out: out}) => !out);
+    const [, {verdicts}] = cases.at(-1), able = DATA.requirements.filter(({left_out: out}) => !out);
     list.replaceChildren(...able.map(requirement => {
         const {title, name, sense, limit, unit} = requirement, verdict = verdicts?.get(name);
         const required = `${title}: required ${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`;
