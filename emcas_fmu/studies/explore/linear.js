@@ -156,7 +156,9 @@ function openLoop({open, closed, period}) {
     const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants, highest = 0.499 / period;
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
     const [opened, poles] = [open, closed].map(eigenvalues), stable = isStable(poles);
-    const peaks = opened.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
+    /* At an undamped pole there is no response: the points about it do. */
+    const damped = opened.filter(([x, y]) => Math.abs(1 - Math.hypot(x, y)) > AT_A_POLE);
+    const peaks = damped.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
     const at = f => loopAt(opened, poles, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));
     const known = [...grid, ...peaks.filter(f => f > lowest && f < highest)].sort((f, g) => f - g).map(f => [f, at(f)]);
     const followed = known.flatMap((point, k) => k ? [...turning(at, known[k - 1], point), point] : [point]);
