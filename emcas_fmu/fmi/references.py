@@ -24,8 +24,7 @@ from ..reference import files
 from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
 from ..reference.plant import Plant
 from ..reference.responses import response, shipped
-from ..reference.simulate import Array
-from ..simulation import simulate
+from ..simulation import Array, simulate
 from ..support.progress import Progress, silent
 from .description import element, to_bytes
 from .format import Format

@@ -1,13 +1,24 @@
-"""An actuator as the frame integrates it: states, modes, their equations and events, and its controllers."""
+"""An actuator in time: sampled controllers, delayed DAC and held inputs around equations that are integrated.
+
+Between two discrete instants (a sample, the arrival of a delayed DAC value, an input row) the actuator is integrated
+from event to event; at each instant the discrete parts act.
+"""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from .events import Accuracy, Body, Event, State, Value
-from .vehicle import INPUTS_AT_REST, Surroundings, clip, surroundings
+import numpy as np
+
+from . import events
+from .controllers import Bus
+from .events import Accuracy, Array, Body, Event, State, Value
+from .vehicle import INPUTS_AT_REST, Surroundings, as_built, clip, surroundings
+
+DIGITS = 12  # decimals of a second to which instants are rounded so that coinciding ones are one
 
 Sample = Callable[[State, float, bool], float]
 """From the state, the command [rad] and the enable signal to the controllers' output, once per sample."""
@@ -43,6 +54,39 @@ class Actuator(ABC):
     def slope(self, y: State, mode: Any, around: Surroundings) -> Sequence[float]:
         """Return d/dt of the state, in SI per s, in a mode."""
 
+    @classmethod
+    def simulate(cls, parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
+        """Simulate one actuator from its start and return `time` and its outputs at the rows, SI units.
+
+        `inputs` holds the row times `time` [s], from zero, and the columns that are used, named as in the interface; a
+        row holds until the next. Outputs are left limits, so a sample that falls on a row shows after it. Raises
+        ValueError for inputs that it cannot have, ArithmeticError where the integration fails.
+        """
+        p = {name: float(value) for name, value in parameters.items()}
+        actuator = cls(as_built(p))
+        columns, sample = columns_of(inputs, actuator.inputs()), actuator.controller(cls(p))
+        if round(float(inputs["time"][0]), DIGITS) != 0.0:
+            raise ValueError("row times must start at 0")
+        instants, (row_at, sample_at, arrival_at) = schedule(inputs["time"], p)
+        bus, (state, mode), sent, arrived = Bus(p), actuator.start(), [0.0], 0.0
+        row = {name: column[0] for name, column in columns.items()}
+        around = actuator.surroundings(row, arrived)
+        records = []
+        for t, following in zip(instants, [*instants[1:], None], strict=True):
+            if t in row_at:
+                records.append((t, *actuator.outputs(state, around), sent[-1]))
+                row = {name: column[row_at[t]] for name, column in columns.items()}
+            if following is None:
+                break
+            if t in sample_at:
+                sent.append(sample(state, bus.arrived(row["fin_command"]), bool(row["enable"])))
+            if t in arrival_at:
+                arrived = sent[1 + arrival_at[t]]
+            around = actuator.surroundings(row, arrived)
+            mode = actuator.admit(state, mode, around)
+            state, mode = events.advance(actuator, state, mode, around, t, following)
+        return dict(zip(("time", *actuator.names), np.array(records).T, strict=False))  # without what is no output
+
     def inputs(self) -> dict[str, float]:
         """Return the start value of every input, SI."""
         return {**INPUTS_AT_REST, self.supply[0]: self.p[self.supply[1]], "enable": 1.0}
@@ -66,3 +110,23 @@ class Actuator(ABC):
     def events(self, mode: Any, around: Surroundings) -> list[Event]:
         """Return the events that end a mode."""
         return [event for body in self.bodies for event in body.events(mode, around)]
+
+
+def schedule(time: Any, p: Mapping[str, Any]) -> tuple[list[float], Iterator[dict[float, int]]]:
+    """Return the instants [s] of a run with rows at `time` [s]; instants that coincide are one.
+
+    Then, by their times, the numbers of rows, of samples, and of samples that arrive at the drive.
+    """
+    period, rows = p["controller.sample_time"], np.round(np.asarray(time, dtype=float), DIGITS)
+    samples = np.arange(math.floor(rows[-1] / period) + 1) * period
+    each = [rows, *(np.round(samples + late, DIGITS) for late in (0.0, p.get("drive.transport_delay", 0.0)))]
+    instants = np.unique(np.concatenate(each))
+    return instants[instants <= rows[-1]].tolist(), ({t: k for k, t in enumerate(times.tolist())} for times in each)
+
+
+def columns_of(inputs: Mapping[str, Any], starts: Mapping[str, float]) -> dict[str, list[float]]:
+    """Return every input at the rows, its start value without a column. Raises ValueError for an unknown input."""
+    if unknown := sorted(set(inputs) - set(starts) - {"time"}):
+        raise ValueError(f"unknown inputs {unknown}")
+    shape = np.shape(inputs["time"])
+    return {name: np.broadcast_to(inputs.get(name, start), shape).tolist() for name, start in starts.items()}

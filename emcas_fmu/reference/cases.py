@@ -17,8 +17,7 @@ import numpy as np
 
 from ..errors import EmcasError, hint
 from ..motions import KINDS, LEAD_IN, RATED, STEP
-from .events import Value
-from .simulate import Array
+from .events import Array, Value
 from .vehicle import clip
 
 SIGNIFICANT_DIGITS = 9

@@ -9,7 +9,6 @@ thesis's actuator (:mod:`.screw`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -18,7 +17,6 @@ from .coil import Coil
 from .controllers import Controllers
 from .events import Accuracy, Body, Changes, Event, State, switch
 from .screw import Screw
-from .simulate import simulate as in_time
 from .vehicle import Surroundings, sign
 
 FIN, RATE, MOTOR, COIL_1, COIL_2, FLUX_1, FLUX_2, TEMPERATURE = range(8)
@@ -171,4 +169,4 @@ class Clutches(Actuator):
                 switch(mode, "feeds", lambda y: self.surplus(y, around))]
 
 
-simulate = partial(in_time, kind=Clutches)
+simulate = Clutches.simulate

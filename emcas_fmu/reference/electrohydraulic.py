@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 from .actuator import Sample
 from .events import Accuracy, Event, State
 from .piston import ONE, RATE, TWO, Cylinder, PistonLoop
-from .simulate import simulate as in_time
 from .vehicle import Surroundings, clip, sign, surroundings
 
 SPOOL, SPOOL_RATE = 4, 5
@@ -139,4 +137,4 @@ class Electrohydraulic(Cylinder):
         return events
 
 
-simulate = partial(in_time, kind=Electrohydraulic)
+simulate = Electrohydraulic.simulate

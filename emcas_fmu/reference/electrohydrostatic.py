@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -16,7 +15,6 @@ from .actuator import Sample
 from .drive import FREE, Driven
 from .events import Accuracy, Body, Event, State, band, switch
 from .piston import ONE, RATE, TWO, Cylinder, PistonLoop
-from .simulate import simulate as in_time
 from .vehicle import Surroundings, clip
 
 SPEED, CURRENT, INTEGRAL = range(4, 7)
@@ -147,4 +145,4 @@ class Electrohydrostatic(Cylinder, Driven):
         return p["pump.coulomb_friction"] + (p["pump.displacement"] + p["pump.pressure_friction"]) * drop
 
 
-simulate = partial(in_time, kind=Electrohydrostatic)
+simulate = Electrohydrostatic.simulate

@@ -20,10 +20,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from .actuator import Actuator
 
+Array = NDArray[np.floating[Any]]
 Value = float | int | bool
 State = list[float]
 Margin = Callable[[State], float]

@@ -30,9 +30,8 @@ from ..parameters import ParameterSet, load_parameters, schema, toml
 from ..support.progress import Progress, silent
 from ..support.writing import write_folder
 from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, select, with_supply
-from .events import Value
+from .events import Array, Value
 from .plant import Plant
-from .simulate import Array
 
 PROVENANCE = "provenance.toml"
 

@@ -26,10 +26,9 @@ from numpy.typing import NDArray
 
 from ..errors import EmcasError
 from .controllers import whole_samples
+from .events import Array
 from .screw import over_temperature
 from .vehicle import as_built, hinge_friction
-
-Array = NDArray[np.floating[Any]]
 
 
 def obstacle(values: Mapping[str, Any]) -> str:

@@ -20,8 +20,7 @@ from ..support.files import cache_directory, models_directory
 from ..support.writing import write
 from . import files, stored
 from .cases import Case
-from .events import Value
-from .simulate import Array
+from .events import Array, Value
 
 _KEPT = 256  # responses of some 35 kB
 _EXACT = 17  # digits that keep every float: with fewer, values would lie on edges of the archive's rounding

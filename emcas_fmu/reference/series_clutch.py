@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 from .actuator import Sample
@@ -19,7 +18,6 @@ from .controllers import Controllers
 from .drive import FREE, Driven
 from .events import Accuracy, Changes, Event, State
 from .screw import Screw
-from .simulate import simulate as in_time
 from .vehicle import Surroundings, sign
 
 FIN, RATE, ROTOR, CURRENT, INTEGRAL, COIL, FLUX, TEMPERATURE = range(8)
@@ -244,4 +242,4 @@ class SeriesClutch(Driven):
                 Event(lambda y: self.coil.limit(y) + self._held(y, mode, around), {"slip": -1})]
 
 
-simulate = partial(in_time, kind=SeriesClutch)
+simulate = SeriesClutch.simulate

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from typing import NamedTuple
 
 from .actuator import Actuator, Sample
 from .events import Accuracy, Body, Event, State, Value, band
-from .simulate import simulate as in_time
 from .vehicle import Surroundings, clip, hinge_friction, hinge_moment, masses_of, sign, surroundings
 
 FIN, RATE, MOTOR, SPEED = range(4)
@@ -142,4 +140,4 @@ class Servo(Actuator):
         return [*events, *band(mode, "contact", self.windup, -half, half)] if half else events
 
 
-simulate = partial(in_time, kind=Servo)
+simulate = Servo.simulate

@@ -1,79 +1,15 @@
-"""An actuator in time: sampled controllers, delayed DAC and held inputs around equations that are integrated.
-
-Between two discrete instants (a sample, the arrival of a delayed DAC value, an input row) the actuator is integrated
-from event to event; at each instant the discrete parts act.
-"""
+"""The integration of any actuator, by default the thesis's."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
-from . import events
 from .actuator import Actuator
-from .controllers import Bus
-from .events import Value
+from .events import Array, Value
 from .plant import Plant
-from .vehicle import as_built
-
-Array = NDArray[np.floating[Any]]
-
-DIGITS = 12  # decimals of a second to which instants are rounded so that coinciding ones are one
 
 
 def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind: type[Actuator] = Plant
              ) -> dict[str, Array]:
-    """Simulate one actuator from its start and return `time` and its outputs at the rows, SI units.
-
-    `inputs` holds the row times `time` [s], from zero, and the columns that are used, named as in the interface; a row
-    holds until the next. Outputs are left limits, so a sample that falls on a row shows after it. `kind` is the
-    actuator. Raises ValueError for inputs that it cannot have, ArithmeticError where the integration fails.
-    """
-    p = {name: float(value) for name, value in parameters.items()}
-    actuator = kind(as_built(p))
-    columns, sample = columns_of(inputs, actuator.inputs()), actuator.controller(kind(p))
-    if round(float(inputs["time"][0]), DIGITS) != 0.0:
-        raise ValueError("row times must start at 0")
-    instants, (row_at, sample_at, arrival_at) = schedule(inputs["time"], p)
-    bus, (state, mode), sent, arrived = Bus(p), actuator.start(), [0.0], 0.0
-    row = {name: column[0] for name, column in columns.items()}
-    around = actuator.surroundings(row, arrived)
-    records = []
-    for t, following in zip(instants, [*instants[1:], None], strict=True):
-        if t in row_at:
-            records.append((t, *actuator.outputs(state, around), sent[-1]))
-            row = {name: column[row_at[t]] for name, column in columns.items()}
-        if following is None:
-            break
-        if t in sample_at:
-            sent.append(sample(state, bus.arrived(row["fin_command"]), bool(row["enable"])))
-        if t in arrival_at:
-            arrived = sent[1 + arrival_at[t]]
-        around = actuator.surroundings(row, arrived)
-        mode = actuator.admit(state, mode, around)
-        state, mode = events.advance(actuator, state, mode, around, t, following)
-    return dict(zip(("time", *actuator.names), np.array(records).T, strict=False))  # without what is no output
-
-
-def schedule(time: Any, p: Mapping[str, Any]) -> tuple[list[float], Iterator[dict[float, int]]]:
-    """Return the instants [s] of a run with rows at `time` [s]; instants that coincide are one.
-
-    Then, by their times, the numbers of rows, of samples, and of samples that arrive at the drive.
-    """
-    period, rows = p["controller.sample_time"], np.round(np.asarray(time, dtype=float), DIGITS)
-    samples = np.arange(math.floor(rows[-1] / period) + 1) * period
-    each = [rows, *(np.round(samples + late, DIGITS) for late in (0.0, p.get("drive.transport_delay", 0.0)))]
-    instants = np.unique(np.concatenate(each))
-    return instants[instants <= rows[-1]].tolist(), ({t: k for k, t in enumerate(times.tolist())} for times in each)
-
-
-def columns_of(inputs: Mapping[str, Any], starts: Mapping[str, float]) -> dict[str, list[float]]:
-    """Return every input at the rows, its start value without a column. Raises ValueError for an unknown input."""
-    if unknown := sorted(set(inputs) - set(starts) - {"time"}):
-        raise ValueError(f"unknown inputs {unknown}")
-    shape = np.shape(inputs["time"])
-    return {name: np.broadcast_to(inputs.get(name, start), shape).tolist() for name, start in starts.items()}
+    """Return `time` and the outputs of a `kind` of actuator, see :meth:`.Actuator.simulate`."""
+    return kind.simulate(parameters, inputs)

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 
 from .events import Event, State, Value
 from .plant import Geared, Mode
-from .simulate import simulate as in_time
 from .vehicle import Surroundings
 
 # kg.m2 N.m: a smaller load keeps the sign that an event gave it: 2e-9 N.m at the worm of a fin of 0.05 kg.m2.
@@ -88,4 +86,4 @@ class WormPlant(Geared):
         return [*super().events(mode, around), *([reversal] if mode.motion else [])]
 
 
-simulate = partial(in_time, kind=WormPlant)
+simulate = WormPlant.simulate

@@ -8,14 +8,12 @@ sides at once. Which side rubs, which body rests, and which one breaks away are 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from operator import itemgetter
 from typing import Any
 
 from .drive import Driven
 from .events import Body, Event, State, Value
 from .plant import Mode
-from .simulate import simulate as in_time
 from .vehicle import Surroundings
 from .worm_gear import WormPlant
 
@@ -127,4 +125,4 @@ class MeshPlant(WormPlant):
         return [*events, meeting(1), meeting(-1)]
 
 
-simulate = partial(in_time, kind=MeshPlant)
+simulate = MeshPlant.simulate

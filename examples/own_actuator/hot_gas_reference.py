@@ -1,12 +1,10 @@
 """The hot-gas actuator integrated by SciPy from event to event, by its equations and none of the package's steps."""
 
 import math
-from functools import partial
 from typing import NamedTuple
 
 from emcas_fmu.reference.actuator import Actuator
 from emcas_fmu.reference.events import Accuracy, Body, switch
-from emcas_fmu.reference.simulate import simulate as in_time
 from emcas_fmu.reference.vehicle import clip, hinge_moment, masses_of, surroundings
 
 FIN, RATE, ONE, TWO, SPOOL = range(5)
@@ -81,4 +79,4 @@ class HotGas(Actuator):
         return [*super().events(mode, around), switch(mode, "up", lambda y: y[SPOOL])]
 
 
-simulate = partial(in_time, kind=HotGas)
+simulate = HotGas.simulate

@@ -1,11 +1,9 @@
 """The strain-wave gear integrated by SciPy from event to event, by its equations and none of the package's steps."""
 
-from functools import partial
 from typing import NamedTuple
 
 from emcas_fmu.reference.actuator import Actuator
 from emcas_fmu.reference.events import Accuracy, Body, band
-from emcas_fmu.reference.simulate import simulate as in_time
 from emcas_fmu.reference.vehicle import clip, hinge_moment, masses_of, surroundings
 
 MOTOR, MOTOR_RATE, FIN, FIN_RATE, CURRENT = range(5)
@@ -101,4 +99,4 @@ class StrainWave(Actuator):
                 *band(mode, "voltage", lambda y: self.demand(y, around), -around.supply, around.supply)]
 
 
-simulate = partial(in_time, kind=StrainWave)
+simulate = StrainWave.simulate

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from emcas_fmu.reference.linear import Array, LinearModel
+from emcas_fmu.reference.events import Array
+from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
 from tests.default_actuator import THESIS_LOOPS
 from tests.marks import others_slow
