@@ -42,8 +42,6 @@ from ..steppers.discontinuities import Discontinuity
 from ..steppers.smooth import Derivatives
 from ..variables import Terminal, Variable, parameter, with_outputs
 from . import capabilities, fin_port, positional, stepped
-from .inputs import PlantInputs as PlantInputs
-from .inputs import SampleInputs as SampleInputs
 from .line import Supply as Supply
 from .lists import check_functions, check_imperfections, check_lists
 from .plant_fault import PlantFault as PlantFault
@@ -51,6 +49,8 @@ from .plant_fault import check_names
 from .positional import complete
 from .shared import AsDeclared
 from .state import FIN as FIN
+from .state import PlantInputs as PlantInputs
+from .state import SampleInputs as SampleInputs
 from .state import State as State
 
 Values = Mapping[str, Value]
@@ -64,10 +64,6 @@ _BUS = tuple(map(State, bus.STATES))
 
 def _no_step(ops: Ops, p: Parameters, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     raise NotImplementedError  # replaced by a step that integrates the derivatives
-
-
-def _no_outputs(ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
-    return {}
 
 
 def _with_port(output_values: Callable[..., Values]) -> Callable[..., Values]:
@@ -154,7 +150,7 @@ class Actuator:
     derivatives: Derivatives | None = None
     discontinuities: tuple[Discontinuity, ...] = ()
     step: Callable[[Ops, Parameters, Record, PlantInputs, Value], tuple[Values, Value]] = _no_step
-    output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = _no_outputs
+    output_values: Callable[[Ops, Parameters, Record, PlantInputs], Values] = lambda ops, p, x, u: {}
     structure: Structure = field(default_factory=Structure)
     equation_parameters: Callable[[Ops, Parameters], Parameters] = field(default_factory=AsDeclared)
     as_built: Callable[[Ops, Parameters], Parameters] = lambda ops, p: p

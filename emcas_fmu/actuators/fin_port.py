@@ -164,12 +164,6 @@ def completed(ops: Ops, p: Any, x: Record, u: Record, limited: Value, values: Ma
     return {**{name: EQUATIONS[name](ops, p, now) for name in missing}, **values}
 
 
-def motion_loads(ops: Ops, p: Any, *motion: Value) -> tuple[Value, ...]:
-    """Return the values of :class:`.loads.MotionLoads` in SI from the vehicle's `motion`, the inputs MOTION in SI."""
-    a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
-    return loads.motion_loads(ops, p, (a_x, a_y, a_z), roll, pitch, (w_x, w_y, w_z), (d_x, d_y, d_z))
-
-
 def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> Value:
     """Return the command [rad] of one of several fins, with its share of the mixing inputs.
 

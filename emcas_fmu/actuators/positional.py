@@ -11,10 +11,10 @@ from ..errors import EmcasError, hint, location
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..ops.located import LocatedFloat
-from ..physics.loads import LOADS
+from ..physics.loads import LOADS, motion_loads
 from ..variables import Variable
 from . import fin_port
-from .inputs import PlantInputs, SampleInputs
+from .state import PlantInputs, SampleInputs
 
 if TYPE_CHECKING:
     from .declaration import Actuator, Parameters
@@ -91,7 +91,7 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         ("initial", (), initial),
         ("sample", (*plant, *controllers, *sampled, "command", "supply", "enable",
                     *identifiers(actuator.further_inputs)), sample),
-        ("motion_loads", identifiers(fin_port.MOTION), fin_port.motion_loads),
+        ("motion_loads", identifiers(fin_port.MOTION), motion_loads),
         ("step", (*plant, *sampled, "active", *held_inputs, "h"), step),
         ("outputs", (*plant, "active", "reference", "measured", "limited", *sampled, "command", *held_inputs), outputs),
     )

@@ -14,10 +14,9 @@ from ..ops.base import Ops, Value
 from ..physics.loads import LOADS
 from ..steppers.discontinuities import Discontinuity, Stop, System
 from . import fin_port
-from .inputs import PlantInputs
 from .lists import check_arguments
 from .positional import complete, identifiers
-from .state import State
+from .state import PlantInputs, State
 
 if TYPE_CHECKING:
     from .declaration import Actuator

@@ -34,7 +34,6 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 
 GRAVITY = 9.80665  # m/s2, standard gravity (CGPM 1901)
-Vector = tuple[Value, Value, Value]
 
 
 class MotionLoads(NamedTuple):
@@ -57,16 +56,14 @@ LOADS = ("aero_torque", *MotionLoads._fields)
 NONE = Record(**dict.fromkeys(LOADS, 0.0))
 
 
-def motion_loads(ops: Ops, p: Any, acceleration: Vector, roll: Value, pitch: Value, rate: Vector, turning: Vector
-            ) -> MotionLoads:
+def motion_loads(ops: Ops, p: Any, *motion: Value) -> MotionLoads:
     """Return the loads of a vehicle's motion, (2.27)-(2.33), (2.36).
 
-    Body acceleration [m/s2], roll and pitch [rad], body rates [rad/s] and angular acceleration [rad/s2]; yaw turns
-    about the direction of gravity. The fin's frame is the body's turned about x by mounting.azimuth.
+    `motion` is the body's acceleration [m/s2], roll, pitch and yaw [rad], rates [rad/s] and angular acceleration
+    [rad/s2]; yaw turns about the direction of gravity. The fin's frame is the body's turned about x by
+    mounting.azimuth.
     """
-    a_x, a_y, a_z = acceleration
-    w_x, w_y, w_z = rate
-    d_x, d_y, d_z = turning
+    a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
     station, azimuth = p.mounting.station, p.mounting.azimuth
     g = ops.where(p.loads.gravity, GRAVITY, 0.0)
     f_x = -g * ops.sin(pitch) - (a_x - station * (w_y * w_y + w_z * w_z))
@@ -80,8 +77,7 @@ def motion_loads(ops: Ops, p: Any, acceleration: Vector, roll: Value, pitch: Val
 
 def level(ops: Ops, p: Any, aero_torque: Value = 0.0) -> Record:
     """Return the LOADS in a vehicle at rest and level, under an aerodynamic moment [N.m]."""
-    still = 0.0, 0.0, 0.0
-    return Record(aero_torque=aero_torque, **motion_loads(ops, p, still, 0.0, 0.0, still, still)._asdict())
+    return Record(aero_torque=aero_torque, **motion_loads(ops, p, *(0.0,) * 12)._asdict())
 
 
 def fin_inertia(p: Any) -> Value:

@@ -106,8 +106,8 @@ def test_loads_against_rotation_matrices(values: Mapping[str, Any], seed: int) -
         moving = np.cross([0.0, sweeping, 0.0], at)
         felt = relative(at, to_fin @ rate, to_fin @ faster) + 2.0 * np.cross(to_fin @ rate, moving)
         moment -= np.cross(at, 0.5 * inertia / span**2 * felt)[1]
-    made = loads.motion_loads(FLOATS, p, tuple(acceleration.tolist()), float(roll), float(pitch), tuple(rate.tolist()),
-                         tuple(faster.tolist()))
+    made = loads.motion_loads(FLOATS, p, *acceleration.tolist(), float(roll), float(pitch), 0.0, *rate.tolist(),
+                              *faster.tolist())
     tangent = kinematics.lever_tangent(FLOATS, p, kinematics.motor_angle(FLOATS, p, float(fin)))
     # Sums of a few terms of order 1000: rounding.
     assert made.f_x == pytest.approx(force[0], abs=1e-12 * 1000)
@@ -122,7 +122,7 @@ def test_loads_against_rotation_matrices(values: Mapping[str, Any], seed: int) -
 def test_a_steady_roll_turns_the_fin_away_from_zero(values: Mapping[str, Any], rate: float, moment: float) -> None:
     """J p^2 sin d cos d of the default unit, to the digits that are written here: 2 %."""
     p, still = namespace(values), (0.0, 0.0, 0.0)
-    made = loads.motion_loads(FLOATS, p, still, 0.0, 0.0, (rate, 0.0, 0.0), still)
+    made = loads.motion_loads(FLOATS, p, *still, *still, rate, 0.0, 0.0, *still)
     for side in (1.0, -1.0):
         assert loads.hinge_moment_at(FLOATS, p, side * radians(20), made) == pytest.approx(side * moment, rel=0.02)
 
@@ -140,11 +140,11 @@ def test_gravity_signs(values: Mapping[str, Any]) -> None:
     p = namespace({**values, "loads.gravity": True, "kinematics.initial_angle": 0.0, "center_of_mass.fin.x": 0.1,
               "center_of_mass.fork.z": 0.0})
     still = (0.0, 0.0, 0.0)
-    nose_up = loads.motion_loads(FLOATS, p, still, 0.0, radians(30), still, still)
+    nose_up = loads.motion_loads(FLOATS, p, *still, 0.0, radians(30), 0.0, *still, *still)
     assert nose_up.f_x < 0 < nose_up.f_z
     level = loads.level(FLOATS, p)
     assert loads.hinge_moment(FLOATS, p, 0.0, level) == pytest.approx(-0.1 * values["mass.fin"] * 9.80665)
-    thrust = loads.motion_loads(FLOATS, p, (50.0, 0.0, 0.0), 0.0, 0.0, still, still)
+    thrust = loads.motion_loads(FLOATS, p, 50.0, 0.0, 0.0, *still, *still, *still)
     assert loads.nut_force(FLOATS, p, thrust) == pytest.approx(-50.0 * values["mass.nut"])
 
 
