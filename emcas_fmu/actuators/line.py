@@ -27,8 +27,8 @@ class Line:
     """A kind of line: its parameters, outputs and equations for several actuators.
 
     `level(ops, source, *states)` returns the actuators' voltage [V] or pressure [Pa]; `following(ops, p, source,
-    states, drawn, mean, inverse_inductance)` returns the next states, from the line's parameters `p`, the current [A]
-    or flow [m3/s] that all actuators draw from now on, its mean since the last instant (the same but for actuators with
+    states, drawn, mean, inverse_inductance)` returns the next states, from the parameters `p` of the group, the current
+    [A] or flow [m3/s] that all actuators draw from now on, its mean since the last instant (the same but for actuators with
     a `course`), and the sum of their :meth:`Supply.within`.
     """
 
@@ -41,7 +41,7 @@ class Line:
     parameters: tuple[Variable, ...]
     values: Mapping[str, float]  # defaults of the parameters
     states: tuple[str, ...]
-    start: Callable[[Ops, Any], tuple[Value, ...]]  # of the states, from the line's parameters
+    start: Callable[[Ops, Any], tuple[Value, ...]]  # of the states, from the parameters of the group
     sags: bool  # whether the level is the source's minus the first state: it then follows a ramp of the source
     level: Callable[..., Value]
     following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value, Value], tuple[Value, ...]]
@@ -102,11 +102,10 @@ BUS = Line(
     values={"bus.source_resistance": 0.0, "bus.charge": 0.0, "bus.charge_used": 0.0, "bus.polarisation": 0.5,
             "bus.capacitance": 0.0, "bus.chopper_voltage": 1e5, "bus.chopper_resistance": 1.0, "bus.update_time": 1e-4},
     states=("sag", "link", "drawn"),
-    start=lambda ops, p: bus.start(ops, p.bus),
+    start=bus.start,
     sags=True,
     level=bus.voltage,
-    following=lambda ops, p, source, states, current, mean, inverse_inductance: bus.following(
-        ops, p.bus, source, states, current, mean, inverse_inductance),
+    following=bus.following,
     equations=bus,
     rules=(used_within_charge, fed_through_resistance),
 )
@@ -138,7 +137,7 @@ PRESSURE_LINE = Line(
     sags=False,
     level=pressure_line.pressure,
     following=lambda ops, p, source, states, flow, mean, inverse_inductance: (pressure_line.next_pressure(
-        ops, p.line, source, states[0], flow),),
+        ops, p, source, states[0], flow),),
     equations=pressure_line,
 )
 LINES: Mapping[str, Line] = {"V": BUS, "Pa": PRESSURE_LINE}

@@ -68,13 +68,7 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
 
     The controller knows the friction identified at 24 degC, not the temperature.
     """
-    polynomials = p.friction.coulomb
-    (estimate,) = ops.branch(
-        speed_reference > 0.0,
-        lambda: (friction.coulomb_reference(ops, polynomials.positive, fin_measured),),
-        lambda: (friction.coulomb_reference(ops, polynomials.negative, fin_measured),),
-    )
-    return fed_forward(ops, p, estimate, speed_reference)
+    return fed_forward(ops, p, friction.coulomb_reference(ops, p, speed_reference, fin_measured), speed_reference)
 
 
 def fed_forward(ops: Ops, p: Any, dry: Value, speed_reference: Value) -> Value:

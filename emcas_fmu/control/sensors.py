@@ -59,25 +59,22 @@ def measure(ops: Ops, p: Any, plant: Any, position: Value, motor_angle: Value, m
         turned = _shifted(position, offset, resolution(p))
 
         def of_fin() -> tuple[Value, ...]:
-            angle = kinematics.fin_angle(ops, plant, kinematics.lever_tangent(ops, plant, turned))
-            return (kinematics.motor_angle(ops, p, angle),)
+            return (kinematics.motor_angle(ops, p, kinematics.fin_at(ops, plant, turned)),)
 
         (seen,) = ops.branch(ops.both(p.encoder.on_fin, kinematics.deviates(ops, p, plant)), of_fin, lambda: (turned,))
-        fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, seen))
-        return seen, motor_speed, fin, 0.0, before
+        return seen, motor_speed, kinematics.fin_at(ops, p, seen), 0.0, before
 
     def quantised() -> tuple[Value, ...]:
         q, turned = resolution(p), motor_counts(ops, p, motor_angle)
         speed = (turned - before) * q / p.controller.sample_time
 
         def from_fin() -> tuple[Value, ...]:
-            angle = kinematics.fin_angle(ops, plant, kinematics.lever_tangent(ops, plant, position))
-            now = _shifted(ops.floor(angle / q), offset, 1.0)
+            now = _shifted(ops.floor(kinematics.fin_at(ops, plant, position) / q), offset, 1.0)
             return kinematics.motor_angle(ops, p, now * q), now * q, now
 
         def from_motor() -> tuple[Value, ...]:
             now = _shifted(motor_counts(ops, p, position), offset, 1.0)
-            return now * q, kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, now * q)), now
+            return now * q, kinematics.fin_at(ops, p, now * q), now
 
         angle, fin, now = ops.branch(p.encoder.on_fin, from_fin, from_motor)
         return angle, speed, fin, now, turned

@@ -65,10 +65,6 @@ class _Kept(NamedTuple):
 _KEPT = tuple(f"last_{name}" for name in _Kept._fields)
 
 
-def _fin(ops: Ops, p: Any, motor: Value) -> Value:
-    return kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, motor))
-
-
 def _picked(ops: Ops, samples: Value, values: Sequence[Value]) -> Value:
     """Return the value of so many samples ago; `values` begin with the present one."""
     chosen = values[-1]
@@ -215,13 +211,13 @@ class _Faulty:
 
     def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
         """Return the angle [rad] of the encoder of position, on motor or fin, from the state that it reads."""
-        return ops.where(p.encoder.on_fin, _fin(ops, p, angle), angle) if self.geared else angle
+        return ops.where(p.encoder.on_fin, kinematics.fin_at(ops, p, angle), angle) if self.geared else angle
 
     def _read(self, ops: Ops, p: Any, counted: Value, bias: Value) -> Value:
         """Return the position [rad] for an encoder's counted angle [rad] with a `bias` [rad] of the fin."""
         if not self.geared:
             return counted + bias
-        fin = ops.where(p.encoder.on_fin, counted, _fin(ops, p, counted)) + bias
+        fin = ops.where(p.encoder.on_fin, counted, kinematics.fin_at(ops, p, counted)) + bias
         at_motor = kinematics.motor_angle(ops, p, fin)
         return ops.where(ops.both(ops.equal(bias, 0.0), ops.negate(p.encoder.on_fin)), counted, at_motor)
 

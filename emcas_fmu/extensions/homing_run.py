@@ -80,10 +80,6 @@ def reading(ops: Ops, p: Any, angle: Value, counts: Value, offset: Value = 0.0) 
     return ops.where(p.encoder.enabled, counts, angle / sensors.resolution(p) + offset)
 
 
-def _whole(ops: Ops, p: Any, x: Value) -> Value:
-    return ops.where(p.encoder.enabled, ops.floor(x), x)
-
-
 def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
     """Return the travel as the encoder reads it, for any kinematics."""
     stop = p.fin.stop_angle
@@ -135,7 +131,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     first = ops.where(p.homing.positive_first, speed, -speed)
     rate = ops.where(seeks, first, ops.where(crosses, -first, ops.clip(-target / period, -speed, speed)))
     target = ops.where(stalled > _WAITS * p.homing.stall_time, target, target + rate * period)
-    frame = _whole(ops, p, target)
+    frame = ops.where(p.encoder.enabled, ops.floor(target), target)
     cascaded = run_in_cascade(actuator)
     forward = rate * way.motor if cascaded else 0.0
     inputs = inputs.replace(command=0.0, encoder_offset=g.offset - frame, ahead=None)

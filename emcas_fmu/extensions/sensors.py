@@ -58,7 +58,7 @@ def extend(actuator: Actuator) -> Actuator:
     angle_name, rate_name = actuator.encoder
 
     def of_fin(ops: Ops, q: Any, position: Value) -> Value:
-        return kinematics.fin_angle(ops, q, kinematics.lever_tangent(ops, q, position)) if geared else position
+        return kinematics.fin_at(ops, q, position) if geared else position
 
     def on_fin(ops: Ops, p: Any) -> Value:
         return actuator.plant_parameters(ops, p).encoder.on_fin

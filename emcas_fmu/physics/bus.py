@@ -56,14 +56,6 @@ def start(ops: Ops, p: Any) -> tuple[Value, ...]:
     return ops.where(p.source_resistance > 0.0, fall(ops, p, 0.0), 0.0), NO_LINK, 0.0
 
 
-def next_sag(ops: Ops, resistance: Value, sag: Value, current: Value, admittance: Value, fallen: Value = 0.0) -> Value:
-    """Return the sag [V] after an instant of the bus, under a supply current [A]; `admittance` is sum h/L_i [1/Ohm].
-
-    `fallen` is that of the open-circuit voltage [V].
-    """
-    return sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
-
-
 def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current: Value, mean: Value,
               inverse_inductance: Value) -> tuple[Value, ...]:
     """Return sag [V], voltage of the link [V] and charge drawn [A.s] after an instant of the bus.
@@ -84,7 +76,8 @@ def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current:
         return sag, after, drawn + ops.maximum(charge, 0.0)
 
     def direct() -> tuple[Value, ...]:
-        return (next_sag(ops, p.source_resistance, sag, current, h * inverse_inductance, fallen), link,
-                ops.maximum(drawn + mean * h, -p.charge_used))  # full: it takes no more
+        resistance, admittance = p.source_resistance, h * inverse_inductance
+        reached = sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
+        return reached, link, ops.maximum(drawn + mean * h, -p.charge_used)  # full: it takes no more
 
     return ops.branch(p.capacitance > 0.0, linked, direct)

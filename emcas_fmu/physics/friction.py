@@ -41,9 +41,15 @@ def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
     return polynomial(fin, [c * (1.0 / POLYNOMIAL_SPAN**n) for n, c in enumerate(coefficients)])
 
 
-def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:
-    """Return the Coulomb torque [N.m] at 24 degC at a fin angle [rad] for one direction's coefficients."""
-    return ops.maximum(coulomb_polynomial(coefficients, fin), 0.0)
+def coulomb_reference(ops: Ops, p: Any, direction: Value, fin: Value) -> Value:
+    """Return the Coulomb torque [N.m] at 24 degC at a fin angle [rad] for motion along the sign of `direction`."""
+    polynomials = p.friction.coulomb
+    (value,) = ops.branch(
+        direction > 0.0,
+        lambda: (ops.maximum(coulomb_polynomial(polynomials.positive, fin), 0.0),),
+        lambda: (ops.maximum(coulomb_polynomial(polynomials.negative, fin), 0.0),),
+    )
+    return value
 
 
 def falls(p: Any) -> bool:
@@ -63,12 +69,7 @@ def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) 
     A speed against the direction counts as rest.
     """
     factor = _temperature_factor(ops, p, p.friction.table.coulomb)
-    polynomials = p.friction.coulomb
-    (value,) = ops.branch(
-        direction > 0.0,
-        lambda: (coulomb_reference(ops, polynomials.positive, fin),),
-        lambda: (coulomb_reference(ops, polynomials.negative, fin),),
-    )
+    value = coulomb_reference(ops, p, direction, fin)
     if falls(p):
         curve = p.stribeck
         along = ops.maximum(ops.where(direction > 0.0, speed, -speed), 0.0)

@@ -29,6 +29,11 @@ def fin_angle(ops: Ops, p: Any, tangent: Value) -> Value:
     return ops.atan(tangent) - p.kinematics.initial_angle
 
 
+def fin_at(ops: Ops, p: Any, motor: Value) -> Value:
+    """Return fin angle [rad] at a motor angle [rad], the inverse of (2.5)."""
+    return fin_angle(ops, p, lever_tangent(ops, p, motor))
+
+
 def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
     """Return motor angle [rad] at a fin angle [rad], (2.5); zero at fin angle zero."""
     ratio = p.kinematics.moment_arm / p.screw.lead

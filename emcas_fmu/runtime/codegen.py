@@ -57,7 +57,7 @@ def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
     parameters = tuple(map(positional.identifier, names))
 
     def of_line(values: Sequence[Value]) -> Any:
-        return namespace(dict(zip(names, values, strict=True)))
+        return getattr(namespace(dict(zip(names, values, strict=True))), line.group)
 
     def following(ops: Ops, p: Any, *arguments: Value) -> tuple[Value, ...]:
         source, *state, current, mean, inverse_inductance = arguments[count:]

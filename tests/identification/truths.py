@@ -41,6 +41,6 @@ def largest_difference(parameters: ParameterSet, other: ParameterSet) -> float:
     """Largest difference [N.m] of the Coulomb friction of two sets within +-command.limit, either direction."""
     limit = parameters.values["command.limit"]
     fin = np.linspace(-limit, limit, 401)
-    pairs = [[friction.coulomb_reference(ARRAYS, getattr(s.nested().friction.coulomb, d), fin) for s in
-              (parameters, other)] for d in ("positive", "negative")]
+    pairs = [[friction.coulomb_reference(ARRAYS, s.nested(), np.array(way), fin) for s in (parameters, other)]
+             for way in (1.0, -1.0)]
     return float(max(np.abs(a - b).max() for a, b in pairs))

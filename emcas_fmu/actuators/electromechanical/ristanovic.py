@@ -37,7 +37,7 @@ BAR = Group((
 
 def _loaded(ops: Ops, p: Any, angle: Value, u: PlantInputs) -> PlantInputs:
     built = as_built(ops, p)
-    fin = kinematics.fin_angle(ops, built, kinematics.lever_tangent(ops, built, angle))
+    fin = kinematics.fin_at(ops, built, angle)
     return u.replace(aero_torque=u.aero_torque - p.load.torsion_bar * fin)
 
 

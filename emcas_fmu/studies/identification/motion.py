@@ -75,7 +75,7 @@ def motor_travel(p: Any) -> float:
 
 def fin_angle(p: Any, motor_angle: Array) -> Array:
     """Return the fin angle [rad] by the geometry of lever and screw."""
-    angle: Array = kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(ARRAYS, p, motor_angle))
+    angle: Array = kinematics.fin_at(ARRAYS, p, motor_angle)
     return angle
 
 
