@@ -1,54 +1,32 @@
 """What a file that declares an actuator needs: ``import emcas_fmu.declare as em``."""
 
-from .actuators import capabilities, fin_port
-from .actuators.declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply
-from .control.trajectory import Ahead, Motion
-from .namespace import Record
-from .rules import rising, rule, when
-from .steppers.discontinuities import Backlash, Coulomb, Limit, Stop
-from .steppers.events import Switched
-from .variables import (
-    Terminal,
-    array,
-    boolean_input,
-    boolean_output,
-    integer_parameter,
-    parameter,
-    real_input,
-    real_output,
-    switch,
-    tunable,
-)
-
-__all__ = [
-    "FIN",
-    "Actuator",
-    "Ahead",
-    "Backlash",
-    "Coulomb",
-    "Limit",
-    "Motion",
-    "PlantFault",
-    "PlantInputs",
-    "Record",
-    "SampleInputs",
-    "State",
-    "Stop",
-    "Supply",
-    "Switched",
-    "Terminal",
-    "array",
-    "boolean_input",
-    "boolean_output",
-    "capabilities",
-    "fin_port",
-    "integer_parameter",
-    "parameter",
-    "real_input",
-    "real_output",
-    "rising",
-    "rule",
-    "switch",
-    "tunable",
-    "when",
-]
+from .actuators import capabilities as capabilities
+from .actuators import fin_port as fin_port
+from .actuators.declaration import FIN as FIN
+from .actuators.declaration import Actuator as Actuator
+from .actuators.declaration import PlantFault as PlantFault
+from .actuators.declaration import PlantInputs as PlantInputs
+from .actuators.declaration import SampleInputs as SampleInputs
+from .actuators.declaration import State as State
+from .actuators.declaration import Supply as Supply
+from .control.trajectory import Ahead as Ahead
+from .control.trajectory import Motion as Motion
+from .namespace import Record as Record
+from .rules import rising as rising
+from .rules import rule as rule
+from .rules import when as when
+from .steppers.discontinuities import Backlash as Backlash
+from .steppers.discontinuities import Coulomb as Coulomb
+from .steppers.discontinuities import Limit as Limit
+from .steppers.discontinuities import Stop as Stop
+from .steppers.events import Switched as Switched
+from .variables import Terminal as Terminal
+from .variables import array as array
+from .variables import boolean_input as boolean_input
+from .variables import boolean_output as boolean_output
+from .variables import integer_parameter as integer_parameter
+from .variables import parameter as parameter
+from .variables import real_input as real_input
+from .variables import real_output as real_output
+from .variables import switch as switch
+from .variables import tunable as tunable

@@ -111,13 +111,6 @@ def full_name(name: str) -> str:
     return _SEPARATOR.join((actuator, *extensions))
 
 
-def half(name: str, part: str) -> str:
-    """Return the name of an actuator's `part`, its controllers or its plant alone. Raises EmcasError."""
-    if part not in HALVES:
-        raise EmcasError(f"part {part}: there is {' and '.join(HALVES)}{hint(part, HALVES)}")
-    return with_extension(name, part)
-
-
 def with_extension(name: str, extension: str) -> str:
     """Return the name of an actuator with a further extension. Raises EmcasError."""
     return full_name(_SEPARATOR.join((name, extension)))
@@ -125,9 +118,10 @@ def with_extension(name: str, extension: str) -> str:
 
 def of_fmu(name: str, part: str | None, interface: str) -> str:
     """Return the name of the actuator in an FMU of a `part`, or with an `interface`. Raises EmcasError."""
-    if part:
-        return half(name, part)
-    return with_extension(name, TORQUE) if interface == TORQUE else name
+    if part and part not in HALVES:
+        raise EmcasError(f"part {part}: there is {' and '.join(HALVES)}{hint(part, HALVES)}")
+    further = part or (TORQUE if interface == TORQUE else "")
+    return with_extension(name, further) if further else name
 
 
 @checked

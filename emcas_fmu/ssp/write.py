@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from ..actuators import HALVES, NONLINEAR, full_name, get, half
+from ..actuators import HALVES, NONLINEAR, full_name, get, with_extension
 from ..actuators.fin_port import ENABLE
 from ..bench.fmu import chosen_model
 from ..fmi.description import describe
@@ -85,7 +85,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     built = Variant(NOMINAL, fin_sets(base, fins, layout, fin_files or {}))
     others, left_out = derived(variant_files or {}, built)
     variants = [built, *others]
-    kinds = {part: FmuInterface(1, half(base.model, part)) for part in HALVES} if halves else {
+    kinds = {part: FmuInterface(1, with_extension(base.model, part)) for part in HALVES} if halves else {
         "": FmuInterface(1, base.model)}
     if fmu is None:  # Compiling takes longest: all other mistakes are reported before.
         with TemporaryDirectory() as folder:

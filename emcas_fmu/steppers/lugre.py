@@ -96,7 +96,7 @@ def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, st
     def to_event() -> tuple[Value, ...]:
         arrival = rigid.stop_time(ops, s, step, stopping, stop, h)
         voltage = rigid.voltage_time(ops, p, s, step, crossing, h, lambda time: _step(
-            ops, p, s, deflection, u, ops.maximum(time, PROGRESS * h))[0])
+            ops, p, s, deflection, u, time)[0])
         first = ops.minimum(voltage, arrival)
         used = ops.maximum(first, PROGRESS * h)
         part, part_deflection = _step(ops, p, s, deflection, u, used)
@@ -135,8 +135,7 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 
         def to_event() -> tuple[Value, ...]:
             balance = rigid.time_to(ops, step.current, (spring - m.load) / p.motor.torque_constant)
-            voltage = rigid.voltage_time(ops, p, s, step, crossing, h, lambda time: held(
-                ops.maximum(time, PROGRESS * h)))
+            voltage = rigid.voltage_time(ops, p, s, step, crossing, h, held)
             first = ops.minimum(voltage, ops.where(released, balance, h))
             used = ops.maximum(first, PROGRESS * h)
             return *held(used).end, deflection, used

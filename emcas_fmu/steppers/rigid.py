@@ -300,7 +300,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
         return ops.where(entering, -beyond, beyond)
 
     def later() -> tuple[Value, ...]:
-        left = reserve(part(time).end)
+        left = reserve(part(ops.maximum(time, PROGRESS * h)).end)
         return (ops.where(left > 0.0, ops.clip(zero_between(ops, time, left, h, reserve(step.end)), time, h), time),)
 
     met = ops.either(entering, leaving)
@@ -322,8 +322,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
                     heading: Value | None) -> tuple[Value, ...]:
     """Return the state at the first event, and the time until then [s]."""
     stop = _stop_ahead(ops, p, step.motion.direction)
-    voltage = voltage_time(ops, p, s, step, e.crossing, h, lambda time: _step(
-        ops, p, s, u, ops.maximum(time, PROGRESS * h), heading))
+    voltage = voltage_time(ops, p, s, step, e.crossing, h, lambda time: _step(ops, p, s, u, time, heading))
     stopping = stop_time(ops, s, step, e.stopping, stop, h)
     if heading is not None:
         # First the zero of the line between the speeds, then that of the line to this point.

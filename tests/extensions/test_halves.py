@@ -8,7 +8,17 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.actuators import EXTENSIONS, HALVES, NAMES, NONLINEAR, capabilities, full_name, get, get_extension, half
+from emcas_fmu.actuators import (
+    EXTENSIONS,
+    HALVES,
+    NAMES,
+    NONLINEAR,
+    capabilities,
+    full_name,
+    get,
+    get_extension,
+    of_fmu,
+)
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.halves import measured
 from emcas_fmu.parameters import ParameterSet, load_parameters
@@ -59,7 +69,7 @@ def apart(model: str, step: float = STEP, stop: float = 0.25, in_turn: bool = Tr
     parameters = load_parameters(model=model).with_values(values or {})
     shorter = {"drive.transport_delay": parameters.values["drive.transport_delay"] - earlier} if earlier else {}
     whole, controllers, plant = (Part(parameters, name, changes) for name, changes in (
-        (full_name(model), {}), (half(model, "controller"), {}), (half(model, "plant"), shorter)))
+        (full_name(model), {}), (of_fmu(model, "controller", ""), {}), (of_fmu(model, "plant", ""), shorter)))
     most, moved = 0.0, 0.0
     for k in range(round(stop / step)):
         for part in (whole, controllers, plant):
@@ -113,7 +123,7 @@ def test_communication_steps() -> None:
 
 @pytest.mark.parametrize("model", LOOPED)
 def test_signals_have_the_same_names_and_units(model: str) -> None:
-    parts = {part: get(half(model, part)) for part in HALVES}
+    parts = {part: get(of_fmu(model, part, "")) for part in HALVES}
     sides = {part: ({v.name: v for v in each.inputs if v.name not in each.hidden}, {v.name: v for v in each.outputs})
              for part, each in parts.items()}
     (into, out), (plant_into, plant_out) = sides["controller"], sides["plant"]
@@ -132,9 +142,9 @@ def test_signals_have_the_same_names_and_units(model: str) -> None:
 def test_the_plant_depends_on_no_input_through_a_measured_state() -> None:
     """Otherwise the halves would have an algebraic loop: the reference, and what the controllers read."""
     for model in LOOPED:
-        direct = codegen.direct_inputs(half(model, "plant"))
+        direct = codegen.direct_inputs(of_fmu(model, "plant", ""))
         assert not direct.keys() & set(measured(get(model)))
-        assert codegen.direct_inputs(half(model, "controller")) == {}
+        assert codegen.direct_inputs(of_fmu(model, "controller", "")) == {}
 
 
 @pytest.mark.parametrize(("model", "part", "message"), [
@@ -144,6 +154,6 @@ def test_the_plant_depends_on_no_input_through_a_measured_state() -> None:
 ])
 def test_refusals(model: str, part: str, message: str) -> None:
     with pytest.raises(EmcasError) as caught:
-        get(half(model, part))
+        get(of_fmu(model, part, ""))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
