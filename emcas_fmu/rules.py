@@ -73,6 +73,18 @@ def rising(name: str, count: int, unit: str = "1") -> Rule:
     return check
 
 
+def at_most(name: str, limit: str, unit: str = "", otherwise: str = "") -> Rule:
+    """Return the rule that a parameter is at most another one in the same `unit`; `otherwise` says what follows."""
+    unit = unit and f" {unit}"
+
+    @rule(f"{name} = %.6g{unit} must be at most {limit} = %.6g{unit}{otherwise}")
+    def check(ops: Any, p: Any, _: Any) -> tuple[Any, ...]:
+        value, most = (reduce(getattr, each.split("."), p) for each in (name, limit))
+        return when(ops, value > most * (1.0 + SLACK)), value, most
+
+    return check
+
+
 def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, float]]) -> list[str]:
     """Return the problems of single values, by a table of (name, minimum, maximum): not finite, or outside the limits.
 

@@ -19,7 +19,7 @@ from ..control import filters
 from ..control.trajectory import Ahead, Motion
 from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..rules import SLACK, rule, when
+from ..rules import at_most, rule, when
 from ..variables import in_group, parameter
 from .declaration import Extension
 
@@ -68,15 +68,10 @@ def _sampled(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, p.filters.notch_frequency > 0.99 * highest), p.filters.notch_frequency, highest
 
 
-@rule("filters.notch_zero_damping = %.6g must be at most filters.notch_pole_damping = %.6g, or the notch is a peak")
-def _lowers(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    zero, pole = p.filters.notch_zero_damping, p.filters.notch_pole_damping
-    return when(ops, zero > pole * (1.0 + SLACK)), zero, pole
-
-
+_LOWERS = at_most("filters.notch_zero_damping", "filters.notch_pole_damping", otherwise=", or the notch is a peak")
 EXTENSION = Extension(
     "filters", "observer of the speed, and notch", extend,
     # The shared loops of motor and screw, which read `observer` of a sample's inputs.
     needs=(capabilities.CASCADE, capabilities.SCREW_EQUATIONS, capabilities.ENCODER, capabilities.REFERENCE_LIMIT),
-    parameters=lambda actuator: PARAMETERS, rules=lambda actuator: (_sampled, _lowers),
+    parameters=lambda actuator: PARAMETERS, rules=lambda actuator: (_sampled, _LOWERS),
     references=("emcas_fmu.reference.simulate",))

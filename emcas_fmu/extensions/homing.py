@@ -24,7 +24,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive
 from ..physics.friction import coulomb_polynomial
-from ..rules import SLACK, Rule, rule, when
+from ..rules import Rule, at_most, rule, when
 from ..variables import boolean_input, boolean_output, in_group, parameter, switch
 from . import homing_run as run
 from .declaration import Extension
@@ -84,11 +84,6 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
-    @rule("homing.reference_limit = %.6g V must be at most drive.reference_limit = %.6g V")
-    def push(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        limit, most = p.homing.reference_limit, p.drive.reference_limit
-        return when(ops, limit > most * (1.0 + SLACK)), limit, most
-
     @rule("homing.timeout = %.6g s must be above %.6g s: two ways between the stops and one to zero at homing.speed, "
           f"each with homing.travel_tolerance, 3 homing.stall_time, and {SETTLES:g} s to settle")
     def time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
@@ -121,6 +116,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         lasts = p.homing.stall_time - p.drive.transport_delay
         return when(ops, needed >= lasts * (push - friction)), p.homing.stall_time, push, friction, p.homing.speed
 
+    push = at_most("homing.reference_limit", "drive.reference_limit", "V")
     return (push, time, stall) if run.run_in_cascade(actuator) else (push, time)
 
 
