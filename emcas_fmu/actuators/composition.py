@@ -20,10 +20,20 @@ Change = Callable[[Ops, Any], Any]
 
 
 class Output(NamedTuple):
-    """An output and its equation, a function of ops, the parameters as built and :attr:`Composition.moment`."""
+    """An output and its equation, a function of ops, the parameters as built and :attr:`Composition.moment`.
+
+    Without an equation it is the value of its name in the moment, or the state of its name.
+    """
 
     variable: Variable
-    value: fin_port.Equation
+    value: fin_port.Equation | None = None
+
+    def of(self, ops: Ops, p: Any, now: Record) -> Value:
+        """Return the value at a moment."""
+        if self.value is not None:
+            return self.value(ops, p, now)
+        name = self.variable.name
+        return getattr(now if name in vars(now) else now.x, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +124,7 @@ class Composition:
     def output_values(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         """Return every output."""
         p, now = self.moment(ops, p, x, u)
-        return {out.variable.name: out.value(ops, p, now) for out in self._outputs}
+        return {out.variable.name: out.of(ops, p, now) for out in self._outputs}
 
     def completed(self, p: Any, optional: tuple[Group, ...]) -> Any:
         """Return parameters with the values `absent` of those that only the `optional` groups have."""

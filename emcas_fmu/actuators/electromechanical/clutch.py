@@ -41,30 +41,21 @@ STATES = (*clutches.SCREW, State("coil_current_1", "A"), State("coil_current_2",
           clutches.TEMPERATURE)
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coils; never negative", 1000.0,
                            minimum=0.0)
-_WAYS = ((0, "with"), (1, "against"))
-
-
-def _element(name: str, k: int) -> fin_port.Equation:
-    """Return the equation of an output that is element `k` of a tuple in the moment."""
-    return lambda ops, p, m: getattr(m, name)[k]
-
-
+_WAYS = ((1, "with"), (2, "against"))
 _CLUTCHES = Group((
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start", display="rpm"),
     *clutches.CLUTCH.parameters,
-    *(parameter(f"clutch.share_{k + 1}", "1", 0.0, 10.0, f"torque of the clutch that turns the screw {way} the motor, "
+    *(parameter(f"clutch.share_{k}", "1", 0.0, 10.0, f"torque of the clutch that turns the screw {way} the motor, "
                 "over the rated one") for k, way in _WAYS),
     parameter("clutch.bias_current", "A", 0.0, 1e3, "least current requested of both coils while enabled, I_b"),
     parameter("coil.connected_1", "1", 0.0, 1.0, "share of the requested current that the coil of the clutch that "
               "turns the screw with the motor gets (0: open)")), (
-    *(Output(real_output(f"coil_current_{k + 1}", "A",
-                         f"coil current of the clutch that turns the screw {way} the motor", 1.0),
-             _element("coil_currents", k)) for k, way in _WAYS),
-    *(Output(real_output(f"clutch_torque_{k + 1}", "N.m",
-                         f"torque on the screw of the clutch that turns it {way} the motor", 1.0),
-             _element("torques", k)) for k, way in _WAYS),
-    *(Output(real_output(f"slip_power_{k + 1}", "W", f"heat of slip of the clutch that turns the screw {way} the motor",
-                         1000.0, minimum=0.0), _element("slip_powers", k)) for k, way in _WAYS),
+    *(Output(real_output(f"coil_current_{k}", "A",
+                         f"coil current of the clutch that turns the screw {way} the motor", 1.0)) for k, way in _WAYS),
+    *(Output(real_output(f"clutch_torque_{k}", "N.m",
+                         f"torque on the screw of the clutch that turns it {way} the motor", 1.0)) for k, way in _WAYS),
+    *(Output(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor",
+                         1000.0, minimum=0.0)) for k, way in _WAYS),
     clutches.CLUTCH_TEMPERATURE))
 _AMPLIFIERS = Group(fin_port.described({
     "drive.current_limit": "largest net current that is requested of both coils",
@@ -206,21 +197,20 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     b, supply = _bodies(ops, p, x, u, m), ops.maximum(u.supply, 0.0)
     current = ops.maximum(_surplus(ops, p, x.motor_speed, u), 0.0) / p.motor.resistance
     power, limited = supply * current, u.limited > 0.0
-    coil_currents = (x.coil_current_1, x.coil_current_2)
-    for coil, coil_current in zip(m.coils, coil_currents, strict=True):
+    for coil, coil_current in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True):
         power = power + coil.power(ops, p, coil_current)
         limited = ops.either(limited, ops.negate(ops.equal(coil.side, 0.0)))
     # While everything is at rest friction is not determined: the output is within the clutch's torque.
     torques = [ops.clip(torque, -dry.low, dry.high)
                for torque, dry in zip(coupled.friction_torques(ops, b, m.signs), b.dry, strict=True)]
+    slip_power_1, slip_power_2 = _slip_powers(ops, b, m.signs, x)
     return p, interface.moment(
-        ops, p, x, u, x.screw_angle, x.screw_speed, current=current, limited=limited, power=power,
-        coil_currents=coil_currents, torques=(torques[coupled.WITH], torques[coupled.AGAINST]),
-        slip_powers=_slip_powers(ops, b, m.signs, x))
+        ops, p, x, u, x.screw_angle, x.screw_speed, motor_current=current, limited=limited, supply_power=power,
+        clutch_torque_1=torques[coupled.WITH], clutch_torque_2=torques[coupled.AGAINST], slip_power_1=slip_power_1,
+        slip_power_2=slip_power_2)
 
 
-_POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.power),), terminal="",
-               provides=(capabilities.SUPPLY_VOLTAGE,))
+_POWER = Group(outputs=(Output(SUPPLY_POWER),), terminal="", provides=(capabilities.SUPPLY_VOLTAGE,))
 COMPOSITION = interface.composed(
     moment, *clutches.SCREW_SIDE,
     groups.HINGE.reworded({"DAC, current or voltage": "DAC or an amplifier's voltage"}), _POWER,

@@ -16,11 +16,9 @@ from . import groups
 SCREW = (State("screw_angle", "rad"), State("screw_speed", "rad/s"), State("motor_speed", "rad/s"))
 TEMPERATURE = State("clutch_temperature", "degC")
 SHAFT = Group(outputs=(
-    Output(real_output("screw_angle", "rad", "screw angle", 10.0), lambda ops, p, m: m.x.screw_angle),
-    Output(real_output("screw_speed", "rad/s", "screw speed", 100.0, display="rpm"),
-           lambda ops, p, m: m.x.screw_speed)))
-CLUTCH_TEMPERATURE = Output(real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0),
-                            lambda ops, p, m: m.x.clutch_temperature)
+    Output(real_output("screw_angle", "rad", "screw angle", 10.0)),
+    Output(real_output("screw_speed", "rad/s", "screw speed", 100.0, display="rpm"))))
+CLUTCH_TEMPERATURE = Output(real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0))
 # Behind the clutches: the groups of screw and fin, with loops that control the screw.
 _AT_SCREW = {"motor": "screw"}
 SCREW_SIDE = (

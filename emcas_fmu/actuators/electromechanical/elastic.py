@@ -141,8 +141,9 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
     lag = drive_line.nut_lag(ops, drive_line.line(ops, p, x.fin_side_angle), x.motor_angle - x.fin_side_angle)
-    return p, interface.moment(ops, p, x, u, x.fin_side_angle, x.fin_side_speed, nut=x.motor_angle - lag,
-                               voltage=voltage, current=current, limited=ops.either(clipped > 0.0, u.limited > 0.0))
+    return p, interface.moment(
+        ops, p, x, u, x.fin_side_angle, x.fin_side_speed, nut=x.motor_angle - lag, motor_voltage=voltage,
+        motor_current=current, limited=ops.either(clipped > 0.0, u.limited > 0.0))
 
 
 COMPOSITION = interface.composed(moment, *groups.with_screw(SCREW), groups.LOSSLESS, SHAFT, *groups.SERVO, *LINE)

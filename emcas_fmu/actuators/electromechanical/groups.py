@@ -85,19 +85,18 @@ MOTOR = Group((
               sheet="motor: back-EMF or voltage constant K_e; 1 over the speed constant"),
     parameter("motor.resistance", "Ohm", 1e-6, 1e4, "winding resistance",
               sheet="motor: terminal resistance, line to line")), (
-    Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"), lambda ops, p, m: m.x.motor_speed),
-    Output(real_output("motor_torque", "N.m", "motor torque", 3.0), lambda ops, p, m: drive.torque(p, m.current))),
+    Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm")),
+    Output(real_output("motor_torque", "N.m", "motor torque", 3.0),
+           lambda ops, p, m: drive.torque(p, m.motor_current))),
     deviations=(as_built.FLUX,))
 # Of a rigid drive line the fin's angle follows from that of the motor.
-SHAFT = Group(outputs=(Output(real_output("motor_angle", "rad", "motor angle", 10.0),
-                             lambda ops, p, m: m.x.motor_angle),),
-             provides=(capabilities.RIGID_DRIVE_LINE,))
+SHAFT = Group(outputs=(Output(real_output("motor_angle", "rad", "motor angle", 10.0)),),
+              provides=(capabilities.RIGID_DRIVE_LINE,))
 CURRENT = Group(outputs=(
-    Output(real_output("motor_current", "A", "motor current", 30.0), lambda ops, p, m: m.current),
-    Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0),
-           lambda ops, p, m: m.voltage)),
+    Output(real_output("motor_current", "A", "motor current", 30.0)),
+    Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0))),
     provides=(capabilities.MOTOR_CURRENT, capabilities.PROPORTIONAL_TORQUE, capabilities.DRIVE_STEP))
-POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.voltage * m.current),), terminal="",
+POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.motor_voltage * m.motor_current),), terminal="",
               provides=(capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER))
 VOLTAGE_LIMIT = Group(provides=(capabilities.VOLTAGE_LIMIT,))
 INDUCTANCE = Group((parameter("motor.inductance", "H", 1e-7, 10.0, "winding inductance",
@@ -129,7 +128,7 @@ CURRENT_LOOP = Group((
     (Output(real_output("current_error", "A",
                         "current reference within its limit minus motor current (0 while disabled)", 10.0),
             lambda ops, p, m: ops.where(
-                m.u.enabled, drive.current_reference(ops, p, m.u.reference) - m.current, 0.0)),),
+                m.u.enabled, drive.current_reference(ops, p, m.u.reference) - m.motor_current, 0.0)),),
     provides=(capabilities.CURRENT_LOOP,))
 
 # -- controllers -------------------------------------------------------------------

@@ -73,7 +73,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value, speed: Val
 
     `angle` [rad] and `speed` [rad/s] are those of the fin, referred to the motor; `tangent` is that of the lever's
     angle, `fin` the fin's angle [rad], `hinge_torque` the external moment [N.m]. The actuator adds what its groups use:
-    `current` [A] and `voltage` [V] of the motor; `limited`, whether a limit is active; `nut`, the angle of the screw at
+    `motor_current` [A] and `motor_voltage` [V]; `limited`, whether a limit is active; `nut`, the angle of the screw at
     the nut [rad], if it is not `angle`.
     """
     tangent = kinematics.lever_tangent(ops, p, angle)

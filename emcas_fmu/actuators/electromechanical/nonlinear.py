@@ -74,7 +74,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     """Return the parameters as built, and what the outputs follow from."""
     p = as_built(ops, p)
     voltage, current, clipped = electrical(ops, p, x.motor_speed, x, u)
-    return p, interface.moment(ops, p, x, u, x.motor_angle, x.motor_speed, voltage=voltage, current=current,
+    return p, interface.moment(ops, p, x, u, x.motor_angle, x.motor_speed, motor_voltage=voltage, motor_current=current,
                                limited=ops.either(clipped > 0.0, u.limited > 0.0))
 
 

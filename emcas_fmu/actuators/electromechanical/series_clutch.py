@@ -55,7 +55,7 @@ _CLUTCH = Group((
     parameter("clutch.share", "1", 0.0, 10.0, "torque of the clutch, over the rated one"),
     parameter("coil.kp", "V/A", 1e-6, 1e4, "proportional gain of the coil's amplifier"),
     parameter("coil.connected", "1", 0.0, 1.0, "share of the requested current that the coil gets (0: open)")), (
-    Output(real_output("coil_current", "A", "coil current of the clutch", 1.0), lambda ops, p, m: m.x.coil_current),
+    Output(real_output("coil_current", "A", "coil current of the clutch", 1.0)),
     Output(real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0),
            lambda ops, p, m: clutched_screw.torque(ops, m.train, m.motion)),
     Output(real_output("slip_power", "W", "heat of slip of the clutch", 1000.0, minimum=0.0),
@@ -197,7 +197,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
     limited = ops.either(u.limited > 0.0, ops.negate(ops.equal(m.coil.side, 0.0)))
     return p, interface.moment(
-        ops, p, x, u, x.screw_angle, x.screw_speed, voltage=voltage, current=current,
+        ops, p, x, u, x.screw_angle, x.screw_speed, motor_voltage=voltage, motor_current=current,
         limited=ops.either(clipped > 0.0, limited), train=t, motion=motion,
         power=voltage * current + m.coil.power(ops, p, x.coil_current))
 

@@ -20,14 +20,14 @@ from ...control.trajectory import Ahead, Motion
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import servo
-from ...rules import SLACK, rule, when
+from ...rules import at_most
 from ...steppers import discontinuities
 from ...steppers.discontinuities import Backlash, Coulomb
 from ...variables import integer_parameter, parameter, real_output, switch, tunable
 from .. import as_built, capabilities, fin_port
 from ..composition import Composition, Group, Output, port
 from ..declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
-from . import interface
+from . import groups, interface
 
 # A servo turns further than a fin: on a bench, or with a linkage.
 _TURNS = ("command.limit", "fin.stop_angle", "fin.start_angle")
@@ -40,11 +40,6 @@ _PORT = port((
 _PORT = replace(_PORT, outputs=tuple(
     out._replace(variable=replace(out.variable, nominal=10.0)) if out.variable.name == "fin_rate" else out
     for out in _PORT.outputs))  # no load turns a servo at some 10 rad/s
-
-
-@rule("pwm.limit = %.6g counts must be at most pwm.full = %.6g counts")
-def _within_full(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    return when(ops, p.pwm.limit > p.pwm.full * (1.0 + SLACK)), p.pwm.limit, p.pwm.full
 
 
 _FIRMWARE = Group((
@@ -65,8 +60,8 @@ _FIRMWARE = Group((
     parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from a frame to the PWM", display="ms")),
     (Output(real_output("duty", "1", "duty cycle of the PWM, negative for negative voltage", 1.0, minimum=-1.0,
                         maximum=1.0), lambda ops, p, m: m.u.sampled_reference),),
-    (_within_full,), (capabilities.POSITION_LOOP, capabilities.DUTY_REFERENCE), imperfections={
-        as_built.ENCODER: {"encoder.enabled": False}, "dead band": {"controller.dead_band": 0.0}})
+    (at_most("pwm.limit", "pwm.full", "counts"),), (capabilities.POSITION_LOOP, capabilities.DUTY_REFERENCE),
+    imperfections={as_built.ENCODER: {"encoder.enabled": False}, "dead band": {"controller.dead_band": 0.0}})
 _MOTOR = Group((
     parameter("motor.nominal_voltage", "V", 0.1, 1000.0, "voltage of stall torque and no-load speed, V_n",
               sheet="servo: voltage at which torque and speed are rated"),
@@ -78,9 +73,8 @@ _MOTOR = Group((
               "under negative voltage (negative: under positive)"),
     parameter("inertia.motor", "kg.m2", 1e-9, 10.0, "rotor inertia, with that of the gear",
               sheet="motor: rotor inertia (moment of inertia, J)")), (
-    Output(real_output("motor_angle", "rad", "motor angle", 100.0), lambda ops, p, m: m.x.motor_angle),
-    Output(real_output("motor_speed", "rad/s", "motor speed", 1000.0, display="rpm"),
-           lambda ops, p, m: m.x.motor_speed),
+    Output(real_output("motor_angle", "rad", "motor angle", 100.0)),
+    Output(real_output("motor_speed", "rad/s", "motor speed", 1000.0, display="rpm")),
     Output(real_output("motor_current", "A", "motor current", 3.0), lambda ops, p, m: servo.current(ops, p, m.x, m.u)),
     Output(real_output("motor_voltage", "V", "mean voltage at the motor (back-EMF while disabled)", 10.0),
            lambda ops, p, m: servo.voltage(ops, p, m.x, m.u))))
@@ -96,8 +90,7 @@ _GEAR = Group((
     parameter("friction.gear_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction of the gear at the output"),
     parameter("friction.stribeck_share", "1", 0.0, 10.0, "dry friction at rest over that of fast motion, less 1, s"),
     parameter("friction.stribeck_speed", "rad/s", 1e-4, 1e4, "speed of the output at which 37 % of that are left, w_s"),
-    parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
-              sheet="bench: friction torque of the hinge's bearings and seals")), (
+    *groups.HINGE_FRICTION.parameters), (
     Output(real_output("gear_torque", "N.m", "torque from the gear to the fin", 10.0),
            lambda ops, p, m: servo.gear_torque(ops, p, m.x, m.u)),),
     imperfections={as_built.BACKLASH: {"gear.backlash": 0.0}, as_built.COMPLIANCE: {"gear.stiffness": 1e7}})

@@ -46,7 +46,7 @@ WORM = Group((*in_group(
               sheet="gear: inertia of worm and coupling")),
     (Output(real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0),
             lambda ops, p, m: screw_loss.loss(ops, p, m.x, m.u, {
-                "motor_speed": m.x.motor_speed, "fin_angle": m.fin, "motor_torque": drive.torque(p, m.current),
+                "motor_speed": m.x.motor_speed, "fin_angle": m.fin, "motor_torque": drive.torque(p, m.motor_current),
                 "hinge_torque": m.hinge_torque})),),
     deviations=(Deviation(parameter("deviation.worm.friction", "1", -0.9, 10.0, "friction coefficient of the flanks as "
                                     "built over nominal, less 1")),))
@@ -117,14 +117,7 @@ ACTUATOR = COMPOSITION.over(
     origin="The kind is that of section 1.1.1.3 of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical "
            "control actuation system, M.S. thesis, METU, 2016, which describes its structure without numbers; motor, "
            "drive and loops are those of the thesis's actuator. Numbers are engineering estimates, marked as such.",
-    descriptions={
-        **interface.INPUT_DESCRIPTIONS,
-        "acceleration.x": "vehicle acceleration along body x (forward, along the worm), where mounting.station "
-                          "counts from",
-        "angular_acceleration.x":
-            "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.worm it "
-            "reduces the motor's torque, whose positive angle is right-handed about body x",
-    },
+    descriptions={name: text.replace("screw", "worm") for name, text in interface.INPUT_DESCRIPTIONS.items()},
     structure=Structure(constant_ratio=True, screw_losses=True, worm=True),
     faults=FAULTS,
     equation_parameters=geared,

@@ -58,8 +58,7 @@ _VALVE = Group((
                        maximum=1.0), lambda ops, p, m: m.u.sampled_reference),
     Output(real_output("valve_position", "1", "position of the spool, of its stroke", 1.0, minimum=-1.0, maximum=1.0),
            lambda ops, p, m: m.x.spool_position),
-    Output(real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4),
-           lambda ops, p, m: m.supply_flow)),
+    Output(real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4))),
     deviations=(deviations.RATED_FLOW,), terminal="hydraulics",
     imperfections={"null of the valve": {"valve.null_shift": 0.0}})
 _POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.u.supply * m.supply_flow),), terminal="",

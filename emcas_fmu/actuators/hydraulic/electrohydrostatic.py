@@ -207,7 +207,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
     limited = ops.either(clipped > 0.0, u.limited > 0.0)
-    return p, fin_port.at_fin(ops, p, x, u, limited, voltage=voltage, current=current)
+    return p, fin_port.at_fin(ops, p, x, u, limited, motor_voltage=voltage, motor_current=current)
 
 
 COMPOSITION = interface.composed(

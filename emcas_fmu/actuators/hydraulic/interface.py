@@ -70,9 +70,9 @@ def filled_cylinder(least: float = -inf) -> Group:
         Output(real_output("piston_position", "m", "piston displacement from its position at fin_angle 0", 0.01),
                lambda ops, p, m: cylinder.piston_position(ops, p, m.fin)),
         Output(real_output("pressure_1", "Pa", "pressure in the chamber that turns the fin to positive angles", 1e7,
-                           minimum=least), lambda ops, p, m: m.x.pressure_1),
+                           minimum=least)),
         Output(real_output("pressure_2", "Pa", "pressure in the chamber that turns the fin to negative angles", 1e7,
-                           minimum=least), lambda ops, p, m: m.x.pressure_2)),
+                           minimum=least))),
         (_stroke,), terminal="hydraulics", imperfections={as_built.ENCODER: {"transducer.resolution": 0.0}})
 
 
