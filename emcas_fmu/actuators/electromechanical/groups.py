@@ -40,7 +40,7 @@ SCREW = Group((
               sheet="screw: mass of the nut, with what moves along the screw")),
     (Output(real_output("nut_position", "m", "nut displacement from the assembly position", 0.01),
             lambda ops, p, m: kinematics.nut_position(ops, p, m.nut)),),
-    (rules.some_inertia,), (capabilities.SCREW_AND_LEVER,), deviations=(as_built.LEAD,))
+    provides=(capabilities.SCREW_AND_LEVER,), deviations=(as_built.LEAD,))
 # The motor feels the whole load of the nut: extensions may add losses.
 LOSSLESS = Group(provides=(capabilities.SCREW_LOAD,))
 EFFICIENCY = Group((

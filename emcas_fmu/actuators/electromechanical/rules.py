@@ -47,13 +47,6 @@ def encoder_multiplier(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, ops.negate(known)), value
 
 
-@rule("inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 must be above 0")
-def some_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    parts = p.inertia
-    total = parts.motor + parts.screw + parts.fin + parts.shaft + parts.fork
-    return when(ops, total <= 0.0), total
-
-
 def _stable(name: str, share: float) -> Rule:
     """Return the rule that a gain [1/s] removes at most the whole of its quantity in a sample, times `share`."""
     @rule(f"controller.{name} = %.6g 1/s must be at most {share:g}/controller.sample_time = %.6g 1/s")
