@@ -20,7 +20,7 @@ from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
 from .electrical import Drive, electrical_mode, reserve, resolved, switched
 from .events import PROGRESS, Values, first_event
-from .rigid import friction_speed, stops
+from .rigid import friction_speed, integral_end, stops
 
 # The least share of a step before a flank separates: in less, a slow motion may not exceed the rounding of its angle.
 # Meanwhile the flank pulls and removes energy.
@@ -83,9 +83,7 @@ def _electric_end(ops: Ops, p: Any, s: Pair, d: Any, e: _Electric, speed: Value,
         return e.at_rest, 0.0
     final = (mean - e.kept * s.motor_current) / (1.0 - e.kept)
     current = ops.where(d.enabled, final + (s.motor_current - final) * e.decay, 0.0)
-    followed = d.side * d.limit_at(ops, p, 2.0 * speed - s.motor_speed, current) - p.drive.kp * (d.i_ref - current)
-    moved = s.drive_integral + h * d.integral_gain * (d.i_ref - mean)
-    return current, ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
+    return current, integral_end(ops, p, s, d, mean, current, 2.0 * speed - s.motor_speed, h)
 
 
 def _beyond(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:

@@ -79,7 +79,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     d = electrical.electrical_mode(ops, p, s, u, h, lambda: rigid.acceleration(ops, p, s, motion))
     c = rigid.current_course(ops, p, s, motion, d, h)
     speed = w + h * (drive.torque(p, c.mean) + torque) / inertia
-    end = Plant(s.motor_angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c, speed, h))
+    end = Plant(s.motor_angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c.mean, c.end, speed, h))
     motion = motion._replace(direction=ops.where(end.motor_angle > s.motor_angle, 1.0, -1.0))
     return Step(end, motion, d, c), kept * deflection + gain * c.speed
 
@@ -126,7 +126,8 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
         motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load, True)
         d = electrical.electrical_mode(ops, p, s, u, h)
         c = rigid.current_course(ops, p, s, motion, d, h)
-        return Step(Plant(s.motor_angle, 0.0, c.end, rigid.integral_end(ops, p, s, d, c, 0.0, h)), motion, d, c)
+        integral = rigid.integral_end(ops, p, s, d, c.mean, c.end, 0.0, h)
+        return Step(Plant(s.motor_angle, 0.0, c.end, integral), motion, d, c)
 
     def stays() -> tuple[Value, ...]:
         step = held(h)

@@ -192,7 +192,7 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
         return ops.where(starts, angle, s.motor_angle), ops.where(starts, speed, 0.0)
 
     angle, speed = ops.branch(motion.stuck, lambda: (s.motor_angle, 0.0), sliding)
-    return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, speed, h)), motion, d, c)
+    return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c.mean, c.end, speed, h)), motion, d, c)
 
 
 def friction_speed(ops: Ops, p: Any, s: Any, predicted: Callable[[], Value]) -> Value:
@@ -210,13 +210,14 @@ def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:
     return ops.where(motion.stuck, 0.0, (drive.torque(p, s.motor_current) + motion.torque) * motion.mobility)
 
 
-def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, speed: Value, h: Value) -> Value:
-    """Return the drive's integral [V] at the end of a step that ends at a motor speed [rad/s]."""
+def integral_end(ops: Ops, p: Any, s: Any, d: Drive, mean: Value, end: Value, speed: Value, h: Value) -> Value:
+    """Return the drive's integral [V] at the end of a step with a `mean` current and one at its `end` [A], at a motor
+    speed [rad/s]."""
     if p.structure.current == "pwm":
         return s.drive_integral
 
-    followed = d.side * d.limit_at(ops, p, speed, c.end) - p.drive.kp * (d.i_ref - c.end)
-    moved = s.drive_integral + h * d.integral_gain * (d.i_ref - c.mean)
+    followed = d.side * d.limit_at(ops, p, speed, end) - p.drive.kp * (d.i_ref - end)
+    moved = s.drive_integral + h * d.integral_gain * (d.i_ref - mean)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
 
 
