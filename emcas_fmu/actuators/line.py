@@ -28,8 +28,8 @@ class Line:
 
     `level(ops, source, *states)` returns the actuators' voltage [V] or pressure [Pa]; `following(ops, p, source,
     states, drawn, mean, inverse_inductance)` returns the next states, from the parameters `p` of the group, the current
-    [A] or flow [m3/s] that all actuators draw from now on, its mean since the last instant (the same but for actuators with
-    a `course`), and the sum of their :meth:`Supply.within`.
+    [A] or flow [m3/s] that all actuators draw from now on, its mean since the last instant (the same but for actuators
+    with a `course`), and the sum of their :meth:`Supply.within`.
     """
 
     name: str  # in messages
