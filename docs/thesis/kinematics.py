@@ -81,14 +81,15 @@ def natural_frequencies(runs: Runs) -> Shown:
     """Show the rod's natural frequencies, the thesis's and those of the set (Table 1)."""
     rod = load_rod()
     thesis, here = thesis_modes(rod), modes_at(rod, runs.values, 0.0)
-    rows = (("inertia on the rod [kg.m2]", thesis.inertia, here.inertia), ("mass on it [kg]", thesis.mass, here.mass),
-            ("in tension [Hz]", thesis.axial, here.axial), ("in torsion [Hz]", thesis.torsional, here.torsional),
-            ("in tension, over the bandwidth", thesis.ratios[0], here.ratios[0]),
-            ("in torsion, over the bandwidth", thesis.ratios[1], here.ratios[1]))
+    rows = (("inertia on the rod [kg.m2]", rod["thesis.inertia"], here["inertia_kgm2"]),
+            ("mass on it [kg]", rod["thesis.mass"], here["mass_kg"]), *((label, thesis[name], here[name])
+            for name, label in (("axial_hz", "in tension [Hz]"), ("torsional_hz", "in torsion [Hz]"),
+                                ("axial_over_bandwidth", "in tension, over the bandwidth"),
+                                ("torsional_over_bandwidth", "in torsion, over the bandwidth"))))
     return Shown("rod of Table 1 (models/rod.toml)",
                  table=Table(("", "with Table 1's inertia and mass", "with the set's"), rows),
                  caption="The thesis finds {} to {} times the bandwidth: that divides rad/s by Hz.".format(
-                     *map(int, thesis.slipped)))
+                     *(int(thesis[f"{name}_rad_per_s_over_hz"]) for name in ("axial", "torsional"))))
 
 
 def _backlash(runs: Runs) -> Columns:

@@ -51,8 +51,8 @@ def analyse(
         common.out.print(common.table(columns, rows, caption))
     for why in analysis.left_out.values():
         common.say(escape(f"{why}."))
-    if analysis.modes:
-        thesis = analysis.modes[1]
-        common.say("The thesis's natural frequencies of {:.1f} and {:.1f} times the bandwidth divide rad/s by Hz; the "
-                   "factors are {:.1f} and {:.1f}.".format(*thesis.slipped, *thesis.ratios))
+    if rod := figures["modes"]:
+        common.say("The thesis's natural frequencies of {axial_rad_per_s_over_hz:.1f} and "
+                   "{torsional_rad_per_s_over_hz:.1f} times the bandwidth divide rad/s by Hz; the factors are "
+                   "{axial_over_bandwidth:.1f} and {torsional_over_bandwidth:.1f}.".format(**rod["thesis"]))
     common.print_written(as_json, report)

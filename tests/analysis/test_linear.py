@@ -190,25 +190,26 @@ def test_every_gain_margin_is_an_edge_of_stability(values: Values) -> None:
 
 def test_final_values_are_those_of_closed_forms(values: Values) -> None:
     p = {**values, "drive.ki": 5.0}
-    rows = {row.name: row for row in final_values(p)}
+    rows = final_values(p)
     ratio = LinearActuator(p).point.ratio
     # At rest T/R = K_t K_v K_vel K_pos R e: the current follows its reference thanks to the drive's integral.
     gains = (values["motor.torque_constant"] * values["drive.current_gain"] * values["controller.velocity.kp"]
              * values["controller.position.kp"])
-    assert rows["P"].load_error == pytest.approx(-degrees(RATED / ratio**2 / gains), rel=1e-6)
+    assert rows["p"]["load_error_deg"] == pytest.approx(-degrees(RATED / ratio**2 / gains), rel=1e-6)
     # An integrator in the plant for the command, one in the controller for the load; rounding remains.
-    errors = [rows["P"].command_error, rows["PI"].command_error, rows["PI"].load_error]
+    errors = [rows["p"]["command_error_deg"], rows["pi"]["command_error_deg"], rows["pi"]["load_error_deg"]]
     assert errors == pytest.approx([0.0] * 3, abs=1e-7)
 
 
 def test_final_value_is_where_the_load_step_ends(smooth: Values) -> None:
     p = {**smooth, "drive.ki": 50.0, "controller.position.ki": 0.0, "drive.current_offset": 0.0,
          "kinematics.initial_angle": 0.0}
-    row = final_values(p)[0]
-    assert row.stable
-    run = simulate(p, 10.0 * row.slowest, aero_torque=0.1 * RATED)  # a tenth, for the lever's curvature
+    row = final_values(p)["p"]
+    assert row["stable"]
+    stop = 10.0 * row["slowest_time_constant_s"]
+    run = simulate(p, stop, aero_torque=0.1 * RATED)  # a tenth, for the lever's curvature
     # The ratio differs by 2 tan^2 of 0.05 deg: nothing; e^-10 of the slowest mode remains.
-    assert -degrees(run["fin_angle"][-1]) == pytest.approx(0.1 * row.load_error, rel=1e-3)
+    assert -degrees(run["fin_angle"][-1]) == pytest.approx(0.1 * row["load_error_deg"], rel=1e-3)
 
 
 def test_rational_model_has_the_slow_poles_of_the_exact_one(values: Values) -> None:

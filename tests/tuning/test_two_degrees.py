@@ -68,7 +68,7 @@ def test_a_set_is_within_its_study_and_that_asks_for_margins(kind: str) -> None:
 @pytest.mark.parametrize("kind", others_slow(FED_FORWARD, lambda name: name in (NONLINEAR, "ozkan")))
 def test_its_final_values_are_analysed(kind: str) -> None:
     parameters = load_parameters(SET, model=kind)
-    assert all(row.stable for row in final_values(parameters.values, model=parameters.model))
+    assert all(row["stable"] for row in final_values(parameters.values, model=parameters.model).values())
 
 
 @pytest.mark.parametrize("kind", [name for name in NAMES if name in FOLLOWING or name == "second-order"])

@@ -19,7 +19,7 @@ from ...parameters import ParameterSet
 from ...reference.linear import obstacle
 from ...support.progress import Progress, silent
 from . import capability, final_values, locus, steps, sweep, thesis
-from .modes import Modes, load_rod, modes_at, thesis_modes
+from .modes import load_rod, modes_at, thesis_modes
 
 # Highest frequency of the amplitude sweep over the linear bandwidth.
 _BEYOND = 3.0
@@ -58,12 +58,12 @@ class Analysis:
     linear: ClosedLoop
     left_out: Mapping[str, str]
     thesis: ClosedLoop | None
-    final_values: list[final_values.FinalValues]
+    final_values: Mapping[str, Mapping[str, Any]]
+    """By the names of the JSON file, as `modes` and `envelope`."""
     sweeps: list[sweep.Sweep]
-    modes: tuple[Modes, Modes] | None
-    """With the parameter set's inertia, and with the thesis's."""
+    modes: Mapping[str, Any] | None
+    """With the parameter set's inertia; in ``thesis`` with the thesis's."""
     envelope: Mapping[str, Any] | None
-    """The torque-speed envelope, by the names of the JSON file."""
     cases: Mapping[str, Columns]
     """Motor speed and torque in the reference cases, by name."""
     capability: capability.Capability | None
@@ -108,7 +108,8 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
         raise EmcasError(f"the response cannot be computed: {error}") from error
     progress("thesis", 6, _STEPS)
     thesis_model = None if "thesis_linear" in left_out else _thesis(values)
-    modes = None if "modes" in left_out else (modes_at(beam, values, fin_angle, model), thesis_modes(beam))
+    modes = None if "modes" in left_out else {
+        **modes_at(beam, values, fin_angle, model), "thesis": thesis_modes(beam)}
     return Analysis(parameters, actuator, linear, left_out, thesis_model, finals, swept, modes, envelope, cases, fin,
                     poles, compared)
 

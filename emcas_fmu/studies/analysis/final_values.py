@@ -7,7 +7,6 @@ the closed loop G, if it is stable.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import degrees, inf, log, nan
 from typing import Any
 
@@ -19,33 +18,19 @@ from ...motions import RATED
 COMMAND = 1.0  # deg; the load is that of the thesis's Table 2
 
 
-@dataclass(frozen=True)
-class FinalValues:
-    """Steady errors [deg], command less fin angle, after steps of COMMAND and RATED; nan if the loop is unstable.
-
-    ``name`` is the position controller's, ``ki`` its integral gain [1/s2] (None for a loop not in cascade). ``slowest``
-    [s] is the largest time constant of the closed loop: final values are reached after several of them.
-    """
-
-    name: str
-    ki: float | None
-    command_error: float
-    load_error: float
-    slowest: float
-    stable: bool
-
-
 def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
-                 model: str = NONLINEAR) -> list[FinalValues]:
-    """Return the final values at `fin_angle` [rad] under `aero_torque` [N.m].
+                 model: str = NONLINEAR) -> dict[str, dict[str, Any]]:
+    """Return the final values at `fin_angle` [rad] under `aero_torque` [N.m], by the names of the JSON file.
 
-    Loops in cascade have P control and, if the integral gain is not zero, PI control; other loops are as set.
+    Loops in cascade have P control and, if the integral gain ``ki`` [1/s2] is not zero, PI control; other loops are as
+    set. Errors, command less fin angle, are those after steps of COMMAND and RATED; nan if the loop is unstable. Final
+    values are reached after several of the slowest time constants.
     """
-    gains: dict[str, float | None] = {"as set": None}
+    gains: dict[str, float | None] = {"as_set": None}
     if capabilities.CASCADE in get(model).provides:
         gain = float(values["controller.position.ki"])
-        gains = {"P": 0.0, "PI": gain} if gain else {"P": 0.0}
-    table = []
+        gains = {"p": 0.0, "pi": gain} if gain else {"p": 0.0}
+    table = {}
     for name, ki in gains.items():
         changed = dict(values) if ki is None else {**values, "controller.position.ki": ki}
         if ki == 0.0:  # without an integral, a weighted command would leave an error
@@ -54,6 +39,7 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
         command, load = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
         largest = largest_pole(linear.closed)
         slowest = (-linear.period / log(largest) if largest else 0.0) if linear.stable else inf
-        table.append(FinalValues(name, ki, cleared(COMMAND * (1.0 - command), 1e-9),
-                                 cleared(degrees(-RATED * load), 1e-9), slowest, linear.stable))
+        table[name] = {"ki": ki, "stable": linear.stable,
+                       "command_error_deg": cleared(COMMAND * (1.0 - command), 1e-9),
+                       "load_error_deg": cleared(degrees(-RATED * load), 1e-9), "slowest_time_constant_s": slowest}
     return table

@@ -10,7 +10,6 @@ In the thesis they are 42 and 139 times the bandwidth of 10 Hz. That divides rad
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -30,30 +29,6 @@ _KNOWN = Known([Variable(name, "Real", "parameter", "fixed", unit, "", _SMALLEST
     "thesis.inertia": "kg*m^2", "thesis.mass": "kg", "thesis.bandwidth": "Hz"}.items()], "a rod has no such entry")
 
 
-@dataclass(frozen=True)
-class Modes:
-    """Natural frequencies [Hz] of the rod in tension and torsion, with an inertia [kg.m2] and a mass [kg] at its end.
-
-    `bandwidth` [Hz] is the required one.
-    """
-
-    inertia: float
-    mass: float
-    axial: float
-    torsional: float
-    bandwidth: float
-
-    @property
-    def ratios(self) -> tuple[float, float]:
-        """Axial and torsional frequency over the bandwidth [1]."""
-        return self.axial / self.bandwidth, self.torsional / self.bandwidth
-
-    @property
-    def slipped(self) -> tuple[float, float]:
-        """The thesis's ratios: angular frequencies [rad/s] over the bandwidth [Hz]."""
-        return 2.0 * pi * self.ratios[0], 2.0 * pi * self.ratios[1]
-
-
 def load_rod(path: Path | None = None) -> Mapping[str, float]:
     """Return the rod and the thesis's Table 1, SI by dotted name, from models/rod.toml and entries of `path` over it.
 
@@ -68,22 +43,31 @@ def load_rod(path: Path | None = None) -> Mapping[str, float]:
     return entries
 
 
-def modes(rod: Mapping[str, float], inertia: float, mass: float) -> Modes:
-    """Return the rod's natural frequencies with an inertia [kg.m2] and a mass [kg] at its end."""
+def modes(rod: Mapping[str, float], inertia: float, mass: float) -> dict[str, float]:
+    """Return the rod's natural frequencies in tension and torsion, by the names of the JSON file.
+
+    An inertia [kg.m2] and a mass [kg] are at its end. The ratios [1] are those to the required bandwidth.
+    """
     length, diameter = rod["rod.length"], rod["rod.diameter"]
     tension = rod["rod.tensile_modulus"] * pi * diameter**2 / 4.0 / length
     torsion = rod["rod.shear_modulus"] * pi * diameter**4 / 32.0 / length
-    return Modes(inertia, mass, sqrt(tension / mass) / (2.0 * pi), sqrt(torsion / inertia) / (2.0 * pi),
-                 rod["thesis.bandwidth"])
+    axial, torsional = sqrt(tension / mass) / (2.0 * pi), sqrt(torsion / inertia) / (2.0 * pi)
+    return {"axial_hz": axial, "torsional_hz": torsional, "axial_over_bandwidth": axial / rod["thesis.bandwidth"],
+            "torsional_over_bandwidth": torsional / rod["thesis.bandwidth"]}
 
 
-def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float, model: str = NONLINEAR) -> Modes:
+def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float, model: str = NONLINEAR
+             ) -> dict[str, float]:
     """Return the natural frequencies with the parameter set's inertia at the motor, at a fin angle [rad]."""
     p = get(model).plant(values)
     inertia = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle)).inertia
-    return modes(rod, inertia, inertia / p.screw.lead**2)
+    mass = inertia / p.screw.lead**2
+    return {**modes(rod, inertia, mass), "inertia_kgm2": inertia, "mass_kg": mass}
 
 
-def thesis_modes(rod: Mapping[str, float]) -> Modes:
-    """Return the natural frequencies with the inertia and mass of Table 1."""
-    return modes(rod, rod["thesis.inertia"], rod["thesis.mass"])
+def thesis_modes(rod: Mapping[str, float]) -> dict[str, float]:
+    """Return the natural frequencies with inertia and mass of Table 1, and the thesis's ratios of rad/s to Hz."""
+    table = modes(rod, rod["thesis.inertia"], rod["thesis.mass"])
+    slipped = {f"{name}_rad_per_s_over_hz": 2.0 * pi * table[f"{name}_over_bandwidth"]
+               for name in ("axial", "torsional")}
+    return {**table, **slipped, "bandwidth_hz": rod["thesis.bandwidth"]}

@@ -17,7 +17,6 @@ from ...pages.numbers import number
 from ...pages.page import write_page
 from . import final_values
 from .analyse import Analysis, ClosedLoop
-from .modes import Modes
 from .pictures import drawings, unseen
 from .sweep import LIMITS
 
@@ -40,17 +39,14 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
         "thesis_linear": _loop(thesis) if thesis else None,
         "final_values": {
             "command_step_deg": final_values.COMMAND, "load_step_nm": RATED,
-            **{row.name.lower().replace(" ", "_"): {
-                "ki": row.ki, "stable": row.stable, "command_error_deg": row.command_error,
-                "load_error_deg": row.load_error, "slowest_time_constant_s": row.slowest}
-               for row in analysis.final_values}},
+            **analysis.final_values},
         "sweep": [{"amplitude_deg": degrees(s.amplitude), "bandwidth_3db_hz": s.response.bandwidth,
                    "bandwidth_90deg_hz": s.response.phase_bandwidth,
                    "limit_onset_hz": {name: s.onset(name) for name in LIMITS[:len(s.active)]},
                    "frequency_hz": s.response.frequency, "gain_db": s.response.gain_db,
                    "phase_deg": np.degrees(s.response.phase),
                    "limit_share": dict(zip(LIMITS, s.active))} for s in analysis.sweeps],
-        "modes": _rod(*analysis.modes) if analysis.modes else None,
+        "modes": analysis.modes,
         "envelope": analysis.envelope,
         "capability": _capability(analysis),
         "locus": {"parameter": locus.name, "unit": locus.unit, "value": locus.nominal,
@@ -78,15 +74,6 @@ def _loop(loop: ClosedLoop) -> dict[str, Any]:
             "loops": tables,
             "modes": [{"frequency_hz": abs(s) / (2.0 * pi), "damping_ratio": -s.real / abs(s)}
                       for s in poles if s.imag >= 0.0]}
-
-
-def _rod(here: Modes, thesis: Modes) -> dict[str, Any]:
-    of_set, of_thesis = ({"axial_hz": modes.axial, "torsional_hz": modes.torsional,
-                          "axial_over_bandwidth": modes.ratios[0], "torsional_over_bandwidth": modes.ratios[1]}
-                         for modes in (here, thesis))
-    return {**of_set, "inertia_kgm2": here.inertia, "mass_kg": here.mass,
-            "thesis": {**of_thesis, "axial_rad_per_s_over_hz": thesis.slipped[0],
-                       "torsional_rad_per_s_over_hz": thesis.slipped[1], "bandwidth_hz": thesis.bandwidth}}
 
 
 def _capability(analysis: Analysis) -> dict[str, Any] | None:
