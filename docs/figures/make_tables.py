@@ -162,7 +162,7 @@ def drift() -> str:
     found = compare(approved, ParameterSubject(changed), folder)
     (header, rows), parameters = output.tables(found, False)
     return (f"{output.markdown(header, rows[:SHOWN])}\n\nand ends with\n\n{output.markdown(*parameters)}\n\n"
-            f"`{output.verdict(found)}`")
+            f"`{found.verdict}`")
 
 
 def _angle(model: str, chosen: Excitation) -> np.ndarray:

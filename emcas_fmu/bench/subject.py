@@ -169,7 +169,7 @@ class Subject(ABC):
 
     def lacking(self, outputs: Iterable[str]) -> str:
         """Return in words which of these outputs the subject lacks; empty where it has all."""
-        return lacking(outputs, self.outputs)
+        return _without([name for name in outputs if name not in self.outputs])
 
     @cached_property
     def _namespace(self) -> Any:
@@ -196,11 +196,6 @@ class Subject(ABC):
         return excitation.start_values
 
 
-def lacking(outputs: Iterable[str], present: Collection[str]) -> str:
-    """Return in words which of these outputs are not present; empty where all are."""
-    return _without([name for name in outputs if name not in present])
-
-
 def _without(names: Sequence[str]) -> str:
     return f"this actuator has no {', '.join(names)}" if names else ""
 
@@ -209,8 +204,8 @@ def left_out(figures: Mapping[str, Figure], present: Collection[str]) -> dict[st
     """Return the names of the figures that need an output which is not present, by the reason."""
     names: dict[str, list[str]] = {}
     for name, figure in figures.items():
-        if reason := lacking(figure.needs, present):
-            names.setdefault(reason, []).append(name)
+        if missing := [output for output in figure.needs if output not in present]:
+            names.setdefault(_without(missing), []).append(name)
     return names
 
 

@@ -198,19 +198,15 @@ def all_passed(judged: Sequence[Judged]) -> bool:
 
 
 def in_words(judged: Sequence[Judged], one: str = "requirement", many: str = "requirements") -> str:
-    """Return in words how many are met and how many were not judged; `one` and `many` are the nouns for them."""
+    """Return in words how many are met or not judged, and which are missed; `one` and `many` are nouns for them."""
     total, failed = len(counted(judged)), len(missed(judged))
     left = len(judged) - total
     met = ("nothing was judged" if not total else
            f"{failed} of {total} {many} {'is' if failed == 1 else 'are'} not met" if failed else
            f"all {total} {many} are met" if total > 1 else f"the one {one} is met")
-    return met + (f"; {left} more {'was' if left == 1 else 'were'} not judged" if left else "")
-
-
-def named(judged: Sequence[Judged], one: str = "requirement", many: str = "requirements") -> str:
-    """Return the same with the names of those that are not met."""
     names = ", ".join(j.name for j in missed(judged))
-    return in_words(judged, one, many) + (f": {names}" if names else "")
+    return (met + (f"; {left} more {'was' if left == 1 else 'were'} not judged" if left else "")
+            + (f": {names}" if names else ""))
 
 
 def remarks(judged: Sequence[Judged]) -> list[str]:

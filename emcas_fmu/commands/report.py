@@ -35,8 +35,7 @@ def report(
     from ..bench.excitation import csv_file
     from ..bench.requirements import load_requirements
     from ..motions import RATED
-    from ..studies.report.acceptance import carry_out
-    from ..studies.report.acceptance_output import as_dict, summary, write_junit, write_report
+    from ..studies.report.acceptance import as_dict, carry_out, summary, write_junit, write_report
 
     common.check_outputs(output, as_json, junit, inputs=(article, parameters, requirements, mission))
     if load is not None and not 0.0 < load < float("inf"):

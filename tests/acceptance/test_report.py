@@ -27,8 +27,16 @@ from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.pages.numbers import number
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.report.acceptance import TESTS, Result, _of_report, carry_out, flat
-from emcas_fmu.studies.report.acceptance_output import as_dict, summary, write_report
+from emcas_fmu.studies.report.acceptance import (
+    TESTS,
+    Result,
+    _of_report,
+    as_dict,
+    carry_out,
+    flat,
+    summary,
+    write_report,
+)
 from tests.marks import others_slow
 
 from ..bench.subjects import FIN_PORT, Broken, Play

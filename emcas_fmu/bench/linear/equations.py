@@ -91,14 +91,23 @@ def plain(model: str) -> str:
     return "+".join((actuator, *(each for each in extensions if each not in ("homing", "faults"))))
 
 
-class _Unquantised(Tracer):
-    """A tracer of a program without quantisation, and with limits as choices."""
+class Unquantised:
+    """Symbolic operations without quantisation, and with limits as choices: at a limit they have the slope inside it.
+    """
+
+    where: Callable[..., Value]
 
     def floor(self, x: Value) -> Value:
+        """Return the value itself."""
         return x
 
     def clip(self, x: Value, low: Value, high: Value) -> Value:
+        """Return the value within its limits."""
         return self.where(x < low, low, self.where(x > high, high, x))
+
+
+class _Program(Unquantised, Tracer):
+    """A tracer of a program with these operations."""
 
 
 def program(model: str) -> Tracer:
@@ -106,7 +115,7 @@ def program(model: str) -> Tracer:
 
     The first argument of each function is the supply; of OUTPUTS the plant has the fin angle alone.
     """
-    tracer, actuator = _Unquantised(), get(plain(model))
+    tracer, actuator = _Program(), get(plain(model))
     given = {v.name: tracer.parameter(v.name) for v in get(model).parameters}
     values: dict[str, Value] = {v.name: LEFT_OUT.get(v.name, given[v.name]) for v in actuator.parameters}
 

@@ -17,22 +17,14 @@ from ...actuators import get
 from ...actuators.declaration import Actuator
 from ...ops.base import Value
 from ...ops.symbols import Linearised, SymbolOps
-from .equations import Equations
+from .equations import Equations, Unquantised
 from .systems import Array
 
 _GAIN = "gain"
 
 
-class _Fine(SymbolOps):
-    """Symbols without quantisation, and at a limit with the slope inside it."""
-
-    @staticmethod
-    def floor(x: Value) -> Value:
-        return x
-
-    @staticmethod
-    def clip(x: Value, low: Value, high: Value) -> Value:
-        return SymbolOps.where(x < low, low, SymbolOps.where(x > high, high, x))
+class _Fine(Unquantised, SymbolOps):
+    """Symbols with these operations."""
 
 
 class _Unlimited(_Fine):
@@ -43,7 +35,7 @@ class _Unlimited(_Fine):
 
     def clip(self, x: Value, low: Value, high: Value) -> Value:  # type: ignore[override]  # static there
         left_out = self._limit is None or (isinstance(high, float) and high == self._limit)
-        return x if left_out else _Fine.clip(x, low, high)
+        return x if left_out else super().clip(x, low, high)
 
 
 FINE, UNLIMITED = _Fine(), _Unlimited()

@@ -23,19 +23,6 @@ TEMPLATE = Path(__file__).parent / "default.toml"
 """Limits and cases of a new baseline."""
 
 
-@dataclass(frozen=True)
-class Response:
-    """The response to the cases of a plan, as a `baseline` with the plan's limits, and its cases' `titles`.
-
-    `stopped` has by case the reason why a run ended early; such a case is not in the baseline.
-    """
-
-    baseline: Baseline
-    identification: Identification
-    titles: Mapping[str, str]
-    stopped: Mapping[str, str]
-
-
 def first(subject: Subject) -> tuple[Baseline, list[str]]:
     """Return the template for a subject, with commands within its range, and the parts left out with their reasons."""
     template = read_plan(TEMPLATE)
@@ -60,17 +47,19 @@ def record(plan: Baseline, subject: Subject, folder: Path, command: str, progres
 
     CSV inputs are in `folder`. Raises EmcasError where a run does not reach its end.
     """
-    response = respond(plan, subject, folder, progress)
-    for name, why in response.stopped.items():
+    made, _, stopped = respond(plan, subject, folder, progress)
+    for name, why in stopped.items():
         raise EmcasError(f"{subject.identification.file}: case {name} {why}; a baseline needs every case to run to its "
                          "end")
-    return response.baseline.model_copy(update={"recorded": {**response.baseline.recorded, "command": command}})
+    return made.model_copy(update={"recorded": {**made.recorded, "command": command}})
 
 
-def respond(plan: Baseline, subject: Subject, folder: Path, progress: Progress) -> Response:
-    """Return the subject's response to the plan's cases, with numbers as in a file; CSV inputs are in `folder`.
+def respond(plan: Baseline, subject: Subject, folder: Path, progress: Progress
+            ) -> tuple[Baseline, Mapping[str, str], Mapping[str, str]]:
+    """Return the subject's response to the plan's cases as a baseline, with numbers as in a file.
 
-    Where and when it is recorded makes no difference. Raises EmcasError.
+    Also returned: the titles of the cases, and the reasons of those that ended early and are not in the baseline. CSV
+    inputs are in `folder`. Where and when it is recorded makes no difference. Raises EmcasError.
     """
     titles, stopped, cases, traces = {}, {}, {}, {}
     units, about = output_units(plan.model), subject.identification
@@ -90,9 +79,9 @@ def respond(plan: Baseline, subject: Subject, folder: Path, progress: Progress) 
             for key in plan.limits.traces}
     marks = {"article": about.kind, "file": about.file, "sha256": about.sha256, "guid": about.guid,
              "fin": str(about.fin or ""), "parameters_sha256": about.parameters_sha256, "emcas": __version__}
-    return Response(plan.model_copy(update={
+    return plan.model_copy(update={
         "case": cases, "traces": traces, "recorded": {name: mark for name, mark in marks.items() if mark},
-        "parameters": {name: subject.values[name] for name in start_entries(plan.model)}}), about, titles, stopped)
+        "parameters": {name: subject.values[name] for name in start_entries(plan.model)}}), titles, stopped
 
 
 @dataclass(frozen=True)
@@ -142,13 +131,17 @@ class Changed(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A `response` compared with a baseline: `rows` in the order of the baseline's cases.
+    """The response of a subject `now` compared with a baseline: `rows` in the order of the baseline's cases.
 
-    `parameters` and `marks` are those that are not those approved.
+    `titles` are those of the cases, `stopped` the reasons why runs ended early, both by case. `parameters` and `marks`
+    are those that are not those approved.
     """
 
     baseline: Baseline
-    response: Response
+    now: Baseline
+    about: Identification
+    titles: Mapping[str, str]
+    stopped: Mapping[str, str]
     rows: tuple[Row, ...]
     parameters: tuple[Changed, ...]
     marks: tuple[Changed, ...]
@@ -167,14 +160,25 @@ class Comparison:
     @property
     def passed(self) -> bool:
         """Whether every run was finished and nothing drifted."""
-        return bool(self.judged) and not self.response.stopped and not self.drifted
+        return bool(self.judged) and not self.stopped and not self.drifted
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a sentence."""
+        if not self.judged and not self.stopped:
+            return "nothing was judged: the baseline has no limits"
+        if self.passed:
+            return f"no drift: {self.judged} comparisons are within their limits"
+        parts = [f"{len(self.drifted)} of {self.judged} comparisons drifted"] if self.drifted else []
+        parts += [f"{len(self.stopped)} of {len(self.baseline.case)} cases did not run to the end"] * bool(self.stopped)
+        return " and ".join(parts)
 
 
 def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progress = silent) -> Comparison:
     """Compare the subject's response with the approved one, which is in `folder`. Raises EmcasError."""
-    response = respond(baseline, subject, folder, progress)
+    present, titles, stopped = respond(baseline, subject, folder, progress)
     units, rows, notes = output_units(baseline.model), [], []
-    for name, case in response.baseline.case.items():
+    for name, case in present.case.items():
         limits, approved = {**baseline.limits.figures, **case.limits}, baseline.case[name].figures
         for key, value in approved.items():
             if key not in case.figures:
@@ -184,7 +188,7 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
                             limits[key].of(value) if key in limits else None))
         if more := [key for key in case.figures if key not in approved]:
             notes.append(f"case {name}: {', '.join(more)} not in the baseline, not compared; record it again")
-        for key, new in response.baseline.traces[name].items():
+        for key, new in present.traces[name].items():
             old = baseline.traces[name][key]
             if len(old) != len(new):
                 raise EmcasError(f"{folder / name}.csv: has {len(old)} rows, the case now gives {len(new)}; was the "
@@ -192,16 +196,17 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
             k = int(np.argmax(np.abs(new - old)))
             rows.append(Row(name, key, units[key][0], float(old[k]), float(new[k]), baseline.limits.traces[key],
                             round(k * baseline.limits.sample_time, 9)))
-    was, now = baseline.recorded, response.baseline.recorded
+    was, now = baseline.recorded, present.recorded
     if "fin" in was and "fin" in now and was["fin"] != now["fin"]:
         notes.append(f"the baseline is of fin {was['fin']}, compared is fin {now['fin']}; see --fin")
     marks = (Changed(key, was.get(key, "-"), now.get(key, "-")) for key in dict.fromkeys((*now, *was))
              if key != "command" and was.get(key) != now.get(key))
     parameters = (Changed(v.name, *(_quantity(each.parameters.get(v.name), v.unit)
-                                    for each in (baseline, response.baseline)))
+                                    for each in (baseline, present)))
                   for v in start_entries(baseline.model).values()
-                  if baseline.parameters.get(v.name) != response.baseline.parameters[v.name])
-    return Comparison(baseline, response, tuple(rows), tuple(parameters), tuple(marks), tuple(notes))
+                  if baseline.parameters.get(v.name) != present.parameters[v.name])
+    return Comparison(baseline, present, subject.identification, titles, stopped, tuple(rows), tuple(parameters),
+                      tuple(marks), tuple(notes))
 
 
 def _quantity(value: Any, unit: str) -> str:

@@ -54,21 +54,9 @@ def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
         yield from rows if everything else drifted or sorted(judged, key=lambda row: -row.share)[:1]
 
 
-def verdict(comparison: Comparison) -> str:
-    """Return the verdict in a sentence."""
-    if not comparison.judged and not comparison.response.stopped:
-        return "nothing was judged: the baseline has no limits"
-    if comparison.passed:
-        return f"no drift: {comparison.judged} comparisons are within their limits"
-    drifted, stopped = len(comparison.drifted), len(comparison.response.stopped)
-    parts = [f"{drifted} of {comparison.judged} comparisons drifted"] if drifted else []
-    parts += [f"{stopped} of {len(comparison.baseline.case)} cases did not run to the end"] if stopped else []
-    return " and ".join(parts)
-
-
 def remedy(comparison: Comparison, command: str, folder: str) -> str:
     """Return the remedy for a drift from the baseline in `folder`, which the `command` records anew."""
-    was, now = comparison.baseline.recorded.get("file", ""), comparison.response.identification.file
+    was, now = comparison.baseline.recorded.get("file", ""), comparison.about.file
     before = "" if was in ("", now) else f" (or of {was}, which the baseline was recorded of)"
     return f"If this is intended: {command}{before}, and commit {folder}. If not, undo the change."
 
@@ -82,28 +70,28 @@ def tables(comparison: Comparison, everything: bool) -> Iterator[tuple[Sequence[
 
 def summary(comparison: Comparison, everything: bool = False) -> Iterator[RenderableType]:
     """Yield the tables for the terminal, why cases stopped, notes and the verdict."""
-    about, was = comparison.response.identification, comparison.baseline.recorded
+    about, was = comparison.about, comparison.baseline.recorded
     which = f", fin {about.fin}" if about.fin else ""
     yield escape(f"{about.kind} {about.file}{which}  {about.guid}".rstrip())
     yield escape(f"approved: {' '.join(was[key] for key in ('article', 'file', 'guid') if key in was)}")
     for header, rows in tables(comparison, everything):
         yield table(header, ([Text(cell, _STYLES[cell]) if cell in _STYLES else cell for cell in row] for row in rows),
                     whole=range(2, len(header)), plain=True)
-    for case, why in comparison.response.stopped.items():
+    for case, why in comparison.stopped.items():
         yield f"[bold red]{escape(case)}:[/] {escape(why)}"
     for note in comparison.notes:
         yield f"[yellow]note:[/] {escape(note)}"
-    yield f"[{'green' if comparison.passed else 'bold red'}]{verdict(comparison)}[/]"
+    yield f"[{'green' if comparison.passed else 'bold red'}]{comparison.verdict}[/]"
 
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
     """Return all of the comparison except the trajectories."""
     rows = [{**asdict(row), "change": row.change, "share_of_limit": row.share, "passed": row.passed}
             for row in comparison.rows]
-    about = comparison.response.identification
+    about = comparison.about
     return {"schema": SCHEMA, "baseline_schema": BASELINE, "tool": f"emcas {__version__}",
             "passed": comparison.passed, "article": asdict(about), "fin": about.fin,
-            "recorded": dict(comparison.baseline.recorded), "comparisons": rows, "stopped": comparison.response.stopped,
+            "recorded": dict(comparison.baseline.recorded), "comparisons": rows, "stopped": comparison.stopped,
             "changed_parameters": [changed._asdict() for changed in comparison.parameters],
             "changed_marks": [changed._asdict() for changed in comparison.marks], "notes": comparison.notes}
 
@@ -111,13 +99,13 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
 def write_junit(comparison: Comparison, path: Path) -> None:
     """Write a test case for each comparison with a limit, a suite for each case."""
     writers.write_junit("emcas baseline check", {
-        f"{name}: {title}": _tests(comparison, name) for name, title in comparison.response.titles.items()}, path)
+        f"{name}: {title}": _tests(comparison, name) for name, title in comparison.titles.items()}, path)
 
 
 def _tests(comparison: Comparison, case: str) -> Iterator[TestCase]:
     classname = f"emcas.baseline.{case}"
-    if case in comparison.response.stopped:
-        yield writers.junit_case("run", classname, comparison.response.stopped[case], kind="not finished")
+    if case in comparison.stopped:
+        yield writers.junit_case("run", classname, comparison.stopped[case], kind="not finished")
     for row in comparison.rows:
         if row.case == case and row.limit is not None:
             drift = "" if row.passed else ", ".join(
@@ -128,11 +116,11 @@ def _tests(comparison: Comparison, case: str) -> Iterator[TestCase]:
 
 def append_markdown(comparison: Comparison, remedy: str, path: Path, everything: bool = False) -> None:
     """Append a section to a file; several steps of a job write to its summary."""
-    file = _cell(comparison.response.identification.file)
-    lines = [f"### {'✅' if comparison.passed else '❌'} {file}: {verdict(comparison)}\n"]
+    file = _cell(comparison.about.file)
+    lines = [f"### {'✅' if comparison.passed else '❌'} {file}: {comparison.verdict}\n"]
     for header, rows in tables(comparison, everything):
         lines += markdown(header, rows), ""
-    lines += [f"**{case}** {_cell(why)}\n" for case, why in comparison.response.stopped.items()]
+    lines += [f"**{case}** {_cell(why)}\n" for case, why in comparison.stopped.items()]
     lines += [] if comparison.passed else [f"{_cell(remedy)}\n"]
     lines += [f"Note: {_cell(note)}\n" for note in comparison.notes]
     append(path, "\n".join(lines) + "\n\n")
@@ -153,9 +141,9 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison gives the same bytes."""
     from ...figures import plots  # with Matplotlib, a third of the start of every command
 
-    about = comparison.response.identification
+    about = comparison.about
     write_page(path, "studies/baseline/page.html.j2", [about.source], about=about, comparison=comparison,
-               verdict=verdict(comparison), remedy=remedy, header=(HEADER[-1], *HEADER[:-1]),
+               remedy=remedy, header=(HEADER[-1], *HEADER[:-1]),
                cells=lambda row: (cells(row)[-1], *cells(row)[:-1]),
                pictures=plots.pictures(_drawings(comparison)))
 
@@ -165,7 +153,7 @@ def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
     from ...figures import plots
 
     limits, units = comparison.baseline.limits, output_units(comparison.baseline.model)
-    for case, traces in comparison.response.baseline.traces.items():
+    for case, traces in comparison.now.traces.items():
         for name, new in traces.items():
             old, unit, limit = comparison.baseline.traces[case][name], units[name][0], limits.traces[name]
             x, unit_of_time = plots.time_axis((len(new) - 1) * limits.sample_time)
@@ -178,5 +166,5 @@ def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
             below.plot(time, new - old, color=plots.VERMILLION)
             below.axhspan(-limit, limit, color=plots.GREEN, alpha=0.15, linewidth=0.0)
             yield plots.Drawing(f"{name} of {case}, approved and now", figure,
-                                f"{case}: {comparison.response.titles[case]}. Largest change of {name} "
+                                f"{case}: {comparison.titles[case]}. Largest change of {name} "
                                 f"{np.max(np.abs(new - old)):.3g} {unit}, limit {limit:g} {unit} (shaded).")

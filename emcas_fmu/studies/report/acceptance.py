@@ -1,17 +1,20 @@
-"""The acceptance test: every test on the rig, and the requirements judged."""
+"""The acceptance test: every test on the rig, the requirements judged, and the result as text, JSON, JUnit and page."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import groupby
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import RenderableType
 
+from ... import __version__
 from ...actuators import NONLINEAR
-from ...bench import verdict
+from ...bench import verdict, writers
 from ...bench.conditions import conditions
 from ...bench.excitation import Excitation
 from ...bench.requirements import Requirement, Specification
@@ -21,13 +24,18 @@ from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...motions import RATED, STEP
 from ...pages.credibility import CONVERGENCE, INPUTS, ROBUSTNESS, TEST_INPUTS, VERIFICATION, Card, Fact
+from ...pages.page import stated, write_page
+from ...pages.terminal import table
 from ...parameters import load_parameters
 from ...parameters.schema import unknown
 from ...support.progress import Progress, silent
 from ...variables import Variable
 from . import accuracy, budget, mission, responses, stiffness
 from .outcome import Outcome, Quantity, Rig, Value, bound
+from .pictures import pictures
 
+SCHEMA = "emcas-acceptance/2"
+"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] = {
     "step_response": ("Step response", responses.steps, responses.STEP),
     "frequency_response": ("Frequency response", responses.frequency, responses.FREQUENCY),
@@ -86,7 +94,7 @@ class Result:
     def verdict(self) -> list[str]:
         """The verdict in words: how many requirements are met, and how many tests were not finished."""
         tests = f"{len(self.stopped)} of {len(self.outcomes)} tests were not finished: {', '.join(self.stopped)}"
-        return [verdict.named(self.judged), *([tests] if self.stopped else ())]
+        return [verdict.in_words(self.judged), *([tests] if self.stopped else ())]
 
     @property
     def passed(self) -> bool:
@@ -175,3 +183,53 @@ def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optio
     return replace(judged, measured=value if finite else None, note="" if finite else "it is not reached",
                    skipped=False, how=f"{outcome.title}, {outcome.groups[group].label}: {how}",
                    beyond=bool(bound(key, value)))
+
+
+def _headlines(result: Result) -> Iterator[tuple[Outcome, bool, str, str, str]]:
+    """Yield test, whether it is the first row of the test, figure, value and a note."""
+    for outcome in result.outcomes.values():
+        for k, (label, value) in enumerate(outcome.headlines()):
+            yield outcome, not k, label, value, "estimate" * bool(outcome.estimate)
+
+
+def summary(result: Result) -> Iterator[RenderableType]:
+    """Yield the requirements as a table, then the most important figures, notes and the verdict."""
+    notes = [result.load_note] if result.load_note else []
+    notes += [f"{outcome.title}: {note}" for outcome in result.outcomes.values() for note in outcome.remarks]
+    figures = table(["test", "figure", ">measured", "note"], (
+        [outcome.title * first, *texts] for outcome, first, *texts in _headlines(result)), plain=True)
+    return verdict.summary(result.about, "requirement", result.judged, [figures], notes, result.passed,
+                           "; ".join(result.verdict))
+
+
+def as_dict(result: Result, date: str = "") -> dict[str, Any]:
+    """Return figures, curves, methods and requirements; not the time series."""
+    outcomes = result.outcomes
+    return {
+        "schema": SCHEMA, "passed": result.passed, "tool": f"emcas {__version__}", "date": date or None,
+        "identification": asdict(result.about), "rated_load_n_m": result.load,
+        "credibility": result.card.as_dict(),
+        "requirements": [j.as_dict() for j in result.judged],
+        "figures": {name: o.figures for name, o in outcomes.items()},
+        "curves": {name: o.curves for name, o in outcomes.items() if o.curves},
+        "methods": {name: {"method": o.method, "estimate": o.estimate or None, "stopped": o.stopped or None,
+                           "notes": o.notes, "not_applicable": o.not_applicable,
+                           "figures": {q.key: q.how for rows, _ in o.tables() for q in rows}}
+                    for name, o in outcomes.items()},
+    }
+
+
+def write_junit(result: Result, path: Path) -> None:
+    """Write a test case for each requirement and each test."""
+    writers.write_junit("emcas report", {
+        "requirements": [j.junit_case("emcas.requirement") for j in result.judged],
+        "tests finished": [writers.junit_case(name, "emcas.test", outcome.stopped, kind="not finished")
+                           for name, outcome in result.outcomes.items()]}, path)
+
+
+def write_report(result: Result, path: Path, date: str = "", document: str = "", revision: str = "") -> None:
+    """Write the page, with number and revision of the document; the same result and date give the same bytes."""
+    write_page(path, "studies/report/page.html.j2", [result.about.source], date, r=result, about=result.about,
+               document=document, revision=revision, pictures=pictures(result.outcomes, result.judged),
+               headlines=list(_headlines(result)),
+               conditions=[(label, stated(value, unit, name)) for label, name, value, unit in result.conditions])

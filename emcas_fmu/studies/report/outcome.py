@@ -136,12 +136,15 @@ class Outcome:
 
     def headlines(self) -> list[tuple[str, str]]:
         """Return the headline figures that were measured, each in words and with its value."""
-        return [(f"{group.label}: {q.label}", group.shown(q)) for group in self.groups.values() for q in group.headline
-                if q.key in group.figures]
+        return [("not finished", "")] if self.stopped else [
+            (f"{group.label}: {q.label}", group.shown(q)) for group in self.groups.values() for q in group.headline
+            if q.key in group.figures]
 
     @property
     def remarks(self) -> list[str]:
-        """The notes, and the figures that are not applicable, with the reason."""
+        """The notes, and the figures that are not applicable, with the reason; or why the test was not finished."""
+        if self.stopped:
+            return [f"not finished: {self.stopped}"]
         labels = {q.key: q.label for q in self.quantities}
         left_out = {why: [labels[key] for key, each in self.not_applicable.items() if each == why]
                     for why in self.not_applicable.values()}

@@ -16,7 +16,6 @@ from ...bench.verdict import Judged
 from ...figures import plots, traces
 from ...figures.plots import LIMIT, REQUIRED, Drawing, Picture, legend_above
 from ...pages.numbers import with_unit
-from .acceptance import Result
 from .outcome import Outcome
 
 _ACCURACY = round(degrees(ACCURACY) * 1e3, 6)  # mdeg
@@ -25,11 +24,11 @@ _LIMITED = {"step_response": (("settling_time", "overshoot"), "ms"), "static_acc
             "slew_rate": (("sustained_rate",), "deg/s"), "frequency_response": (("bandwidth_3db",), "Hz")}
 
 
-def pictures(result: Result) -> dict[str, Picture]:
+def pictures(outcomes: Mapping[str, Outcome], judged: Sequence[Judged]) -> dict[str, Picture]:
     """Return the picture of each test that has one, with the limits of the requirements on its figures."""
-    plotted = [outcome for outcome in result.outcomes.values() if outcome.name in _DRAWINGS and not outcome.stopped]
-    made = plots.pictures(_drawing(outcome, result.judged) for outcome in plotted)
-    return {outcome.name: picture for outcome, picture in zip(plotted, made, strict=True)}
+    plotted = [name for name, outcome in outcomes.items() if name in _DRAWINGS and not outcome.stopped]
+    made = plots.pictures(_drawing(outcomes[name], judged) for name in plotted)
+    return dict(zip(plotted, made, strict=True))
 
 
 def _drawing(outcome: Outcome, judged: Sequence[Judged]) -> Drawing:

@@ -81,6 +81,5 @@ def write_report(result: Result, path: Path) -> None:
     from ...figures.plots import pictures  # with Matplotlib, a third of the start of every command
     from .pictures import drawings
 
-    verdicts = verdict.named(result.criteria, "criterion", "criteria") if result.judged else result.verdict
     write_page(path, "studies/validate/page.html.j2", [result.about.source], result=result, about=result.about,
-               trajectory_limit=TRAJECTORY_LIMIT, verdict=verdicts, pictures=pictures(drawings(result)))
+               trajectory_limit=TRAJECTORY_LIMIT, pictures=pictures(drawings(result)))
