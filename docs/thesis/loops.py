@@ -66,8 +66,8 @@ def linear_steps(*sizes: float) -> Show:
             compared = compare(size, run, linear)
             lines += [angle(run.columns, f"nonlinear, {size:g}°", color=color),
                       Line(run.columns["time"], np.degrees(linear), "linear", {**DASHED, "color": color})]
-            rows.append((f"{size:g}°", compared.largest_difference, 1e3 * compared.rise_time_linear,
-                         1e3 * compared.rise_time, 1e3 * compared.saturated_time))
+            rows.append((f"{size:g}°", compared["largest_difference"], 1e3 * compared["rise_time_linear"],
+                         1e3 * compared["rise_time_fmu"], 1e3 * compared["saturated_time"]))
         listed = " and ".join(f"{size:g}°" for size in runs.levels(*sizes))
         return Shown(runs.conditions(f"steps to {listed} at 0.05 s"),
                      panels([Panel("fin angle [deg]", lines)], "time [s]", (0.03, 0.05 + _LINEAR_SPAN)),

@@ -63,21 +63,12 @@ class Fmi3Slave:
     """fmpy's FMI 3.0 slave `slave` with the calls of FMI 2.0; variables have their index in `listed` as reference."""
 
     def __init__(self, slave: Any, listed: Sequence[Element]) -> None:
-        self._slave, self._listed, self._start = slave, listed, 0.0
+        self._slave, self._listed = slave, listed
         self.getReal = self.getInteger = self.getBoolean = self._get
         self.setReal = self.setInteger = self.setBoolean = self._set
 
-    def setupExperiment(self, startTime: float = 0.0) -> None:  # noqa: N802, N803  as fmpy has it
-        """Keep the start time [s] until initialization."""
-        self._start = startTime
-
-    def enterInitializationMode(self) -> None:  # noqa: N802
-        """Begin to initialize."""
-        self._slave.enterInitializationMode(startTime=self._start)
-
-    def doStep(self, time: float, size: float) -> None:  # noqa: N802
-        """Step from `time` by `size` [s]."""
-        self._slave.doStep(time, size)
+    def setupExperiment(self) -> None:  # noqa: N802  as fmpy has it
+        """Do nothing: a run starts at 0 s, which in FMI 3.0 is the default of its initialization."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._slave, name)

@@ -142,7 +142,7 @@ class FmuSubject(Subject):
                     column.astype(setters[self.inputs[name].kind][1]).tolist())
                    for name, column in excitation.columns.items()]
         moment = excitation.columns.get(LOAD, np.zeros(len(excitation.time)))
-        instance.setupExperiment(startTime=0.0)
+        instance.setupExperiment()
 
         def apply(k: int) -> None:
             for set_values, reference, column in columns:

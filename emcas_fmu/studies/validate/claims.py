@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import radians
 from typing import Any
 
@@ -25,54 +24,42 @@ AGREED = 5.0
 _DURATION = 0.3  # s
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """The subject and the linear model for a step of `amplitude` [deg]; differences in % of the step, times in s."""
-
-    amplitude: float
-    largest_difference: float
-    rms_difference: float
-    rise_time_linear: float
-    rise_time: float
-    saturated_time: float
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A claim about the model, tested, on which no verdict depends."""
-
-    name: str
-    text: str
-    holds: bool
-
-
 def steps(values: Mapping[str, Any]) -> dict[float, Excitation]:
     """Return steps to compare with the linear model, at its sample times, by amplitude [deg]."""
     period = LinearModel(values).sample_time
     return {amplitude: step_to(radians(amplitude), _DURATION, step=period) for amplitude in AMPLITUDES}
 
 
-def compare(amplitude: float, run: Run, linear: metrics.Array) -> Comparison:
-    """Compare the response to a step of `amplitude` [deg] with the linear model's [rad] at the same times."""
+def compare(amplitude: float, run: Run, linear: metrics.Array) -> dict[str, float]:
+    """Compare the response to a step of `amplitude` [deg] with the linear model's [rad] at the same times.
+
+    The figures have the names of the JSON file; differences are in % of the step, times in s.
+    """
     time, angle, level = run.columns["time"], run.columns["fin_angle"], radians(amplitude)
     after = time >= LEAD_IN - 1e-9
     difference = metrics.errors(angle[after] / level, linear[after] / level)
     expected, rise = (metrics.step_metrics(time, y, LEAD_IN, level)["rise_time"] for y in (linear, angle))
-    return Comparison(amplitude, 100.0 * difference.maximum, 100.0 * difference.rms, expected, rise,
-                      float(np.trapezoid(run.columns["saturated"], time)))
+    return {"amplitude": amplitude, "largest_difference": 100.0 * difference.maximum,
+            "rms_difference": 100.0 * difference.rms, "rise_time_linear": expected, "rise_time_fmu": rise,
+            "saturated_time": float(np.trapezoid(run.columns["saturated"], time))}
 
 
-def claims(comparisons: Sequence[Comparison]) -> list[Finding]:
-    """Test the thesis's statement (chapter 5, summary) that the models agree below 3 deg, in two findings."""
-    small = [c for c in comparisons if c.amplitude < SMALL]
-    large = [c for c in comparisons if c.amplitude > SMALL]
-    alike = ", ".join(f"{c.largest_difference:.1f} % at {c.amplitude:g} deg" for c in small) + "".join(
-        f"; at {c.amplitude:g} deg itself it is {c.largest_difference:.1f} %"
-        for c in comparisons if c.amplitude == SMALL)
-    slower = ", ".join(f"{rounded(c.rise_time * 1e3, '.1f')} ms against {rounded(c.rise_time_linear * 1e3, '.1f')} ms "
-                       f"at {c.amplitude:g} deg" for c in large)
-    agree = Finding("linear_alike_below_3deg", f"Below {SMALL:g} deg, this model and the linear one differ by at most "
-                    f"{AGREED:g} % of the step: {alike}", all(c.largest_difference <= AGREED for c in small))
-    differ = Finding("nonlinear_slower_above_3deg", f"Above {SMALL:g} deg, this model rises more slowly: {slower}",
-                     all(c.rise_time > c.rise_time_linear for c in large))
+def claims(comparisons: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
+    """Test the thesis's statement (chapter 5, summary) that the models agree below 3 deg, in two findings.
+
+    Each has a name, a text, and whether it holds; no verdict depends on it.
+    """
+    small = [c for c in comparisons if c["amplitude"] < SMALL]
+    large = [c for c in comparisons if c["amplitude"] > SMALL]
+    alike = ", ".join("{largest_difference:.1f} % at {amplitude:g} deg".format(**c) for c in small) + "".join(
+        "; at {amplitude:g} deg itself it is {largest_difference:.1f} %".format(**c)
+        for c in comparisons if c["amplitude"] == SMALL)
+    slower = ", ".join(f"{rounded(c['rise_time_fmu'] * 1e3, '.1f')} ms against "
+                       f"{rounded(c['rise_time_linear'] * 1e3, '.1f')} ms at {c['amplitude']:g} deg" for c in large)
+    agree = {"name": "linear_alike_below_3deg", "text": f"Below {SMALL:g} deg, this model and the linear one differ by "
+             f"at most {AGREED:g} % of the step: {alike}",
+             "holds": all(c["largest_difference"] <= AGREED for c in small)}
+    differ = {"name": "nonlinear_slower_above_3deg",
+              "text": f"Above {SMALL:g} deg, this model rises more slowly: {slower}",
+              "holds": all(c["rise_time_fmu"] > c["rise_time_linear"] for c in large)}
     return [agree] * bool(small) + [differ] * bool(large)

@@ -131,13 +131,13 @@ class Result:
         return tuple(case.trajectory for case in self.cases if case.errors)
 
     @cached_property
-    def comparisons(self) -> list[claims.Comparison]:
+    def comparisons(self) -> list[dict[str, float]]:
         """The comparisons with the linear model."""
         return [claims.compare(amplitude, run, linear) for amplitude, (run, linear) in self.linear_series.items()
                 if run.stopped is None]
 
     @property
-    def findings(self) -> list[claims.Finding]:
+    def findings(self) -> list[dict[str, Any]]:
         """The comparison with the linear model in words."""
         return claims.claims(self.comparisons)
 

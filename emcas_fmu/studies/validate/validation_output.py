@@ -38,7 +38,7 @@ def _cases(result: Result) -> Table:
 
 def summary(result: Result) -> Iterator[RenderableType]:
     """Yield the criteria as a table, then findings, notes and the verdict."""
-    findings = [escape(f"{each.text}. {'Confirmed' if each.holds else 'Not confirmed'}.") for each in result.findings]
+    findings = [escape(f"{f['text']}. {'Confirmed' if f['holds'] else 'Not confirmed'}.") for f in result.findings]
     return verdict.summary(result.about, "criterion", result.criteria,
                            [*([_cases(result)] if result.trajectory else ()), *findings], result.notes, result.outcome,
                            result.verdict)
@@ -60,9 +60,7 @@ def as_dict(result: Result) -> dict[str, Any]:
                    "stop_time": each.case.stop_time, "stopped": each.judged.stopped,
                    "wall_time": each.judged.wall_time, "messages": each.judged.messages,
                    "errors": {name: asdict(errors) for name, errors in each.errors.items()}} for each in result.cases],
-        "comparisons": [{"rise_time_fmu" if key == "rise_time" else key: value for key, value in asdict(each).items()}
-                        for each in result.comparisons],
-        "findings": [asdict(each) for each in result.findings],
+        "comparisons": result.comparisons, "findings": result.findings,
         "criteria": [{"group": group, **j.as_dict()} for group in ("trajectory", "requirements")
                      for j in getattr(result, group)]}
 
