@@ -9,7 +9,7 @@ from math import degrees, radians
 import numpy as np
 
 from emcas_fmu.bench.excitation import COMMAND, HOLD, Excitation, sine_from_rest, slew_to, step_to
-from emcas_fmu.bench.frequency_response import FrequencyResponse
+from emcas_fmu.bench.frequency_response import of_ratio
 from emcas_fmu.bench.metrics import FIGURES, displayed, motion, rest, shown, usage
 from emcas_fmu.extensions.status import STATUS
 from emcas_fmu.figures import plots
@@ -34,8 +34,7 @@ _GENERATIONS = 2  # of the search that Figure 4.4 shows
 def linear_model(runs: Runs) -> Shown:
     """Show the linear model's frequency response, and what P and PI leave under a load (Figure 4.1)."""
     model, frequency = LinearModel(runs.values), np.geomspace(0.1, 100.0, 300)
-    ratio = model.frequency_response(frequency)
-    response = FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.ones(len(frequency)))
+    response = of_ratio(frequency, model.frequency_response(frequency))
     figure, ((gain,), (phase,)) = plots.figure(2, height=2.2, sharex=True)
     plots.bode(gain, phase, frequency, response.gain_db, np.degrees(response.phase),
                (response.bandwidth, response.phase_bandwidth), color=plots.BLUE)

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, isfinite, nan, pi
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from .metrics import Array, crossing
 
@@ -68,6 +69,14 @@ class FrequencyResponse:
             f"{level} at {at:.1f} Hz" if isfinite(at) else
             f"{level} above {self.beyond:.4g} Hz" if isfinite(self.beyond) else f"no {level}"
             for level, at in (("-3 dB", self.bandwidth), ("-90 deg", self.phase_bandwidth)))
+
+
+def of_ratio(frequency: Array, ratio: NDArray[Any]) -> FrequencyResponse:
+    """Return gain and unwrapped phase of a complex ratio at frequencies [Hz]; the phase of 0 is nan."""
+    phase = np.full(len(ratio), nan)
+    passed = ratio != 0.0
+    phase[passed] = np.unwrap(np.angle(ratio[passed]))
+    return FrequencyResponse(frequency, np.abs(ratio), phase, np.ones(len(ratio)))
 
 
 def frequency_response(time: Array, command: Array, response: Array, low: float, high: float) -> FrequencyResponse:

@@ -11,6 +11,7 @@ import control as ct
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.frequency_response import of_ratio
 from emcas_fmu.bench.linear import frequency, systems
 
 T = 1e-3  # s
@@ -128,7 +129,7 @@ def test_poles_of_a_sampled_system_in_the_s_plane() -> None:
 
 
 def test_the_phase_is_unwrapped_and_none_of_nothing() -> None:
-    made = frequency.of_ratio(HERTZ[:4], np.array([1.0, 0.0, -1j, 1.0 * np.exp(-1.2j * pi)]))
+    made = of_ratio(HERTZ[:4], np.array([1.0, 0.0, -1j, 1.0 * np.exp(-1.2j * pi)]))
     assert np.degrees(made.phase[[0, 2, 3]]) == pytest.approx([0.0, -90.0, -216.0])
     assert isnan(made.phase[1])
     assert made.gain == pytest.approx([1.0, 0.0, 1.0, 1.0])

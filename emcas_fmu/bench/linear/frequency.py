@@ -8,7 +8,7 @@ from math import inf, log10, nan, pi
 import control as ct
 import numpy as np
 
-from ..frequency_response import FrequencyResponse
+from ..frequency_response import FrequencyResponse, of_ratio
 from .systems import Array, System
 
 LOWEST = 1e-3  # Hz
@@ -44,14 +44,6 @@ def response(system: System) -> FrequencyResponse:
     """Return gain and phase of a closed loop up to half the sample rate."""
     grid = frequencies(highest(system))
     return of_ratio(grid, evaluate(system, grid))
-
-
-def of_ratio(frequency: Array, ratio: Array) -> FrequencyResponse:
-    """Return gain and unwrapped phase of a complex ratio at frequencies [Hz]; the phase of 0 is nan."""
-    phase = np.full(len(ratio), nan)
-    passed = ratio != 0.0
-    phase[passed] = np.unwrap(np.angle(ratio[passed]))
-    return FrequencyResponse(frequency, np.abs(ratio), phase, np.ones(len(ratio)))
 
 
 def continuous_poles(system: System) -> Array:

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...actuators import NONLINEAR, capabilities, get
-from ...bench.frequency_response import FrequencyResponse
-from ...bench.linear.frequency import of_ratio
+from ...bench.frequency_response import FrequencyResponse, of_ratio
 from ...bench.linear.systems import Array
 from ...bench.metrics import CREPT
 from ...control import command as bus

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...bench import metrics
-from ...bench.frequency_response import SWEPT, FrequencyResponse, sweep_response
+from ...bench.frequency_response import SWEPT, FrequencyResponse, of_ratio, sweep_response
 from ...bench.references import EMBEDDED
 from ...figures import plots, traces
 from ...figures.plots import LIMIT, REQUIRED, Drawing
@@ -121,10 +121,8 @@ def _bode(result: Result, cases: Sequence[CaseResult]) -> Drawing:
         for case in cases for label, color in [_SWEEPS[case.name]]]
     if result.linear_series:
         frequency = np.geomspace(*SWEPT, 300)
-        response = LinearModel(result.parameters).frequency_response(frequency)
-        curves.insert(0, (
-            FrequencyResponse(frequency, np.abs(response), np.unwrap(np.angle(response)), np.ones(len(frequency))),
-            {"label": "linear model", "color": plots.GREEN, "linestyle": (0, (5, 1.5))}))
+        curves.insert(0, (of_ratio(frequency, LinearModel(result.parameters).frequency_response(frequency)),
+                          {"label": "linear model", "color": plots.GREEN, "linestyle": (0, (5, 1.5))}))
     figure = plots.frequency_responses(
         ((curve, (curve.bandwidth, curve.phase_bandwidth), look) for curve, look in curves),
         [j.limit for j in result.requirements if j.figure == "bandwidth_3db"])
