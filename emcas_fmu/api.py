@@ -12,6 +12,7 @@ import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +38,7 @@ from .studies.validate.validation import validate as _validate
 from .support import extras
 from .support.arguments import brief, checked
 from .support.progress import Progress, silent
-from .units import quantity
+from .units import UnitError, quantity
 from .variables import Variable
 
 if TYPE_CHECKING:
@@ -51,6 +52,9 @@ __all__ = ["Batch", "Built", "EmcasError", "Excitation", "ParameterError", "Para
            "tune", "validate"]
 
 _DURATION = 0.5  # s
+# Kinds of values of an input, in messages; {} is the number of those in an array.
+_OF_A_RUN = "a number, text with a unit, a function of time, or an array of {} values, one for each point"
+_OF_A_BATCH = "a number, or an array of {} values, one for each actuator"
 _MOST = 100_000_000  # of actuators (their outputs alone are 20 GB), generations or processes
 
 
@@ -140,10 +144,11 @@ def _with_inputs(excitation: Excitation, inputs: Mapping[str, Signal | str], uni
     for keyword, signal in inputs.items():
         variable = _input(keyword, known)
         values = [signal(t) for t in excitation.time.tolist()] if callable(signal) else signal
-        columns[variable.name] = _values(values, variable, len(excitation.time))
+        count = len(excitation.time)
+        columns[variable.name] = np.broadcast_to(_column(
+            f"input {variable.name}", values, variable.unit, count, _OF_A_RUN), count).copy()
     columns = dict(sorted(columns.items(), key=lambda item: item[0].startswith("fin[")))
-    return Excitation(excitation.title, spread(columns, unit), excitation.begin, excitation.step,
-                      excitation.start_values, excitation.spring)
+    return replace(excitation, columns=spread(columns, unit))
 
 
 def _input(keyword: str, known: Mapping[str, Variable]) -> Variable:
@@ -154,25 +159,19 @@ def _input(keyword: str, known: Mapping[str, Variable]) -> Variable:
     return known[name]
 
 
-def _values(values: Any, variable: Variable, count: int) -> Array:
-    """Return `count` finite values of an input, in its unit, from a number, text or array. Raises EmcasError."""
-    label = f"input {variable.name}"
-    expected = (f"expected a number, text with a unit, a function of time, or an array of {count} values, one for each "
-                "point")
-    numbers = _numbers(values, label, variable.unit, expected)
-    try:
-        column: Array = np.broadcast_to(numbers, count).copy()
-    except ValueError as error:
-        raise EmcasError(f"{label}: {expected}") from error
-    return column
+def _column(label: str, values: Any, unit: str, count: int, kinds: str) -> Array:
+    """Return finite numbers in a unit, one or an array [count], from numbers or text; an array is not copied.
 
-
-def _numbers(values: Any, label: str, unit: str, expected: str) -> Array:
-    """Return finite numbers in a unit, from text or numbers; an array of floats is not copied. Raises EmcasError."""
+    `kinds` are the kinds of values that are accepted, with {} for the number of values in an array. Raises EmcasError.
+    """
     try:
         numbers: Array = np.asarray(quantity(values, "", unit) if isinstance(values, str) else values, dtype=float)
+        if numbers.shape not in ((), (count,)):
+            raise TypeError("another shape")
+    except UnitError as error:
+        raise EmcasError(f"{label}: {values!r} {error}") from error
     except (TypeError, ValueError) as error:
-        raise EmcasError(f"{label}: {f'{values!r} {error}' if isinstance(values, str) else expected}") from error
+        raise EmcasError(f"{label}: expected {kinds.format(count)}") from error
     if not compiled.all_finite(numbers):
         raise EmcasError(f"{label} is {numbers[~np.isfinite(numbers)][0]}; use finite values")
     return numbers
@@ -329,7 +328,8 @@ class Batch:
         indices = np.array([index[id(each)] for each in chosen])
         rows = np.array([compiled.parameter_row(each.values, each.model) for each in different.values()])
         parameters = rows if len(rows) == 1 else rows[indices]
-        columns = {name: self._column("parameter", name, values, count) for name, values in (varied or {}).items()}
+        columns = {name: _column(f"parameter {name}", values, "", count, _OF_A_BATCH)
+                   for name, values in (varied or {}).items()}
         if columns:
             parameters = np.broadcast_to(parameters, (count, parameters.shape[1])).copy()
         positions = {v.name: k for k, v in enumerate(actuator.parameters)}
@@ -357,14 +357,6 @@ class Batch:
     def __len__(self) -> int:
         return self._kernel.count
 
-    @staticmethod
-    def _column(kind: str, name: str, values: Any, count: int, unit: str = "") -> Array:
-        """Return a number, or an array [count] that is not copied. Raises EmcasError."""
-        column = _numbers(values, f"{kind} {name}", unit, "expected numbers")
-        if column.shape not in ((), (count,)):
-            raise EmcasError(f"{kind} {name}: expected a number, or an array of {count} values, one for each actuator")
-        return column
-
     def run(self, end: float, progress: Progress = silent, **inputs: float | str | Array) -> dict[str, Array]:
         """Advance every actuator to `end` [s] and return `outputs`.
 
@@ -384,8 +376,8 @@ class Batch:
         columns = {}
         for keyword, value in inputs.items():
             variable = _input(keyword, self._variables)
-            columns[self._indices[variable.name]] = self._column("input", variable.name, value, len(self),
-                                                                 variable.unit)
+            columns[self._indices[variable.name]] = _column(
+                f"input {variable.name}", value, variable.unit, len(self), _OF_A_BATCH)
         for index, column in columns.items():
             self._kernel.put(index, column)
         reached, self.time = self.time, end  # also if `progress` raises: some actuators have moved by then

@@ -41,9 +41,11 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     Returns an array for each output and for ``time``. Raises TypeError for an unknown input, ValueError for an input
     that is not finite and for parameters out of their limits, ArithmeticError if the equations cannot be followed.
     """
-    variables = get(model).inputs
-    starts = [v.initial(values) for v in variables]
-    return respond(values, _table(variables, starts, stop, step, inputs), step, kernel, model)
+    actuator = get(model)
+    table = _table(actuator.inputs, [v.initial(values) for v in actuator.inputs], stop, step, inputs)
+    columns = respond_all(compiled.parameter_row(values, model)[np.newaxis], list(table.T), step,
+                          [v.name for v in actuator.outputs], kernel, model).finished()
+    return {"time": np.arange(len(table)) * step, **{name: column[0] for name, column in columns.items()}}
 
 
 def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 1e-3, model: str = NONLINEAR,
@@ -133,19 +135,6 @@ def _table(variables: Sequence[Variable], starts: Sequence[Any], stop: float, st
         column[:] = values
         column[-1] = column[-2]  # a value at the last point never acts
     return table
-
-
-def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = "auto",
-            model: str = NONLINEAR, outputs: Collection[str] | None = None) -> dict[str, Array]:
-    """Return outputs at the rows of `table` [rows, inputs], `step` [s] apart from 0; each row is held until the next.
-
-    The table's columns are the actuator's inputs in their order, SI. Only the named `outputs` are returned, by default
-    all. See :func:`simulate` for the other arguments, the result and errors.
-    """
-    names = [v.name for v in get(model).outputs if outputs is None or v.name in outputs]
-    sets = compiled.parameter_row(values, model)[np.newaxis]
-    columns = respond_all(sets, list(table.T), step, names, kernel, model).finished()
-    return {"time": np.arange(len(table)) * step, **{name: column[0] for name, column in columns.items()}}
 
 
 def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], kernel: str = "auto",

@@ -6,6 +6,7 @@ import inspect
 import os
 import re
 import sys
+from collections import UserDict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -35,7 +36,6 @@ PANELS: Mapping[str, tuple[str, ...]] = {
     "Design": ("explore", "analyse", "envelope", "compare", "identify", "calibrate", "tune", "fit"),
     "Check": ("validate", "report", "campaign", "baseline", "reference"),
 }
-_NAMES = [name for names in PANELS.values() for name in names]
 
 
 def summary(name: str) -> str:
@@ -133,19 +133,11 @@ def printing() -> Iterator[None]:
         sys.stdout = stream
 
 
-class _Commands(Mapping[str, Any]):
+class _Commands(UserDict[str, Any]):
     """Commands by name, each imported when it is looked up."""
 
     def __getitem__(self, name: str) -> Any:
-        if name not in _NAMES:
-            raise KeyError(name)
-        return load(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(_NAMES)
-
-    def __len__(self) -> int:
-        return len(_NAMES)
+        return load(super().__getitem__(name))
 
 
 class LazyGroup(TyperGroup):
@@ -153,7 +145,7 @@ class LazyGroup(TyperGroup):
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = cast(Any, _Commands())
+        self.commands = cast(Any, _Commands({name: name for names in PANELS.values() for name in names}))
 
     def main(self, *args: Any, **named: Any) -> Any:
         """Run a command; if its output cannot be written, end with one line."""

@@ -19,7 +19,7 @@ from emcas_fmu.bench.excitation import csv_file
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasWarning
 from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
-from emcas_fmu.simulation import respond
+from emcas_fmu.simulation import simulate as simulate_one
 from tests.hosts.host import missing
 from tests.marks import slow
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
@@ -46,7 +46,9 @@ def computed(browser: Browser, path: Path) -> tuple[np.ndarray[Any, Any], np.nda
 
 def check_kernel(model: str, table: np.ndarray[Any, Any], found: np.ndarray[Any, Any]) -> None:
     """Fail unless outputs are the compiled kernel's to the bit."""
-    _, *columns = respond(load_parameters(model=model).values, table, STEP, "compiled", model).values()
+    inputs = dict(zip((v.name for v in get(model).inputs), table.T, strict=True))
+    _, *columns = simulate_one(load_parameters(model=model).values, (len(table) - 1) * STEP, STEP, "compiled", model,
+                               **inputs).values()
     np.testing.assert_array_equal(found, np.column_stack(columns))
 
 

@@ -21,7 +21,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import cases, simulator
 from emcas_fmu.runtime.c_sources import kernel_header
-from emcas_fmu.simulation import respond, simulate
+from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.discontinuities import System
 
 from .example import FOLDER
@@ -37,10 +37,9 @@ def largest_error(name: str, case: str, tick: float = 1e-4) -> float:
     model = str(FOLDER / f"{name}.py")
     parameters = load_parameters(model=model).with_values({"solver.max_tick": tick})
     (chosen,) = (each for each in cases(model, parameters.values) if each.name == case)
-    inputs, there_are = chosen.inputs(), get(model).inputs
-    table = np.column_stack([np.broadcast_to(inputs.get(v.name, v.initial(parameters.values)), len(inputs["time"]))
-                             for v in there_are]).astype(float)
-    response = respond(parameters.values, table, chosen.step, model=model)
+    inputs = chosen.inputs()
+    signals: dict[str, Any] = {v.name: inputs[v.name] for v in get(model).inputs if v.name in inputs}
+    response = simulate(parameters.values, float(inputs["time"][-1]), chosen.step, model=model, **signals)
     expected = simulator(model)(parameters.values, inputs)
     return degrees(float(np.max(np.abs(response["fin_angle"] - expected["fin_angle"]))))
 

@@ -18,7 +18,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import Case
 from emcas_fmu.reference.files import cases, simulator
-from emcas_fmu.simulation import respond, simulate
+from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.discontinuities import System
 from emcas_fmu.steppers.smooth import solve
 from tests.marks import slow
@@ -32,11 +32,8 @@ CASES = {case.name: case for case in cases(PARAMETERS.model, PARAMETERS.values)}
 def largest_error(case: Case, tick: float) -> float:
     """Of the fin angle [deg], with ticks of that length [s]."""
     inputs, values = case.inputs(), PARAMETERS.with_values({"solver.max_tick": tick, **case.overrides}).values
-    there_are = get(MODEL).inputs
-    table = np.empty((len(inputs["time"]), len(there_are)))
-    for v, column in zip(there_are, table.T, strict=True):
-        column[:] = inputs.get(v.name, v.initial(values))
-    response = respond(values, table, case.step, model=MODEL)
+    signals: dict[str, Any] = {v.name: inputs[v.name] for v in get(MODEL).inputs if v.name in inputs}
+    response = simulate(values, float(inputs["time"][-1]), case.step, model=MODEL, **signals)
     reference = simulator(MODEL)(values, inputs)
     return degrees(float(np.max(np.abs(response["fin_angle"] - reference["fin_angle"]))))
 

@@ -57,7 +57,7 @@ def test_what_is_refused_leaves_nothing_behind() -> None:
         batch.run(0.03, fin_command=0.3, torque=1.0)
     for refused, said in ((float("nan"), "is nan"), ("5 kg", "does not measure"), (np.ones(3), "array of 2 values"),
                           (np.array([0.0, nan]), "is nan"), ("a", "'a'"), ([[1.0]], "array of 2 values"),
-                          (object(), "expected numbers")):
+                          (object(), "expected a number, or an array of 2 values")):
         with pytest.raises(EmcasError, match=said):
             batch.run(0.03, aero_torque=5.0, fin_command=refused)  # type: ignore[arg-type]
     with pytest.raises(EmcasError, match=r"0.01 s is before the time reached, 0.02 s"):

@@ -22,7 +22,7 @@ from emcas_fmu.runtime import batch, compiled, compiler, library
 from emcas_fmu.runtime.batch import Batch
 from emcas_fmu.runtime.compiled import parameter_row
 from emcas_fmu.runtime.compiler import CompilerError
-from emcas_fmu.simulation import KERNELS, respond, respond_all, simulate
+from emcas_fmu.simulation import KERNELS, respond_all, simulate
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS
 
 from ..marks import others_slow
@@ -140,8 +140,10 @@ def test_many_runs_are_the_runs_alone(values: Mapping[str, Any], kernel: str) ->
         assert str(together.failures[run]).startswith(said)
     assert len(together.failures) == 3
     for run in (0, 1):
-        alone = respond(dict(zip((v.name for v in PARAMETERS), sets[run], strict=True)),
-                        np.repeat(tables[run], held, axis=0)[:1 - held], step, kernel)
+        table = np.repeat(tables[run], held, axis=0)[:1 - held]
+        of_run = {**values, **dict(zip((v.name for v in PARAMETERS), sets[run], strict=True))}
+        alone = simulate(of_run, (len(table) - 1) * step, step, kernel,
+                         **dict(zip((v.name for v in INPUTS), table.T, strict=True)))
         np.testing.assert_array_equal(together.columns["fin_rate"][run], alone["fin_rate"][::held])
         np.testing.assert_array_equal(together.columns["motor_current"][run], alone["motor_current"])
     assert np.isnan(together.columns["fin_rate"][2]).all()
