@@ -170,7 +170,6 @@ def _is_text(value: Any) -> bool:
 
 _TESTS: dict[Any, Test] = {
     NoneType: lambda value: value is None,
-    None: lambda value: value is None,
     bool: lambda value: type(value).__name__ == "bool",  # also the name of NumPy's type
     int: lambda value: isinstance(value, Integral) and not isinstance(value, bool),
     float: _is_finite,

@@ -6,7 +6,7 @@ import logging
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from queue import SimpleQueue
 from typing import Any
 
@@ -30,17 +30,35 @@ def silent(_name: str, _done: int, _total: int) -> None:
 
 
 @contextmanager
-def waking(done: SimpleQueue[Any]) -> Iterator[None]:
-    """Let Ctrl-C put None into the queue `done`, where a KeyboardInterrupt could leave a lock that is never released.
-
-    Only the main thread can do so; in others nothing changes.
-    """
-    if threading.current_thread() is not threading.main_thread() or (
-            signal.getsignal(signal.SIGINT) is not signal.default_int_handler):
+def _at_interrupts(act: Callable[[], object]) -> Iterator[None]:
+    """Call `act` at Ctrl-C until the block ends. Only the main thread can do so; in others nothing changes."""
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or handler is None:
         yield
         return
-    signal.signal(signal.SIGINT, lambda *_: done.put(None))
+    signal.signal(signal.SIGINT, lambda *_: act())
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, handler)
+
+
+def waking(done: SimpleQueue[Any]) -> AbstractContextManager[None]:
+    """Let Ctrl-C put None into the queue `done`, where a KeyboardInterrupt could leave a lock that is never released.
+
+    Where a program handles Ctrl-C itself, nothing changes.
+    """
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    return _at_interrupts(lambda: done.put(None)) if usual else nullcontext()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Delay Ctrl-C until the block ends."""
+    delayed = list[bool]()
+    try:
+        with _at_interrupts(lambda: delayed.append(True)):
+            yield
+    finally:
+        if delayed:
+            signal.raise_signal(signal.SIGINT)

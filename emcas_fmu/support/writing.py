@@ -8,19 +8,17 @@ from __future__ import annotations
 
 import os
 import secrets
-import signal
 import stat
 import sys
-import threading
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
-from types import FrameType
 from typing import IO, Any, BinaryIO
 
 from ..errors import EmcasError, writing
+from .progress import uninterrupted
 
 PARTIAL = ".partial"
 """Suffix of a file while it is written; such a file remains only if the process is killed."""
@@ -196,7 +194,7 @@ def _beside(paths: Iterable[Path]) -> Iterator[list[BinaryIO]]:
         for path, file in files.items():
             with writing(path):
                 file.finish()
-        with _uninterrupted():
+        with uninterrupted():
             for path, file in files.items():
                 with writing(path):
                     file.move()
@@ -225,24 +223,3 @@ def _keep_rights(partial: Path, replaced: os.stat_result) -> None:
         with suppress(OSError):
             os.chown(partial, replaced.st_uid, replaced.st_gid)
     partial.chmod(stat.S_IMODE(replaced.st_mode))
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Delay Ctrl-C until the block ends."""
-    handler = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or handler is None:
-        yield
-        return
-    delayed = []
-
-    def wait(number: int, frame: FrameType | None) -> None:
-        delayed.append(number)
-
-    signal.signal(signal.SIGINT, wait)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
-        if delayed:
-            signal.raise_signal(signal.SIGINT)

@@ -15,7 +15,6 @@ from itertools import pairwise, repeat
 from math import exp, floor, inf, log, log10, nan
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
-from queue import SimpleQueue
 from threading import Thread
 from typing import Any
 
@@ -24,7 +23,7 @@ from scipy.optimize import differential_evolution, minimize
 
 from ...parameters import ParameterSet
 from ...runtime import library
-from ...support.progress import Progress, silent, waking
+from ...support.progress import Progress, silent, uninterrupted
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Study, Tunable
 
@@ -251,10 +250,9 @@ def _processes(count: int) -> Iterator[_Map]:
         yield map
         return
     executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
-    interrupts: SimpleQueue[None] = SimpleQueue()
     masks = hasattr(signal, "pthread_sigmask")  # not on Windows, whose workers may report a Ctrl-C as they start
     try:
-        with waking(interrupts):
+        with uninterrupted():
             if masks:  # processes inherit the mask
                 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
@@ -263,8 +261,6 @@ def _processes(count: int) -> Iterator[_Map]:
             finally:
                 if masks:
                     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        if not interrupts.empty():
-            raise KeyboardInterrupt
         yield executor.map
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
