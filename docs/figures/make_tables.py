@@ -37,7 +37,7 @@ from emcas_fmu.studies.baseline import comparison_output as output
 from emcas_fmu.studies.baseline.comparison import compare, first, record
 from emcas_fmu.studies.compare import sets
 from emcas_fmu.studies.fitting import fit
-from emcas_fmu.studies.identification.current_loop import response
+from emcas_fmu.studies.identification.drive import response
 from emcas_fmu.variables import Variable
 
 DOCS = Path(__file__).resolve().parents[1]

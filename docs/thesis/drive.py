@@ -10,7 +10,7 @@ from emcas_fmu.figures import plots
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.physics import drive as physics
 from emcas_fmu.studies.analysis import envelope
-from emcas_fmu.studies.identification.current_loop import response
+from emcas_fmu.studies.identification.drive import response
 
 from .entry import Shown, Table
 from .listings import COLUMNS, LOST, rows_of

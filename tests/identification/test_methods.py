@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.toml import tomllib
-from emcas_fmu.studies.identification import current_loop, drive, motion
+from emcas_fmu.studies.identification import drive, motion
 from emcas_fmu.studies.identification.estimation import SETTLED, Fit, correlation_time, descend, each, weighted_fit
 from emcas_fmu.studies.identification.records import Array, Record
 from examples.identification_bench import bench, rig
@@ -154,7 +154,7 @@ def test_current_loop_is_the_kernels(delay: float) -> None:
     levels = (0.0, 0.3, -0.2, 0.25, 0.1, -0.3)
     log = rig.run(parameters.values, lambda t: levels[int(t / 4e-3) % 6], 0.06, 5e-5, open_loop=True, clamped=True)
     v = parameters.values
-    ours = current_loop.response([v[n] for n in drive.NAMES], 0.0, log.reference, None, 5e-5, v)
+    ours = drive.response([v[n] for n in drive.NAMES], 0.0, log.reference, None, 5e-5, v)
     theirs = log.columns["motor_current"]
     # At the start the kernel has no current, the response that of a long rest: after some ms both are alike. 3 mA is
     # a twentieth of the sensor's noise; the kernel takes its integral at mid-tick (second order).

@@ -22,7 +22,7 @@ from ...figures.plots import Drawing
 from ...parameters import ParameterSet
 from . import motion, pictures
 from .estimation import Fit, each, weighted_fit
-from .records import DIRECTIONS, Array, Record, divided, refuse_magnitude, require
+from .records import DIRECTIONS, Array, Record, divided, read_records, refuse_magnitude, require
 from .result import Estimate, Experiment, Identification
 
 EXPERIMENT = Experiment("backlash", "Backlash", ("motor_angle", "fin_angle"), (),
@@ -44,7 +44,7 @@ class Sweep(NamedTuple):
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     """Identify the backlash at the fin. Raises RecordError."""
-    records = EXPERIMENT.read(paths)
+    records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     p = base.nested()
     sweeps, owners = divided(records, lambda record: _sweeps(record, _indirect(record, p)))
     for direction, word in DIRECTIONS:

@@ -24,7 +24,7 @@ from ...physics import friction, mechanics
 from ...units import RPM
 from . import motion, pictures
 from .estimation import Fit
-from .records import DIRECTIONS, Array, Record, distinct, divided, require
+from .records import DIRECTIONS, Array, Record, distinct, divided, read_records, require
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -67,7 +67,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
 
     With `keep_ratios` the cold ratios are those of `base`, for measurements at one temperature. Raises RecordError.
     """
-    records = EXPERIMENT.read(paths)
+    records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     sweeps, owners = divided(records, lambda record: _sweeps(record, base.values))
     _require(sweeps, base, keep_ratios)
     fit = _fit(sweeps, owners, base, NAMES[:-2] if keep_ratios else NAMES)

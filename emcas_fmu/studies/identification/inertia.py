@@ -23,7 +23,7 @@ from ...physics import kinematics, mechanics
 from . import motion, pictures
 from .estimation import Fit
 from .friction import COULOMB, VISCOUS
-from .records import DIRECTIONS, Array, Record, divided, require
+from .records import DIRECTIONS, Array, Record, divided, read_records, require
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -41,7 +41,7 @@ _SLOWEST = 0.02  # share of the largest speed: slower windows may contain stands
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     """Identify inertia.motor from spin-ups. Raises RecordError."""
-    records = EXPERIMENT.read(paths)
+    records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     parts, owners = divided(records, lambda record: _moving(record, base.values))
     _require(parts, base)
     fit = _fit(parts, owners, base)

@@ -20,7 +20,7 @@ from ...figures.plots import Drawing, pictures
 from ...pages.page import write_page
 from ...parameters import IDENTIFIED, MeasuredRecord, ParameterSet, file_entry, write_parameters
 from .estimation import METHOD, Fit
-from .records import Record, read_records, require
+from .records import Record, require
 
 _REMARK = "Reported, no parameter: "
 
@@ -64,10 +64,6 @@ class Experiment:
     optional: Sequence[str]
     assumed: Sequence[str]
     unit: str
-
-    def read(self, paths: Sequence[Path]) -> list[Record]:
-        """Read the records. Raises RecordError."""
-        return read_records(paths, self.required, self.optional)
 
 
 @dataclass(frozen=True)
