@@ -30,10 +30,8 @@ def write(
     model: common.SubjectModelOption = None,
     parameters: common.ParametersOption = None,
     fins: Annotated[int, common.value("Number of fins, evenly about the body, 1 to 8.", "N")] = 4,
-    layout: Annotated[str, common.value(
-        "cross: the first fin half a pitch from body y (45 deg with four); plus: on it.", "cross|plus")] = "cross",
-    fin: Annotated[list[str] | None, common.value("Parameter file of one fin, over the others' (may be repeated).",
-                                                  "N=FILE")] = None,
+    layout: common.LayoutOption = None,
+    fin: common.FinFilesOption = None,
     variant: Annotated[list[str] | None, common.value(
         "A further variant, or a replacement of cold or degraded; a file like models/degraded.toml.",
         "NAME=FILE")] = None,
@@ -57,7 +55,7 @@ def write(
     of_fins, of_variants = fin_files(fin or []), variant_files(variant or [])
     common.check_outputs(output, inputs=(fmu, parameters, of_fins.values(), of_variants.values()))
     with common.work("compile") as step:
-        written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=of_fins,
+        written = write_ssp(output, fmu, parameters, fins=fins, layout=layout or "cross", fin_files=of_fins,
                             variant_files=of_variants, border=border, model=model, progress=step, halves=halves)
     common.say(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, "
                f"FMU {written.guid}")
