@@ -379,7 +379,7 @@ class Batch:
             columns[self._indices[variable.name]] = _column(
                 f"input {variable.name}", value, variable.unit, len(self), _OF_A_BATCH)
         for index, column in columns.items():
-            self._kernel.put(index, column)
+            self._kernel.hold(index, column)
         reached, self.time = self.time, end  # also if `progress` raises: some actuators have moved by then
         try:
             self._kernel.run(end, progress)

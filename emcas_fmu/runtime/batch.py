@@ -15,7 +15,7 @@ from ..actuators import NONLINEAR, get
 from ..parameters import ParameterError
 from ..support.progress import Progress, silent
 from .codegen import MOTION
-from .compiled import REASONS, Array, address, all_finite, by_schedule, doubles, longest_line, prepare, refusal
+from .compiled import REASONS, Array, address, by_schedule, doubles, longest_line, prepare, refusal
 from .library import WORTH_VECTORS, loaded, vectors
 
 STEPS = 100_000  # expected of a batch: 100 s in steps of 1 ms
@@ -65,12 +65,11 @@ class Batch:
         """Outputs at the time that was reached [outputs, count], in the interface's order, SI."""
         self._results = np.zeros(count, dtype=np.intc)
         self._out = address(self._table), stride, address(self._results)
-        self._inputs = [v.name for v in actuator.inputs]
-        self._motion = range(len(self._inputs))[MOTION]
+        self._motion = range(len(actuator.inputs))[MOTION]
         self._motions = 1
-        self._columns: list[Array] = [np.zeros(()) for _ in self._inputs]
-        self._addresses = (ct.c_void_p * len(self._inputs))(*map(address, self._columns))
-        self._strides = (ct.c_ssize_t * len(self._inputs))()
+        self._columns: list[Array] = [np.zeros(()) for _ in actuator.inputs]
+        self._addresses = (ct.c_void_p * len(self._columns))(*map(address, self._columns))
+        self._strides = (ct.c_ssize_t * len(self._columns))()
         many = vectors(model, STEPS * count if lanes is None else WORTH_VECTORS, lanes)
         self._groups, self._move = self._prepared(many or loaded(model), progress)
 
@@ -123,20 +122,10 @@ class Batch:
     def hold(self, index: int, value: float | Array) -> None:
         """Set an input, by its index in the interface, SI: a number for all, or an array [count], which is not copied.
 
-        It is held until it is set again. An array that repeats one value in memory counts as a number. Raises
-        ValueError for another shape and for values that are not finite.
+        It is held until it is set again. An array that repeats one value in memory counts as a number. The caller has
+        checked that the values are finite and the shape is right.
         """
-        column = np.asarray(value, dtype=np.float64)
-        if column.shape not in ((), (self.count,)):
-            raise ValueError(f"{self._inputs[index]} has shape {column.shape}, not ({self.count},)")
-        if not all_finite(column):
-            actuator = int(np.argmin(np.isfinite(column)))
-            raise ValueError(f"actuator {actuator}: {self._inputs[index]} = {column.flat[actuator]} is not finite")
-        self.put(index, column)
-
-    def put(self, index: int, column: Array) -> None:
-        """Set an input as `hold` does, to values that are known to be finite and of the right shape."""
-        column = doubles(column)
+        column = doubles(value)
         stride = 0 if not column.shape else 1 if self.count == 1 else column.strides[0] // column.itemsize
         self._columns[index] = column if stride else np.array(column.flat[0])
         self._addresses[index] = address(self._columns[index])
