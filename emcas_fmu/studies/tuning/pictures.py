@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from math import degrees
 from typing import Any
@@ -29,7 +28,7 @@ def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Dr
         yield responses(result, moves)
     yield search(result)
     if conflicting := conflict(result.evaluated, pair):
-        yield trade(result, conflicting)
+        yield trade(result, *conflicting)
 
 
 def responses(result: Result, moves: Sequence[Test]) -> Drawing:
@@ -76,23 +75,13 @@ def search(result: Result) -> Drawing:
                                     "returned. A gain with a sharp lower edge matters, one with a flat edge does not.")
 
 
-@dataclass(frozen=True)
-class Conflict:
-    """Two requirements and their Pareto front: pairs of shares, the first ascending."""
-
-    first: str
-    second: str
-    correlation: float
-    front: tuple[tuple[float, float], ...]
-
-
-def front(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Return the Pareto front of points, of which small coordinates are good."""
+def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the Pareto front of points, of which small coordinates are good, the first coordinate ascending."""
     best: list[tuple[float, float]] = []
     for x, y in sorted(set(points)):
         if not best or y < best[-1][1]:
             best.append((x, y))
-    return tuple(best)
+    return best
 
 
 def shares(evaluations: Sequence[Evaluation], first: str, second: str) -> list[tuple[float, float]]:
@@ -100,9 +89,10 @@ def shares(evaluations: Sequence[Evaluation], first: str, second: str) -> list[t
     return [(e.by_requirement()[first].share, e.by_requirement()[second].share) for e in evaluations]
 
 
-def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = None) -> Conflict | None:
-    """Return the conflict of a pair of requirements, or of the two that conflict most near the best; None if none do.
-    """
+def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = None
+             ) -> tuple[str, str, float] | None:
+    """Return a pair of requirements, or the two that conflict most near the best, with the rank correlation of their
+    shares there; None if none conflict."""
     if not evaluations:
         return None
     best = min(e.objective for e in evaluations)
@@ -115,7 +105,7 @@ def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = N
     correlation, first, second = min(rated, key=lambda entry: entry[0], default=(0.0, "", ""))
     if not pair and correlation > -0.3:
         return None
-    return Conflict(first, second, correlation, front(shares(evaluations, first, second)))
+    return first, second, correlation
 
 
 def _correlation(first: Any, second: Any) -> float:
@@ -123,20 +113,21 @@ def _correlation(first: Any, second: Any) -> float:
     return float(spearmanr(first, second).statistic) if min(np.ptp(first), np.ptp(second)) > 0.0 else 0.0
 
 
-def trade(result: Result, pair: Conflict) -> Drawing:
+def trade(result: Result, first: str, second: str, correlation: float) -> Drawing:
     """Plot the shares of two requirements' limits against each other, with their Pareto front."""
-    drawn, (axes,) = column(f"{pair.second} / limit", x=f"{pair.first} / limit", width=6.0, height=3.6)
-    points = np.array(shares(result.evaluated, pair.first, pair.second))
+    drawn, (axes,) = column(f"{second} / limit", x=f"{first} / limit", width=6.0, height=3.6)
+    pairs = shares(result.evaluated, first, second)
+    points = np.array(pairs)
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]
     axes.plot(near[:, 0], near[:, 1], ".", color=GRAY, markersize=2.5)
-    inside = [p for p in pair.front if max(p) < 3.0]
+    inside = [p for p in front(pairs) if max(p) < 3.0]
     axes.plot([p[0] for p in inside], [p[1] for p in inside], ".-", color=GREEN, label="none is better in both")
-    best = shares([result.best], pair.first, pair.second)[0]
+    best = shares([result.best], first, second)[0]
     axes.plot(*best, "o", color=BLUE, label="returned")
     axes.axvline(1.0, **_LEVEL)
     axes.axhline(1.0, **_LEVEL)
     axes.legend(loc="upper right")
     return Drawing(
         "What one costs the other", drawn,
-        f"{pair.first} and {pair.second} as shares of their limits, worst case each (rank correlation near the "
-        f"best {pair.correlation:.2f}); below and left of the dashed lines both are met.")
+        f"{first} and {second} as shares of their limits, worst case each (rank correlation near the "
+        f"best {correlation:.2f}); below and left of the dashed lines both are met.")
