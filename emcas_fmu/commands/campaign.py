@@ -31,8 +31,7 @@ def campaign(
         "FOLDER", "--output", "-o")] = None,
     fmu: Annotated[Path | None, common.value("Run this FMU instead of the kernel: slower, same figures.",
                                              "FILE.fmu")] = None,
-    fin: Annotated[int | None, common.value("Number of the fin in an FMU of several. Default: the first.", "N",
-                                            min=1)] = None,
+    fin: common.FinOption = None,
     model: Annotated[str | None, common.model_option(
         "Which actuator, instead of the file's", " Of an FMU it is the FMU's; name it for one of a file of yours.")
     ] = None,

@@ -174,7 +174,7 @@ SubjectModelOption = Annotated[str | None, model_option(
 ParametersOption = Annotated[list[Path] | None, value(
     "Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); overrides any subset of the "
     "defaults. Repeatable: a later file overrides those before it.", "FILE|SET", "--parameters", "-p", callback=_files)]
-FinOption = Annotated[int | None, value("Number of the fin in an FMU of several. Default: the first.", "N")]
+FinOption = Annotated[int | None, value("Number of the fin in an FMU of several. Default: the first.", "N", min=1)]
 LayoutOption = Annotated[str | None, value(
     "Placement of several fins: plus has one along body y, cross (default) is half a pitch further.", "plus|cross")]
 FinFilesOption = Annotated[list[str] | None, value(

@@ -261,6 +261,15 @@ def test_two_outputs_are_two_files(tmp_path: Path) -> None:
     assert "two outputs" in " ".join(done.stderr.split())
 
 
+@pytest.mark.parametrize("command", ["validate", "report", "baseline record", "baseline check"])
+def test_fins_are_counted_from_1(command: str) -> None:
+    """Fin 0 would be that of no fin."""
+    done = CliRunner().invoke(app, [*command.split(), "EMCAS4.fmu", "--fin", "0"])
+    assert done.exit_code == 2
+    assert "--fin" in done.stderr
+    assert "equal to 1" in done.stderr
+
+
 def test_fit_is_of_the_nonlinear_actuator(tmp_path: Path) -> None:
     """Another model, or its parameters, cause one line; a misspelt name is reported as usual."""
     own, slip = tmp_path / "own.toml", tmp_path / "slip.toml"
