@@ -169,10 +169,9 @@ def test_what_takes_long_is_announced_on_standard_error(capsys: pytest.CaptureFi
     assert capsys.readouterr().err == ""
 
 
-def test_progress_shows_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    bars = common.progress_bar()
-    monkeypatch.setattr(common, "progress_bar", lambda: bars)
-    with common.work("test") as step:
+def test_progress_shows_the_time_left() -> None:
+    with common.progress_bar() as bars:
+        step = common.stepper(bars, "test")
         step("one", 1, 4)
         assert bars.tasks[0].total == 4
         assert any(type(column).__name__ == "TimeRemainingColumn" for column in bars.columns)
