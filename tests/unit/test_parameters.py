@@ -637,9 +637,6 @@ def coulomb(direction: str, *coefficients: float) -> dict[str, float]:
     return {f"friction.coulomb.{direction}[{i}]": c for i, c in enumerate(padded)}
 
 
-INERTIAS = ("inertia.motor", "inertia.screw", "inertia.fin", "inertia.shaft", "inertia.fork")
-
-
 @pytest.mark.parametrize("changes", [
     {"command.limit": radians(25)},
     {"fin.start_angle": radians(25)},
@@ -655,7 +652,6 @@ INERTIAS = ("inertia.motor", "inertia.screw", "inertia.fin", "inertia.shaft", "i
     coulomb("negative", 0.125, -0.1),  # 0 at the stop: 25/20 = 1.25
     coulomb("negative", 0.0016071428571428571, -0.0012857142857142859),  # 0 at the stop but for rounding
     coulomb("positive", 0.001, -0.02, 0.1),  # lowest 0 at 2 deg
-    dict.fromkeys(INERTIAS[1:], 0.0),
 ])
 def test_consistent_up_to_the_limit(changes: dict[str, float]) -> None:
     assert check_combinations({**DEFAULTS.values, **changes}, ACTUATOR) == []
@@ -680,7 +676,6 @@ def test_consistent_up_to_the_limit(changes: dict[str, float]) -> None:
                                        "fin.stop_angle"]),
     (coulomb("positive", 0.12, 0.1), ["-0.005 N.m at fin_angle = -0.436332 rad"]),
     (coulomb("positive", 0.0009, -0.02, 0.1), ["-0.0001 N.m at fin_angle = 0.0349066 rad (2 deg)"]),
-    (dict.fromkeys(INERTIAS, 0.0), [*INERTIAS, "0 kg.m2", "above 0"]),
 ])
 def test_inconsistent(changes: dict[str, float], fragments: list[str]) -> None:
     found = check_combinations({**DEFAULTS.values, **changes}, ACTUATOR)
