@@ -14,7 +14,9 @@ from emcas_fmu.bench.frequency_response import fundamental, held
 from emcas_fmu.bench.metrics import unit_of
 from emcas_fmu.bench.runs import StoppedError
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.physics import kinematics
 from emcas_fmu.studies.report import accuracy, budget, mission, responses, stiffness
 from emcas_fmu.studies.report.outcome import Group, Outcome, Quantity, Rig
 
@@ -247,6 +249,20 @@ def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
     assert degrees(accuracy.count(Play())) == pytest.approx(count(values))
     turn = 360.0 / (values["encoder.pulses"] * values["encoder.multiplier"])
     assert accuracy.count(Play(values={**values, "encoder.on_fin": True})) == pytest.approx(radians(turn))
+
+
+@pytest.mark.parametrize("initial", [0.0, 40.0])
+@pytest.mark.parametrize("model", ["nonlinear", "habibi"])
+def test_encoder_count_is_the_largest_motion_of_a_count(model: str, initial: float) -> None:
+    """By differences of the fin angle at 2,001 motor angles over the range of commands; 1e-3 is for their curvature."""
+    parameters = load_parameters(model=model).with_values({"kinematics.initial_angle": radians(initial)})
+    p = parameters.actuator.plant(parameters.values)
+    turn = 2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)
+    low, high = (kinematics.motor_angle(FLOATS, p, side * p.command.limit) for side in (-1.0, 1.0))
+    motor = np.linspace(low, high, 2001)
+    angles = [kinematics.fin_at(FLOATS, p, angle) for angle in motor.tolist()]
+    expected = np.diff(angles).max() * turn / (motor[1] - motor[0])
+    assert accuracy.count(ParameterSubject(parameters)) == pytest.approx(expected, rel=1e-3)
 
 
 def test_broken_subject_is_told() -> None:

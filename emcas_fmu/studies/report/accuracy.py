@@ -7,18 +7,20 @@ fleet the actuators as built count. The tolerances are cases that change deviati
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import cos, degrees, inf, nan, pi, radians, sqrt
+from math import degrees, inf, nan, radians, sqrt, tan
 from typing import Any
 
 import numpy as np
 
-from ...actuators import NONLINEAR, parts
+from ...actuators import NONLINEAR, capabilities, parts
 from ...bench.excitation import HOLD, of_case, staircase
 from ...bench.metrics import ACCURACY, bidirectional
 from ...bench.requirements import Case
 from ...bench.subject import Subject
+from ...control import sensors
 from ...ops.floats import FLOATS
 from ...parameters import load_parameters, shipped_file
+from ...physics import kinematics
 from ...reference import files
 from ..tuning.study import shipped_cases
 from .outcome import Array, Group, Outcome, Quantity, Rig
@@ -46,8 +48,6 @@ RATIO = 1.05  # of the larger to the smaller size that encloses the figure
 THRESHOLD = tuple(
     Quantity(f"{side}_deg", f"smallest step of the command, in the {side} direction, that is answered", side)
     for side in ("positive", "negative"))
-_ENCODER = ("encoder.pulses", "encoder.multiplier", "encoder.on_fin")
-_SCREW = ("screw.lead", "kinematics.moment_arm", "kinematics.initial_angle")
 
 CASES = ("step", "load_opposing", "cold", "sag")
 SHORTER = 4.0
@@ -113,15 +113,14 @@ def count(subject: Subject) -> float:
 
     For an actuator without encoder and screw it is a hundredth of the accuracy of Table 2 of Yerlikaya (2016).
     """
-    values = subject.values
-    if not values.keys() >= {*_ENCODER} or not (values["encoder.on_fin"] or values.keys() >= {*_SCREW}):
+    provides, p = subject.actuator.provides, subject.actuator.namespace(subject.values)
+    if capabilities.ENCODER not in provides or not (p.encoder.on_fin or capabilities.SCREW_AND_LEVER in provides):
         return ACCURACY / 100.0
-    turn = float(2.0 * pi / (values["encoder.pulses"] * values["encoder.multiplier"]))
-    if values["encoder.on_fin"]:
-        return turn
-    # The least reduction ratio d/(l cos^2) is where the lever is perpendicular to the screw, or at an end of the range.
-    lever = max(abs(values["kinematics.initial_angle"]) - subject.command_limit, 0.0)
-    return float(turn * values["screw.lead"] / values["kinematics.moment_arm"] * cos(lever) ** 2)
+    if p.encoder.on_fin:
+        return float(sensors.resolution(p))
+    # The least reduction ratio is where the lever is perpendicular to the screw, or at an end of the range.
+    lever = max(abs(p.kinematics.initial_angle) - subject.command_limit, 0.0)
+    return float(sensors.resolution(p) / kinematics.reduction_ratio(FLOATS, p, tan(lever)))
 
 
 def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: float = RATIO) -> float:
