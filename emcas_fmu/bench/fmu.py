@@ -185,7 +185,7 @@ def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str
         if fin not in (None, 1):
             raise EmcasError(f"{path}: has one fin, there is no fin {fin}")
         return {name: name for name in present}
-    prefix = f"fin[{fin or 1}]."
+    prefix = f"fin[{1 if fin is None else fin}]."
     if prefix not in prefixes:
         raise EmcasError(f"{path}: has {len(prefixes)} fins, there is no fin {fin}")
     shared = {name: name for name in present if not _FIN.match(name)}

@@ -340,14 +340,15 @@ def stepper(bars: Bars, label: str) -> Progress:
 
 
 def _lines(label: str) -> Progress:
-    """Return a callback that prints a line to standard error whenever a further part is done."""
-    last = 0
+    """Return a callback that prints a line to standard error whenever a further part is done, or another stage begins.
+    """
+    last = 0, ""
 
     def report(name: str, done: int, total: int) -> None:
         nonlocal last
-        if done > last:
-            last = done
-            err.print(f"{label} {done} of {total}: {name}")
+        if (now := (done, name.partition(",")[0])) != last:
+            last = now
+            err.print(escape(f"{label} {done} of {total}: {name}"), soft_wrap=True)
 
     return report
 

@@ -80,7 +80,7 @@ FAULTS = (
         tunable("pole_pairs", "1", 0.0, 1e3, "pole pairs of the motor (0: no effect of its inductance)"),),
         (capabilities.PHASES,)),
     Fault("phase_loss", "a phase of the motor is open, unknown to the controller", (
-        tunable("pole_pairs", "1", 0.0, 1e3, "pole pairs of the motor"),
+        tunable("pole_pairs", "1", 1.0, 1e3, "pole pairs of the motor"),
         tunable("angle", "rad", -pi, pi, "motor angle at which no torque is left")),
         (capabilities.PHASES,)),
 )

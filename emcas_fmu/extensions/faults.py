@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations, product
 from typing import Any, NamedTuple
 
 from ..actuators import capabilities, fin_port
@@ -312,10 +313,9 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
-    of_faults = [v.name for fault in fault_list.possible(actuator) for v in fault_list.parameters(fault)]
-    others = [v.name for v in actuator.parameters]
-    pairs = [name for name in (*of_faults, *others) if name.endswith(".pole_pairs")]
-    return (_command_delay, *(each for each in one_motor(pairs) if each.message.startswith("fault.")))
+    of_faults, others = ([v.name for v in variables if v.name.endswith(".pole_pairs")] for variables in (
+        [v for fault in fault_list.possible(actuator) for v in fault_list.parameters(fault)], actuator.parameters))
+    return (_command_delay, *one_motor([*combinations(of_faults, 2), *product(of_faults, others)]))
 
 
 EXTENSION = Extension(

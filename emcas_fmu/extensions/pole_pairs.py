@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import combinations
 from typing import Any
 
 from ..namespace import value_of
@@ -11,15 +10,15 @@ from ..ops.base import Ops, Value
 from ..rules import Rule, rule, when
 
 
-def one_motor(names: Iterable[str]) -> tuple[Rule, ...]:
-    """Return the warnings of any two parameters that differ, except those that are 0 or of a fault that does not act.
+def one_motor(pairs: Iterable[tuple[str, str]]) -> tuple[Rule, ...]:
+    """Return the warnings of pairs of parameters that differ, except those that are 0 or of a fault that does not act.
     """
-    return tuple(_same(*two) for two in combinations(names, 2))
+    return tuple(_same(*pair) for pair in pairs)
 
 
 def _same(first: str, second: str) -> Rule:
-    @rule(f"{first} = %.6g and {second} = %.6g are of the same motor: give both the same, or 0 to leave out what they "
-          "cause", warning=True)
+    @rule(f"{first} = %.6g and {second} = %.6g are of the same motor: give both the same, or 0 where that leaves out "
+          "what they cause", warning=True)
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         one, other = value_of(p, first), value_of(p, second)
         act = ops.both(_acts(ops, p, first), _acts(ops, p, second))

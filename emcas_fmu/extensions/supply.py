@@ -54,7 +54,8 @@ PARAMETERS = in_group(
               "resistance"),
 )
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn from the source, that of its resistance "
-                           "included; negative while it absorbs power", 1000.0)
+                           "included; its mean over the last update on a bus that is not stiff; negative while it "
+                           "absorbs power", 1000.0)
 OUTPUTS = (
     real_output("link_voltage", "V", "voltage of the DC link, which limits the motor's", 30.0, minimum=0.0),
     real_output("brake_power", "W", "power that the brake chopper turns into heat", 100.0, minimum=0.0),

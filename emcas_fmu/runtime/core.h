@@ -1,7 +1,8 @@
 /* Samples, delay buffers and ticks of actuators that are stepped together: core.py in C.
  *
  * `core_x` is the method x or _x of Core, core_move its _run, core_scheduled its bind, core_inputs_of the function
- * inputs_of; the other functions serve ramps of the inputs, lanes and memory. states.h checks stored states as Core.unsound does.
+ * inputs_of; the other functions serve ramps of the inputs, lanes and memory. states.h checks stored states as
+ * Core.unsound does.
  *
  * `lanes` are a number for each of them: one number by scalar.h, several if vector.h comes first. Lanes move together
  * while their samples and ticks coincide; `which` are the lanes that do, values of the others have no meaning. model.h

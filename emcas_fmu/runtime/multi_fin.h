@@ -25,10 +25,11 @@ typedef struct {
 } multi_fin;
 
 /* Everything that changes while running: the fins, the line's states, what the fins consumed on average before the last
- * instant and the charge that each had drawn by then, if they store charge, and the number of the next instant. */
+ * instant, the charge that each had drawn by then and its mean power [W], if they store charge, and the number of the
+ * next instant. */
 typedef struct {
     core_state core[FINS];
-    double line[MODEL_LINE_STATES], mean, charge[FINS];
+    double line[MODEL_LINE_STATES], mean, charge[FINS], power[FINS];
     int64_t instant;
 } multi_fin_state;
 
@@ -111,15 +112,17 @@ static void line_shared(const multi_fin *m, double source, const double *states,
 #endif
 }
 
-/* The same, at a communication point: current and power of fins that store charge are means. */
+/* The same, at a communication point: current and powers of fins that store charge are means over the last interval. */
 static void line_put_out(const multi_fin *m, const multi_fin_state *s, double source, double *out)
 {
-    line_shared(m, source, s->line, out);
 #if MULTI_FIN_LINE && defined MODEL_CHARGED
-    if (!multi_fin_stiff(m)) {
-        out[1] = s->mean;
-        out[2] = out[0] * s->mean;
-    }
+    const bool averaged = !multi_fin_stiff(m);
+    for (size_t fin = 0; averaged && fin < FINS; ++fin)
+        out[LINE_OUTPUTS + fin * MODEL_OUTPUTS + MODEL_SUPPLY_POWER] = s->power[fin];
+    line_shared(m, source, s->line, out);
+    if (averaged) out[1] = s->mean;
+#else
+    line_shared(m, source, s->line, out);
 #endif
 }
 
@@ -183,25 +186,28 @@ static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from,
 }
 
 #if MULTI_FIN_LINE
-/* What the fins consume from now on, from their outputs; its mean since the last instant and their charges are stored. */
+/* What the fins consume from now on, from their outputs; its mean since the last instant is stored, with the charges
+ * and mean powers of fins that store charge. */
 static double line_drawn(const multi_fin *m, multi_fin_state *s, double source, double *out)
 {
     line_shared(m, source, s->line, out);
     s->mean = out[1];
 #ifdef MODEL_CHARGED
-    double drawn = 0.0, gained = 0.0;
+    double drawn = 0.0;
     const double interval = multi_fin_interval(m);
+    s->mean = 0.0;
     for (size_t fin = 0; fin < FINS; ++fin) {
         double current, course[2];
         const core_plant *x = &s->core[fin].tentative;
         kernel_line_drawn(m->p[fin], m->c[fin], out[LINE_OUTPUTS + fin * MODEL_OUTPUTS + MODEL_SUPPLY_POWER], out[0],
                           &current);
         kernel_line_course(m->p[fin], m->c[fin], interval, current, s->charge[fin], CORE_PLANT_OF(x), course);
+        const double mean = (course[0] - s->charge[fin]) / interval;
         drawn += course[1];
-        gained += course[0] - s->charge[fin];
+        s->mean += mean;
         s->charge[fin] = course[0];
+        s->power[fin] = out[0] * mean;
     }
-    s->mean = gained / interval;
     return drawn;
 #else
     return out[1];

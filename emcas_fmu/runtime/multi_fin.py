@@ -26,8 +26,8 @@ class MultiFin:
     line. `sizes` are those of a core.
     """
 
-    __slots__ = ("_charges", "_functions", "_instant", "_line", "_mean", "_motion", "_of_line", "_power", "_supply",
-                 "cores")
+    __slots__ = ("_charges", "_functions", "_instant", "_line", "_mean", "_motion", "_of_line", "_power", "_powers",
+                 "_supply", "cores")
 
     def __init__(self, functions: Sequence[Functions], line: Sequence[float], power: int | None,
                  sizes: Sizes) -> None:
@@ -38,6 +38,7 @@ class MultiFin:
         self._of_line = () if power is None else self._functions[0][_CORE + 4](*self._line)
         self._instant, self._mean = 1, 0.0
         self._charges = (0.0,) * len(self.cores) if len(self._functions[0]) > _COURSE else ()
+        self._powers = self._charges  # means over the last interval, of fins that store charge
 
     def bind(self, functions: Sequence[Functions]) -> None:
         """Use these functions of the kernel, for instance after a tunable parameter has changed."""
@@ -58,14 +59,17 @@ class MultiFin:
     @property
     def state(self) -> tuple[Any, ...]:
         """Everything that changes while running."""
-        return (self._of_line, (self._mean, *self._charges), self._instant, tuple(core.state for core in self.cores))
+        return (self._of_line, self._consumed, self._instant, tuple(core.state for core in self.cores))
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        self._of_line, (self._mean, *charges), self._instant, states = state
-        self._charges = tuple(charges)
+        self._of_line, (self._mean, self._charges, self._powers), self._instant, states = state
         for core, one in zip(self.cores, states, strict=True):
             core.state = one
+
+    @property
+    def _consumed(self) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+        return self._mean, self._charges, self._powers
 
     def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
         """Return the problem of a state that was stored at `now` [s] from the start; see :meth:`Core.unsound`."""
@@ -77,7 +81,7 @@ class MultiFin:
         if problem := next(filter(None, (core.unsound(one, now, inputs)
                                          for core, one in zip(self.cores, states, strict=True))), ""):
             return problem
-        if not alike((of_line, drawn), (self._of_line, (self._mean, *self._charges))):
+        if not alike((of_line, drawn), (self._of_line, self._consumed)):
             return "state of the supply's line"
         placed = type(instant) is int and instant >= 1 and finite(instant)
         if placed and self._line and self._line[0] > 0.0:
@@ -122,11 +126,11 @@ class MultiFin:
             raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the line")
         # A host's clock may be slightly before an instant that it means to have reached.
         while not stiff and (following := self._instant * interval) <= last:
-            drawn, mean, charges = self._drawn(source, self._run_fins(min(following, end), inputs))
-            state = self._following(source, drawn, mean)
+            drawn = self._drawn(source, self._run_fins(min(following, end), inputs))
+            state = self._following(source, drawn)
             if any(value - value != 0.0 for value in state):
                 raise ArithmeticError("the state is no longer finite")
-            self._of_line, self._mean, self._charges = state, mean, charges
+            self._of_line = state
             self._instant += 1
         return self._put_out(source, self._run_fins(end, inputs))
 
@@ -156,35 +160,40 @@ class MultiFin:
         (drawn,) = self._functions[0][_CORE + 2](power, level)
         return level, drawn, power
 
-    def _drawn(self, source: float, each: Outputs) -> tuple[float, float, tuple[float, ...]]:
-        """Return what the fins consume from now on, its mean since the last instant, and the charges of fins that store
-        charge.
+    def _drawn(self, source: float, each: Outputs) -> float:
+        """Return what the fins consume from now on; its mean since the last instant is stored, with the charges and
+        mean powers of fins that store charge.
         """
         level, drawn, _ = self._shared(source, each)
+        self._mean = drawn
         if not self._charges:
-            return drawn, drawn, ()
-        drawn = gained = 0.0
-        charges, interval = [], self._line[-1]
+            return drawn
+        drawn = self._mean = 0.0
+        charges, powers, interval = [], [], self._line[-1]
         for core, f, outputs, before in zip(self.cores, self._functions, each, self._charges, strict=True):
             (current,) = f[_CORE + 2](outputs[self._power or 0], level)
             charge, ahead = f[_COURSE](interval, current, before, *core.state[-1])  # the plant's states there
+            mean = (charge - before) / interval
             drawn += ahead
-            gained += charge - before
+            self._mean += mean
             charges.append(charge)
-        return drawn, gained / interval, tuple(charges)
+            powers.append(level * mean)
+        self._charges, self._powers = tuple(charges), tuple(powers)
+        return drawn
 
-    def _following(self, source: float, drawn: float, mean: float) -> tuple[float, ...]:
+    def _following(self, source: float, drawn: float) -> tuple[float, ...]:
         inductances = 0.0
         for f in self._functions:
             (inverse,) = f[_CORE + 5](self._line[-1])
             inductances += inverse
-        return self._functions[0][_CORE + 3](*self._line, source, *self._of_line, drawn, mean, inductances)
+        return self._functions[0][_CORE + 3](*self._line, source, *self._of_line, drawn, self._mean, inductances)
 
     def _put_out(self, source: float, each: Outputs) -> tuple[Any, ...]:
-        fins = tuple(x for outputs in each for x in outputs)
         if self._power is None:
-            return fins
+            return tuple(x for outputs in each for x in outputs)
+        averaged = self._charges and not self._stiff
+        if averaged:
+            k = self._power
+            each = [(*outputs[:k], power, *outputs[k + 1:]) for outputs, power in zip(each, self._powers, strict=True)]
         level, drawn, power = self._shared(source, each)
-        if self._charges and not self._stiff:
-            drawn, power = self._mean, level * self._mean
-        return (level, drawn, power, *fins)
+        return (level, self._mean if averaged else drawn, power, *(x for outputs in each for x in outputs))

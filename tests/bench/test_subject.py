@@ -161,5 +161,7 @@ def test_one_fin_of_several(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, expected)
     with pytest.raises(EmcasError, match="is of the model elastic"), open_subject(fmu, "linear"):
         pass
+    with pytest.raises(EmcasError, match="has 2 fins, there is no fin 0"), open_subject(fmu, fin=0):
+        pass
     with pytest.raises(EmcasError, match="leave --fin out"), open_subject(tmp_path / "worn.toml", fin=1):
         pass

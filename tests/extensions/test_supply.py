@@ -363,13 +363,15 @@ def test_two_fins_in_a_native_fmu(tmp_path: Path) -> None:
     path = lean(BASE, tmp_path / "native.fmu", fins=2)
     time = np.arange(101) * 1e-3
     command = np.where(np.sin(60.0 * time) >= 0.0, 0.2, -0.2)
-    names = [f"fin[{k}].{name}" for k in (1, 2) for name in ("fin_angle", "link_voltage", "brake_power")]
+    names = [f"fin[{k}].{name}" for k in (1, 2)
+             for name in ("fin_angle", "link_voltage", "brake_power", "supply_power")]
+    line = ["bus_voltage", "bus_current", "supply_power"]
     found = simulate_fmu(
-        str(path), stop_time=0.1, step_size=1e-3, output_interval=1e-3, output=["bus_voltage", "bus_current", *names],
+        str(path), stop_time=0.1, step_size=1e-3, output_interval=1e-3, output=[*line, *names],
         input=np.array(list(zip(time, command, strict=True)), dtype=[("time", float), ("fin[2].fin_command", float)]),
         start_values={"bus.source_resistance": 0.02})
     expected = simulate_fins([BASE.values] * 2, 0.1, 1e-3, MODEL, {"bus.source_resistance": 0.02},
                              **{"fin[2].fin_command": command})
     assert expected["fin[2].brake_power"].max() > 0.0
-    for name in ("bus_voltage", "bus_current", *names):
+    for name in (*line, *names):
         assert np.array_equal(found[name], expected[name]), name

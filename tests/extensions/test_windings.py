@@ -153,7 +153,7 @@ def test_before_and_after_a_failed_winding(fault: str) -> None:
      "fault.phase_loss.pole_pairs = 4 and inverter.pole_pairs = 3"),
     ({"fault.phase_loss.active": True, "fault.winding_short.active": True, "fault.phase_loss.pole_pairs": 8.0},
      "fault.winding_short.pole_pairs = 4 and fault.phase_loss.pole_pairs = 8"),
-    ({"fault.phase_loss.active": True, "fault.phase_loss.pole_pairs": 0.0}, "")])
+    ({"fault.winding_short.active": True, "fault.winding_short.pole_pairs": 0.0}, "")])
 def test_faults_have_the_pole_pairs_of_the_motor(changes: dict[str, Any], named: str) -> None:
     """A fault that is switched on or scheduled."""
     parameters = load_parameters(model="nonlinear+inverter+faults").with_values({"motor.pole_pairs": 8, **changes})

@@ -16,12 +16,15 @@ HERE = Path(__file__).parent
 RUN = """
 import shutil, sys
 from pathlib import Path
-host, slash, *copies = sys.argv[1:]
+host, before, after, *copies = sys.argv[1:]
 sys.path.insert(0, host)
 from host import OK, Fmu, Instance
+class Resources(type(Path())):
+    def as_uri(self):
+        return f"file://{before}{self}{after}"
 for copy in copies:
     fmu = Fmu(copy)
-    fmu.folder = Path(slash + str(fmu.folder))
+    fmu.folder = Resources(copy)
     unit = Instance(fmu)
     assert max(unit.initialize()) == OK
     assert unit.run(0.0, 0.01, 1e-3, fin_command=0.1) == OK
@@ -33,9 +36,10 @@ print("done")
 
 @pytest.mark.slow
 @pytest.mark.fmu
-@pytest.mark.parametrize(("slash", "link", "count"), [("", False, 1), ("/", False, 1), ("", True, 2)])
-def test_a_python_host_ends_without_touching_freed_memory(python: Path, linux: None, tmp_path: Path, slash: str,
-                                                          link: bool, count: int) -> None:
+@pytest.mark.parametrize(("before", "after", "link", "count"), [
+    ("", "", False, 1), ("/", "/", False, 1), ("", "", True, 2)])
+def test_a_python_host_ends_without_touching_freed_memory(python: Path, linux: None, tmp_path: Path, before: str,
+                                                          after: str, link: bool, count: int) -> None:
     """The wrapper releases its state as the process ends, and its library's finalizer did so again.
 
     The host unpacks a copy for each instance, deletes it before it ends, and may spell its path its own way.
@@ -46,7 +50,7 @@ def test_a_python_host_ends_without_touching_freed_memory(python: Path, linux: N
         (tmp_path / "there").symlink_to(tmp_path / "here")
         copies = [tmp_path / "there" / copy.name for copy in copies]
     done = subprocess.run([valgrind, "--num-callers=6", sys.executable, "-I", "-S", "-c", RUN, HERE.parent / "fmu",
-                           slash, *copies],
+                           before, after, *copies],
                           env={**os.environ, "PYTHONMALLOC": "malloc"}, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout == "done\n"

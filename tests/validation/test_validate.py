@@ -535,6 +535,7 @@ def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     # A play follows at once: it is as accurate as can be, and no trajectory of the nonlinear actuator.
     assert {j.name for j in found.judged if j.passed} >= {"range", "accuracy_20deg", "unloaded_rate", "loaded_rate"}
     assert not any(j.passed for j in found.trajectory)
+    assert found.failed == [j for j in found.judged if not j.passed]
     left = [j.name for j in found.requirements if j.skipped]
     assert {"rest_current", "rated_current"} <= set(left)
     assert f"; {len(left)} more were not judged: step, step_plus1, " in found.verdict

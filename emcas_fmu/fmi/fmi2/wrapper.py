@@ -36,7 +36,8 @@ def _release_wrappers() -> None:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:  # noqa: PTH123
             paths = {line.split(maxsplit=5)[5].rstrip().removesuffix(" (deleted)") for line in maps if line.count("/")}
         # Every copy that a host has unpacked: the wrapper puts its resources into the path.
-        for folder in {entry.removesuffix("/resources") for entry in sys.path if entry.endswith("/resources")}:
+        entries = {entry.rstrip("/") for entry in sys.path}
+        for folder in {entry.removesuffix("/resources") for entry in entries if entry.endswith("/resources")}:
             real = os.path.realpath(folder)
             for path in (path for path in paths if path.startswith(f"{real}/binaries/")):
                 # The file may be gone: then the loader knows the library by the host's spelling alone.

@@ -58,7 +58,7 @@ function eigenvalues(a) {
     const h = hessenberg(balanced(a)).map(row => Array.from(row, x => [x, 0])), found = [];
     const size = (i, j) => Math.abs(h[i][j][0]) + Math.abs(h[i][j][1]);
     for (let n = h.length - 1, steps = 0; n >= 0; ++steps) {
-        if (!n || size(n, n - 1) <= 1e-16 * (size(n, n) + size(n - 1, n - 1)) || steps === 3000) {
+        if (!n || size(n, n - 1) <= 1e-16 * (size(n, n) + size(n - 1, n - 1)) || steps >= 3000) {
             found.push(h.pop().pop());
             for (const row of h) row.pop();
             --n;

@@ -157,6 +157,11 @@ class Result:
         return verdict.counted(self.criteria)
 
     @property
+    def failed(self) -> list[Judged]:
+        """The criteria that were judged and are not met."""
+        return verdict.missed(self.criteria)
+
+    @property
     def passed(self) -> bool:
         """Whether something was judged and all of it passed."""
         return verdict.all_passed(self.criteria)
