@@ -80,11 +80,11 @@ BUS = Line(
     group="bus",
     supply="electrical supply",
     source="voltage of the source of the bus",
-    power="electrical power drawn by all drives, of DC links the mean over the last update; negative while "
+    power="electrical power drawn by all drives, its mean over the last update if they have DC links; negative while "
           "regenerating",
     outputs=(
         real_output("bus_voltage", "V", "voltage at the drives: the supply's less the sag", 30.0, minimum=0.0),
-        real_output("bus_current", "A", "current all drives draw, of DC links the mean over the last update; "
+        real_output("bus_current", "A", "current all drives draw, its mean over the last update if they have DC links; "
                     "negative while regenerating", 30.0)),
     parameters=(
         parameter("bus.source_resistance", "Ohm", 0.0, 1.0,
