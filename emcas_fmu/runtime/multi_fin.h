@@ -29,7 +29,10 @@ typedef struct {
  * next instant. */
 typedef struct {
     core_state core[FINS];
-    double line[MODEL_LINE_STATES], mean, charge[FINS], power[FINS];
+    double line[MODEL_LINE_STATES];
+#if MULTI_FIN_LINE
+    double mean, charge[FINS], power[FINS];
+#endif
     int64_t instant;
 } multi_fin_state;
 

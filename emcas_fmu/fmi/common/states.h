@@ -40,11 +40,11 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
 
 static const char *unsound_line(const multi_fin *m, const model_state *s)
 {
-    if (!core_all_finite(s->fins.line, MODEL_LINE_STATES) || !core_finite(s->fins.mean)
-        || !core_all_finite(s->fins.charge, FINS) || !core_all_finite(s->fins.power, FINS))
-        return "state of the supply's line";
+    if (!core_all_finite(s->fins.line, MODEL_LINE_STATES)) return "state of the supply's line";
     if (s->fins.instant < 1) return "place in time of the supply's line";
 #if MULTI_FIN_LINE
+    if (!core_finite(s->fins.mean) || !core_all_finite(s->fins.charge, FINS) || !core_all_finite(s->fins.power, FINS))
+        return "state of the supply's line";
     /* The next instant of a line that is not stiff is ahead, within an interval, but for rounding. */
     const double interval = multi_fin_interval(m), ahead = (double)s->fins.instant * interval - s->now;
     if (!multi_fin_stiff(m) && (ahead < 0.0 || ahead > interval + 1e-9))
