@@ -200,8 +200,7 @@ def open_subject(path: Path | None, model: str | None = None, fin: int | None = 
         raise EmcasError(f"--parameters {parameters[0]}: {path} has its parameters in it; build an FMU of these")
     model = model and full_name(model)
     with opened(path, fin, model) as fmu:
-        subject = FmuSubject(fmu, chosen_model(str(path), fmu.description.modelName, model),
-                             1 if fin is None else fin)
+        subject = FmuSubject(fmu, chosen_model(str(path), fmu.description.modelName, model), fin or 1)
         try:
             yield subject
         finally:

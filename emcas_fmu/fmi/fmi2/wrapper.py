@@ -30,9 +30,9 @@ def _release_wrappers() -> None:
     finalizer: a count is decremented in freed memory, which sometimes aborts a host that has finished. Calling the
     same finalizer before leaves nothing to release twice.
     """
-    import ctypes
-
     with suppress(Exception):  # the interpreter is ending; without these calls everything else still works
+        import ctypes
+
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:  # noqa: PTH123
             paths = {line.split(maxsplit=5)[5].rstrip().removesuffix(" (deleted)") for line in maps if line.count("/")}
         # Every copy that a host has unpacked: the wrapper puts its resources into the path.
