@@ -68,7 +68,6 @@ def test_faults_and_monitors_of_several_capabilities(tmp_path: Path) -> None:
         moves(loaded(folder, *monitor.needs, extension="+faults"))
 
 
-@pytest.mark.drawn
 @pytest.mark.parametrize("words", DEAR)
 def test_the_analysis_needs_no_more_than_it_says(words: str, tmp_path: Path) -> None:
     parameters = loaded(tmp_path, *dict.fromkeys((POSITION_LOOP, words))).with_values({"command.limit": "2 deg"})
