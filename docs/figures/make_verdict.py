@@ -30,7 +30,7 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.support.files import models_directory
 
 UNWOUND = "unwound.py"  # beside this script
-SAMPLES, SEED = 50, 1
+SAMPLES, SEED = 25, 1
 
 
 class Defect(NamedTuple):

@@ -11,7 +11,6 @@ from emcas_fmu.parameters import load_parameters
 
 from ..docs.recipes import ROOT
 from ..docs.test_tables import script
-from ..marks import others_slow
 
 script("make_tables")  # which the other imports
 verdict = script("make_verdict")
@@ -46,9 +45,7 @@ def test_every_actuator_has_wrong_ones() -> None:
     assert min(sum(bool(d.causes) for d in defects) for defects in verdict.DEFECTS.values()) >= 3
 
 
-@pytest.mark.parametrize("kind", others_slow(
-    ["nonlinear", "linear", "second-order", "ristanovic", "habibi", "ozkan", "elastic", "series-clutch"],
-    lambda kind: kind not in _SLOWER))
+@pytest.mark.parametrize("kind", ["nonlinear", "linear", "second-order", "ristanovic"])
 def test_sound_units_pass(kind: str) -> None:
     """Two of those that the slow test goes through."""
     units = verdict._judged(load_parameters(model=kind), list(islice(verdict.sound(kind), 2)))
