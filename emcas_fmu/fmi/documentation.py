@@ -6,10 +6,12 @@ import ast
 import inspect
 import json
 from collections.abc import Iterator, Sequence
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from math import degrees
 from pathlib import Path
 from textwrap import dedent
+from types import ModuleType
 from typing import Any
 
 from markupsafe import Markup
@@ -74,6 +76,12 @@ def _blocks(docstring: str) -> Iterator[tuple[bool, Markup]]:
         yield indented, prose(dedent(paragraph.strip("\n")) if indented else " ".join(paragraph.split()))
 
 
+@cache
+def _docstring(module: ModuleType) -> str | None:
+    """Return the docstring of a module, from its source: with -OO the module has none."""
+    return ast.get_docstring(ast.parse(inspect.getsource(module)))
+
+
 def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
           platforms: Sequence[str], experiments: Sequence[Experiment]) -> Card:
     """Return the credibility card of an FMU; the same at every build."""
@@ -92,7 +100,6 @@ def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
     from .figures import response_pictures  # with Matplotlib, a third of the start of every command
 
     equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
-    docstrings = (ast.get_docstring(ast.parse(inspect.getsource(each))) for each in equations)  # modules have none: -OO
     tables = [(title, _rows(interface, causality, sets, fmi)) for title, causality in (
         ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))]
     text = page("fmi/documentation.html.j2", credibility=credibility, actuator=interface.actuator,
@@ -100,7 +107,7 @@ def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
                 parameters=parameters_in_words(interface, sets), line=interface.line, backend=backend, fmi=fmi,
                 platforms=platforms, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
                 pictures=() if interface.actuator.hidden else response_pictures(sets[0]),
-                equations=[list(_blocks(text)) for text in filter(None, docstrings)])
+                equations=[list(_blocks(text)) for text in filter(None, map(_docstring, equations))])
     return interface.respelt(text)
 
 
