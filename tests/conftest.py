@@ -71,11 +71,13 @@ def _names_parsed_once() -> Iterator[None]:
         yield
 
 
-@pytest.fixture
-def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For modules whose tests are of what a page says; of each page a test marked `drawn` has the pictures."""
-    if not request.node.get_closest_marker("drawn"):
-        leave_undrawn(monkeypatch)
+@pytest.fixture(autouse=True)
+def _undrawn(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Most tests are of what a page says; of each page a test marked `drawn` has the pictures."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not request.node.get_closest_marker("drawn"):
+            leave_undrawn(patch)
+        yield
 
 
 def leave_undrawn(patch: pytest.MonkeyPatch) -> None:

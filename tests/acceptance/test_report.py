@@ -41,7 +41,7 @@ from tests.marks import others_slow
 
 from ..bench.subjects import FIN_PORT, Broken, Play
 
-pytestmark = [pytest.mark.acceptance, pytest.mark.usefixtures("undrawn")]
+pytestmark = pytest.mark.acceptance
 
 
 def emcas(*arguments: object) -> Done:

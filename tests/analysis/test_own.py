@@ -23,8 +23,6 @@ from emcas_fmu.studies.analysis.analyse import analyse
 from emcas_fmu.studies.analysis.report import figures_of, tables, write_report
 from tests.own_actuator.example import changed
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 GRID = np.array([0.5, 2.0, 7.0, 12.0, 40.0])
 SPRING = "- p.spring.stiffness * x.fin_angle"
 RATES = 'return {"fin_angle": x.fin_rate, "fin_rate": torque / inertia, "current": rise / p.motor.inductance}'

@@ -17,8 +17,6 @@ from ..fmu.built import lean
 from ..marks import others_slow
 from .conftest import SHORT, check, edit, record
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
 MODELS = ("second-order", DIRECT_DRIVE, "elastic+heat+homing+faults")
 

@@ -92,6 +92,7 @@ def test_what_has_no_form_as_data_stays_a_picture(kind: str) -> None:
         assert plots.picture(made, "", "").svg
 
 
+@pytest.mark.drawn
 def test_a_logarithmic_axis_needs_no_fonts_of_formulas(monkeypatch: pytest.MonkeyPatch) -> None:
     """Matplotlib warns of such fonts where they are not installed."""
     monkeypatch.setattr(MathTextParser, "parse", lambda *_: pytest.fail("a text is a formula"))

@@ -76,11 +76,6 @@ def replaced(text: str, odd: str) -> Iterator[str]:
         yield f"{name} = {odd}\n" + re.sub(rf"^\[+{name}\b[^\[]*", "", text, flags=re.MULTILINE)
 
 
-@pytest.fixture(autouse=True)
-def _undrawn(undrawn: None) -> None:
-    """Of every campaign's page, but where pictures are looked at."""
-
-
 def campaign(*arguments: object) -> Result:
     """What `emcas campaign` does with these arguments."""
     return CliRunner().invoke(app, ["campaign", *map(str, arguments)])

@@ -30,8 +30,6 @@ ALL = tuple(capabilities.NEEDED_VARIABLES)
 FEW = others_slow(ALL, lambda words: words in ALL[::4])
 DEAR = others_slow(ALL, lambda words: words == capabilities.CASCADE)  # dozens of seconds for all
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 def loaded(folder: Path, *provided: str, extension: str = "") -> ParameterSet:
     return load_parameters(model=written(folder, *provided) + extension)

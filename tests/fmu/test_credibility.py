@@ -38,11 +38,6 @@ MEASURED = f"""# Record a.csv, SHA-256 {FITTED}: fitted; fin_angle rms 0.1 deg
 """
 
 
-@pytest.fixture(autouse=True)
-def _undrawn(undrawn: None) -> None:
-    """No picture is of interest here."""
-
-
 def made(sets: Sequence[ParameterSet], fmi: str = "2", names: str = "structured") -> tuple[str, dict[str, Any]]:
     """Return page and JSON of an FMU of these fins, without references."""
     interface = FmuInterface(len(sets), sets[0].model, names)

@@ -24,7 +24,7 @@ try:
 except ImportError:
     Axe = None
 
-pytestmark = pytest.mark.slow  # 5 minutes
+pytestmark = [pytest.mark.slow, pytest.mark.drawn]  # 5 minutes
 PLANTED: Mapping[str, Mapping[str, tuple[str, str]]] = {  # page, defect: script, words of the difference
     "simulate": {
         "nothing": ("0", ""),

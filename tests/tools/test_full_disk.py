@@ -20,7 +20,6 @@ from emcas_fmu.studies.baseline import comparison
 from tests import studies
 from tests.marks import slow
 
-pytestmark = pytest.mark.usefixtures("undrawn")
 OLD = b"# what was there\n"
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
 SMALL = "--model second-order"

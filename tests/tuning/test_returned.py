@@ -25,7 +25,6 @@ from emcas_fmu.studies.tuning.study import Study, load_study
 from tests.marks import slow
 from tests.own_actuator.example import MODEL
 
-pytestmark = pytest.mark.usefixtures("undrawn")
 Judge = Callable[[Study, Sequence[Mapping[str, float]]], list[Evaluation]]
 STEPS = """
 [cases.nominal]

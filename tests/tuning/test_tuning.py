@@ -42,8 +42,6 @@ from emcas_fmu.support.files import models_directory
 from tests.campaign.conftest import ODD, replaced
 from tests.own_actuator.example import MODEL, changed
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 SHIPPED = ParameterSubject(load_parameters())
 SMALL = """
 [tunables]

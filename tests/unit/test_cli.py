@@ -16,7 +16,6 @@ from emcas_fmu.cli import app
 from emcas_fmu.reference.files import read_csv
 from emcas_fmu.runtime import compiler
 
-pytestmark = pytest.mark.usefixtures("undrawn")
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -41,7 +41,7 @@ from tests.marks import others_slow
 from ..bench.subjects import FIN_PORT, Play
 from ..own_actuator.example import MODEL as DIRECT_DRIVE
 
-pytestmark = [pytest.mark.acceptance, pytest.mark.usefixtures("undrawn")]
+pytestmark = pytest.mark.acceptance
 
 REFERENCE = models_directory() / "reference"
 
