@@ -35,7 +35,7 @@ from emcas_fmu.runtime.compiler import local_platform
 ShippedUnit = Callable[..., Path]
 
 # How long an example takes is the machine's, and of whatever else it runs.
-settings.register_profile("emcas", deadline=None)
+settings.register_profile("emcas", deadline=None, max_examples=50)
 settings.load_profile("emcas")
 
 

@@ -120,7 +120,7 @@ _limit = st.sampled_from([0.0, 0.1, 1.0]) | st.floats(0.0, 5.0)
 _speed = st.sampled_from([0.0, 1.0, -1.0]) | st.floats(-10.0, 10.0)
 
 
-@settings(derandomize=True, max_examples=150)
+@settings(derandomize=True, max_examples=75)
 @given(torques=st.tuples(_torque, _torque), inertias=st.tuples(st.floats(1e-5, 1e-2), st.floats(1e-5, 1e-2)),
        limits=st.lists(_limit, min_size=5, max_size=5), screw=_speed, motor=_speed | st.just(None))
 def test_directions_are_those_that_hold(torques: Any, inertias: Any, limits: list[float], screw: float,
@@ -155,7 +155,7 @@ def test_directions_are_those_that_hold(torques: Any, inertias: Any, limits: lis
 
 _profile = st.lists(st.tuples(st.floats(-0.4, 0.4), st.floats(-350.0, 350.0), st.booleans(), st.floats(0.0, 60.0)),
                     min_size=1, max_size=6)
-COMMON = settings(derandomize=True, max_examples=30,
+COMMON = settings(derandomize=True, max_examples=15,
                   suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 

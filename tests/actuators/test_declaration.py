@@ -157,7 +157,7 @@ def test_steps_of_the_host_do_not_matter_while_inputs_hold() -> None:
         assert found[0] == found[1] == found[2] == found[3]
 
 
-COMMON = settings(derandomize=True, max_examples=60,
+COMMON = settings(derandomize=True, max_examples=30,
                   suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 
 

@@ -208,7 +208,7 @@ EXTREMES = st.fixed_dictionaries({
     "tank.pressure": st.sampled_from([0.0, 0.35e6, 30e6]), "valve.null_shift": st.sampled_from([0.0, -1.0])})
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(EXTREMES)
 def test_pressures_stay_at_or_above_nothing(case: dict[str, Any]) -> None:
     """Whatever line, tank and load: steps come to their end, and no chamber is pulled below a void."""

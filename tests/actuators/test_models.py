@@ -223,7 +223,7 @@ _segments = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-150.0, 150.0), s
 
 
 @pytest.mark.fmu
-@settings(derandomize=True, max_examples=40,
+@settings(derandomize=True, max_examples=20,
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(segments=_segments)
 def test_both_back_ends_are_one_model(model: str, library: Fmu, slave_class: type[Slave], segments: list[Any]) -> None:

@@ -199,7 +199,7 @@ _speed = st.sampled_from([0.0, 1.0, -1.0]) | st.floats(-10.0, 10.0)
 _inertia = st.floats(1e-5, 1e-2)
 
 
-@settings(derandomize=True, max_examples=300)
+@settings(derandomize=True, max_examples=150)
 @given(inertias=st.tuples(_inertia, _inertia, _inertia), torques=st.tuples(_torque, _torque, _torque),
        limits=st.tuples(_limit, _limit, _limit, _limit, _limit), forward=st.floats(1.0, 3.0),
        backward=st.sampled_from([0.0, 1.0]) | st.floats(0.0, 1.0), screw=_speed, rotor=_speed | st.none())
@@ -286,7 +286,7 @@ _clutches = st.fixed_dictionaries({}, optional={
     "motor.coulomb_friction": st.sampled_from([0.0, 1.0]), "coil.connected": st.sampled_from([0.0, 0.5]),
     "clutch.temperature_coefficient": st.floats(-0.1, 0.0), "clutch.heat_capacity": st.sampled_from([1.0, 50.0]),
     "fin.stop_angle": st.floats(0.35, 0.4)})
-COMMON = settings(derandomize=True, max_examples=40,
+COMMON = settings(derandomize=True, max_examples=20,
                   suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -313,7 +313,7 @@ def test_it_returns_no_power_and_heats_only(values: Mapping[str, Any], profile: 
     assert run["coil_current"].min() >= -1e-12
 
 
-@settings(COMMON, max_examples=20)
+@COMMON
 @given(profile=_profile)
 def test_a_symmetric_one_is_odd(values: Mapping[str, Any], profile: list[Any]) -> None:
     v = {**values, "kinematics.initial_angle": 0.0, "drive.current_offset": 0.0, "clutch.rated_torque": 4.0}

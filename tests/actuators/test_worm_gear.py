@@ -27,7 +27,7 @@ from tests.marks import slow
 MODEL = "worm-gear"
 # Friction of the flanks that falls from 0.15 at rest to 0.04 in motion: locked at rest, driven by a load in motion.
 FALLING = {"worm.friction": 0.04, "worm.static_ratio": 3.75}
-QUICK = settings(derandomize=True, max_examples=40)
+QUICK = settings(derandomize=True, max_examples=20)
 
 
 @cache
@@ -243,7 +243,7 @@ def test_dry_flanks_stay_dry_and_take_torque() -> None:
 _LEVELS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2, max_size=8)
 
 
-@settings(QUICK, max_examples=30)
+@settings(QUICK, max_examples=15)
 @given(levels=_LEVELS, starts=st.integers(1, 12), mu=st.floats(0.0, 0.3), ratio=st.floats(1.0, 3.0))
 def test_anything_goes(levels: list[Any], starts: int, mu: float, ratio: float) -> None:
     """Finite, within the stops, and a worm that gives no power."""

@@ -148,7 +148,7 @@ _LEVELS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
 
 
 @pytest.mark.kernel(MODEL)
-@settings(QUICK, max_examples=40)
+@QUICK
 @given(levels=_LEVELS, starts=st.integers(1, 12), mu=st.floats(0.0, 0.3), ratio=st.floats(1.0, 3.0),
        axial=st.sampled_from([0.0, 1e-12, 1e-8, 1e-6]), gap=st.sampled_from([0.0, 1e-7, 3e-5, 1e-3]),
        damping=st.sampled_from([0.0, 2e4, 1e6]), shaft=st.sampled_from([0.0, 1e3, 1e5]),

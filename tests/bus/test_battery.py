@@ -112,7 +112,7 @@ def test_a_link_charges_by_the_exponential(update: float) -> None:
     assert states[2] == pytest.approx(40.0 * 0.02 - 5e-3 * 4.0 * (1.0 - decay), rel=1e-10)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.floats(1e-3, 1.0), st.floats(1e-4, 1e-1), st.floats(0.0, 99.0), st.floats(1.0, 80.0),
        st.floats(-300.0, 300.0), st.floats(20.0, 60.0), st.floats(0.01, 10.0))
 def test_no_update_of_the_link_creates_energy(resistance: float, capacitance: float, used: float, link: float,

@@ -41,7 +41,7 @@ def method(write: Write, name: str, samples: int = 24) -> Study:
 
 
 @pytest.mark.parametrize("name", others_slow([*RANDOM, "grid"], lambda name: name == "sobol"))
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(asked=st.lists(st.integers(0, 23), min_size=1, max_size=30))
 def test_a_sample_is_the_same_whoever_asks(write: Write, name: str, asked: list[int]) -> None:
     """In any order, more than once, alone or with others: to the bit."""

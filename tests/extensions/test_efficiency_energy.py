@@ -124,7 +124,7 @@ _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
 
 
 @pytest.mark.kernel(MODEL)
-@settings(derandomize=True, max_examples=120)
+@settings(derandomize=True, max_examples=60)
 @given(levels=_levels, forward=st.floats(0.01, 1.0), backward=st.floats(-5.0, 1.0), dry=st.sampled_from([0.0, 5.0]),
        on_fin=st.booleans(), model=st.sampled_from([MODEL, ELASTIC, "ristanovic+efficiency"]))
 def test_anything_goes(levels: list[Any], forward: float, backward: float, dry: float, on_fin: bool,

@@ -36,7 +36,7 @@ RIGID, ELASTIC = 4e3, 2e5
 
 @pytest.mark.parametrize("model", others_slow(
     ["nonlinear", "elastic", "second-order", "ristanovic", "ozkan"], lambda model: model not in ("elastic", "ozkan")))
-@settings(derandomize=True, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@settings(derandomize=True, max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 @given(windows=_windows, sizes=_sizes, command=st.floats(-0.4, 0.4), load=st.floats(-150.0, 150.0),
        enabled=st.sampled_from([True, True, True, False]))
 def test_never_a_jump(model: str, windows: Mapping[str, tuple[float, float]], sizes: Mapping[str, float],

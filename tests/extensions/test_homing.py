@@ -24,7 +24,7 @@ from .homing_run import BASE, COUNT, INITIAL, RATIO, SPEED, STOP, assert_sound, 
 # -- a run ------------------------------------------------------------------------
 
 
-@settings(derandomize=True, max_examples=40)
+@settings(derandomize=True, max_examples=20)
 @given(start=st.floats(-STOP, STOP), positive=st.booleans(), encoder=st.booleans(), command=st.floats(-0.35, 0.35))
 def test_homes_from_anywhere(start: float, positive: bool, encoder: bool, command: float) -> None:
     run = run_of({"fin.start_angle": start, "homing.positive_first": positive, "encoder.enabled": encoder}, 8.0,

@@ -132,7 +132,7 @@ def test_kernels_agree_on_a_derated_drive() -> None:
     assert all(np.array_equal(one[name], other[name]) for name in one)
 
 
-@settings(derandomize=True, max_examples=100)
+@settings(derandomize=True, max_examples=50)
 @given(demands=st.lists(st.floats(0.0, 500.0), min_size=1, max_size=40), continuous=st.floats(0.01, 60.0),
        h=st.floats(1e-5, 1e-3), each=st.integers(1, 50))
 def test_the_load_never_passes_one(demands: list[float], continuous: float, h: float, each: int) -> None:
@@ -147,7 +147,7 @@ def test_the_load_never_passes_one(demands: list[float], continuous: float, h: f
 
 
 @pytest.mark.kernel(MODEL)
-@settings(derandomize=True, max_examples=40)
+@settings(derandomize=True, max_examples=20)
 @given(demands=st.lists(st.tuples(st.floats(-0.4, 0.4), st.floats(-80.0, 80.0), st.integers(5, 60)), min_size=3,
                         max_size=8),
        peak_time=st.sampled_from([0.05, 0.2]), continuous=st.sampled_from([15.0, 30.0, 50.0]),

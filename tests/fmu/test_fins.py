@@ -321,7 +321,7 @@ _change = st.one_of(
     st.tuples(st.sampled_from(["acceleration.z", "attitude.roll"]), st.floats(-3.0, 3.0)))
 
 
-@settings(derandomize=True, max_examples=60,
+@settings(derandomize=True, max_examples=30,
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(resistance=st.sampled_from([0.0, 0.03, 0.5]), azimuth=st.floats(-3.0, 3.0), segments=st.lists(
     st.tuples(st.lists(_change, max_size=4), st.sampled_from([2.3e-4, 1e-3, 4.1e-3]), st.integers(1, 8), st.booleans()),

@@ -394,7 +394,7 @@ def test_states_are_kept_in_event_mode(unit3: Fmu) -> None:
     assert unit.outputs() == other.outputs()
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(torque=st.floats(-200.0, 200.0), command=st.floats(-0.3, 0.3), ends=st.lists(
     st.floats(1e-5, 8e-3), min_size=3, max_size=12))
 # A reference ends the saturation when it arrives, which begins again in the same tick, after the end of a step.

@@ -101,7 +101,7 @@ _segments = st.lists(st.fixed_dictionaries({
     "restore": st.booleans(), "tuned": st.sampled_from([None, None, *_TUNED])}), min_size=1, max_size=8)
 
 
-@settings(derandomize=True, max_examples=150,
+@settings(derandomize=True, max_examples=75,
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(changes=_parameters, flags=_flags, segments=_segments)
 def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes: dict[str, float],
@@ -149,7 +149,7 @@ def _set(slave: Slave, name: str, value: Any) -> None:
     {"Real": slave.set_real, "Boolean": slave.set_boolean, "Integer": slave.set_integer}[kind]([INDEX[name]], [value])
 
 
-@settings(derandomize=True, max_examples=100,
+@settings(derandomize=True, max_examples=50,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rates=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(7))), sizes=st.lists(
     st.sampled_from([2e-4, 1e-3, 1.7e-3, 5e-3]), min_size=1, max_size=15))

@@ -125,7 +125,7 @@ _limits = {v.name: st.one_of(st.floats(v.minimum, v.maximum), st.sampled_from([v
            for v in PRESSURE_LINE.parameters}
 
 
-@settings(derandomize=True, max_examples=200)
+@settings(derandomize=True, max_examples=100)
 @given(parameters=st.fixed_dictionaries(_limits), source=st.floats(-1e9, 1e9), begin=st.floats(0.0, 1e9),
        draws=st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=20))
 def test_it_is_bounded_whatever_the_parameters(parameters: dict[str, float], source: float, begin: float,

@@ -19,7 +19,7 @@ from tests.default_actuator import ACTUATOR, PARAMETERS, namespace
 
 from ..simulation import NAMES, inputs_at_rest, new_core, simulate
 
-COMMON = settings(derandomize=True, max_examples=60,
+COMMON = settings(derandomize=True, max_examples=30,
                   suppress_health_check=[HealthCheck.function_scoped_fixture])
 angles = st.floats(-0.5, 0.5)
 loads = st.floats(-300.0, 300.0)
@@ -118,7 +118,7 @@ def parameter_sets(draw: st.DrawFn) -> dict[str, float]:
     return {v.name: draw(st.floats(v.minimum, v.maximum)) for v in names}
 
 
-@settings(COMMON, max_examples=150)
+@settings(COMMON, max_examples=75)
 @given(changes=parameter_sets(), profile=profiles)
 def test_never_non_finite(values: Mapping[str, Any], changes: dict[str, float],
                           profile: list[tuple[float, float, bool, float]]) -> None:

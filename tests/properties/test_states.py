@@ -84,7 +84,7 @@ def _at(*places: int) -> list[float]:
 
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="a loop that does not end is stopped by an alarm")
 @pytest.mark.parametrize("unit", [UNITS[0], *slow(*UNITS[1:])], ids=["one", "two fins"])
-@settings(derandomize=True, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
+@settings(derandomize=True, max_examples=75, suppress_health_check=[HealthCheck.too_slow])
 @given(changes=st.lists(st.tuples(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=4), _values), min_size=1,
                         max_size=2))
 @example(changes=[(_at(3), "\ud800")])

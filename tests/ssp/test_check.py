@@ -307,7 +307,7 @@ def test_files_that_are_no_archive(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_damage_is_told_and_never_raised(ssp: Path, tmp_path: Path, data: st.DataObject) -> None:
     """Bytes of the archive, or characters of its structure, overwritten at random."""

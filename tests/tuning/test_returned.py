@@ -115,7 +115,7 @@ def landscape(share: Sequence[float], cliff: float) -> Judge:
 PAIR = ("controller.position.kp", 1.3), ("controller.velocity.kp", 1.2)
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.tuples(st.floats(0.01, 2.0), st.floats(0.0, 2.0)), cliff=st.floats(0.8, 1.0),
        start=st.tuples(st.floats(0.75, 1.3), st.floats(0.8, 1.2)), seed=st.integers(0, 5),
        interrupted=st.none() | st.integers(1, 60))
