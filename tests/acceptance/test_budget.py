@@ -109,7 +109,7 @@ def test_an_eccentric_encoder_on_the_fin_errs_by_its_error() -> None:
     """x + e (sin(x + p) - sin p) is the command; a count of 0.0007 deg."""
     e, phase = radians(0.1), 0.6
     found = measured(rig("nonlinear+sensors", **SMOOTH, encoder__on_fin=True, encoder__pulses=131072,
-                         sensor__encoder__once=e, sensor__encoder__once_phase=phase, drive__current_offset=0.0))
+                         sensor__encoder__once=e, sensor__encoder__once_phase=phase, drive__current_offset=0.0), FEW)
     # Of an error this small the error at the command differs from that at the angle by e^2: 2e-5 deg of 0.03 deg.
     expected = degrees(max(abs(e * (sin(command + phase) - sin(phase))) for command in TARGETS))
     for load in ("unloaded_deg", "loaded_deg"):
@@ -154,7 +154,8 @@ def test_tolerances_of_the_requirements_come_first(tmp_path: Path) -> None:
     assert "(a" in outcome.notes[0]
 
 
-def test_load_is_that_of_the_requirement() -> None:
+def test_load_is_that_of_the_requirement(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(budget, "UNITS", FEW)
     outcome = budget.measure(rig("servo"))
     assert "with 5 N.m, in either direction" in outcome.method
     assert "No tolerance is known" in text(outcome)

@@ -17,6 +17,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import supply
 from emcas_fmu.simulation import simulate_fins
+from tests.marks import slow
 
 from ..fmu.built import lean
 from ..fmu.host import Fmu
@@ -151,7 +152,7 @@ def test_links_faster_than_the_update_time() -> None:
     assert np.abs(run["bus_voltage"] - fine["bus_voltage"]).max() < 0.12  # V; of a sag of 4.4 V
 
 
-@pytest.mark.parametrize("ohms", [1e-3, 0.05])
+@pytest.mark.parametrize("ohms", [1e-3, *slow(0.05)])
 def test_the_bus_gives_what_drives_draw(ohms: float) -> None:
     """With loads and chopper: charge drawn is that of links, drives and resistors, by trapezia of the outputs."""
     resolved = {"supply.chopper_voltage": 41.0, "solver.max_tick": 1e-5}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 from math import hypot, log, pi, radians, sin, sqrt, tan
 from types import SimpleNamespace
@@ -52,17 +53,20 @@ def _held(columns: dict[str, Any]) -> dict[str, Any]:
     return {name: lambda t, c=column: c[min(int(t / 1e-3 + 1e-6), len(c) - 1)] for name, column in columns.items()}
 
 
-def _difference(model: str, stop: float, tick: float, inputs: dict[str, Any], *changes: dict[str, Any]) -> float:
-    """Return the largest difference of the fin angle [deg] to the independent integration; inputs by row of 1 ms."""
+def _differences(model: str, stop: float, ticks: Sequence[float], inputs: dict[str, Any], *changes: dict[str, Any]
+                 ) -> Any:
+    """Return the largest differences of the fin angle [deg] to the independent integration, ticks shorter by factors;
+    inputs by row of 1 ms.
+    """
     module, kind = REFERENCES[model]
     values = _values(*changes, model=f"{model}+inverter", encoder__enabled=False)
     rows = round(stop / 1e-3) + 1
     columns = {name: np.broadcast_to(column, rows) for name, column in inputs.items()}
     expected = integrated(values, {"time": np.arange(rows) * 1e-3, **columns},
                           getattr(import_module(f"emcas_fmu.reference.{module}"), kind))
-    run = simulate({**values, "solver.max_tick": values["solver.max_tick"] * tick}, stop, model=f"{model}+inverter",
-                   **_held(columns))
-    return float(np.degrees(np.abs(run["fin_angle"] - expected["fin_angle"]).max()))
+    runs = [simulate({**values, "solver.max_tick": values["solver.max_tick"] * tick}, stop, model=f"{model}+inverter",
+                     **_held(columns)) for tick in ticks]
+    return np.array([np.degrees(np.abs(run["fin_angle"] - expected["fin_angle"]).max()) for run in runs])
 
 
 # -- dead time ---------------------------------------------------------------------------------------------------
@@ -85,12 +89,12 @@ def test_current_of_a_held_motor(reference: float) -> None:
 
 
 @pytest.mark.parametrize("model", others_slow(REFERENCES, lambda name: name == "nonlinear"))
-@pytest.mark.parametrize(("angle", "load"), [(1.0, 0.0), (20.0, -100.0), *slow((20.0, 100.0))])
+@pytest.mark.parametrize(("angle", "load"), [(20.0, -100.0), *slow((1.0, 0.0), (20.0, 100.0))])
 def test_dead_time_against_the_independent_integration(model: str, angle: float, load: float) -> None:
     """Ticks as shipped are within 0.002 deg (measured 0.0009; without dead time 0.0004)."""
     gear = 1.0 if model == "nonlinear" else 0.5
     inputs = {"fin_command": gear * radians(angle), "aero_torque": gear * load}
-    assert _difference(model, 0.15, 1.0, inputs, DEAD) < 2e-3
+    assert _differences(model, 0.15, [1.0], inputs, DEAD) < 2e-3
 
 
 @pytest.mark.parametrize("load", [-100.0, *slow(0.0)])
@@ -98,7 +102,7 @@ def test_the_dead_time_converges_with_the_tick(load: float) -> None:
     """Of first order at least, where the current starts at zero or changes its sign: an eighth of the tick leaves less
     than a quarter (measured 0.08 and 0.04)."""
     inputs = {"fin_command": radians(20.0), "aero_torque": load}
-    coarse, fine = (_difference("nonlinear", 0.15, tick, inputs, DEAD) for tick in (1.0, 0.125))
+    coarse, fine = _differences("nonlinear", 0.15, (1.0, 0.125), inputs, DEAD)
     assert fine < 0.25 * coarse
 
 
@@ -117,7 +121,7 @@ def test_the_mean_current_is_that_of_the_closed_loop(tick: float, within: float)
     assert end == pytest.approx(exact, abs=within)
 
 
-@pytest.mark.parametrize(("pairs", "more"), [(0, ""), (8, "+supply"), *slow((0, "+supply"), (8, ""))])
+@pytest.mark.parametrize(("pairs", "more"), [(8, "+supply"), *slow((0, ""), (0, "+supply"), (8, ""))])
 def test_a_sweep_sees_the_voltage_limit(more: str, pairs: int) -> None:
     """The dead time takes its share of the drive's voltage, not of the limit: the voltage is at its limit for longer,
     from a lower frequency on (12 instead of 13 Hz without pole pairs)."""
@@ -231,7 +235,7 @@ def test_diodes_against_the_independent_integration(model: str) -> None:
     time = np.arange(201) * 1e-3
     inputs = {"fin_command": radians(-20.0), "aero_torque": np.where(time < 0.03, 0.0, 150.0), "enable": time < 0.03,
               "supply_voltage": np.where(time < 0.03, 39.0, np.where(time < 0.1, 12.0, 45.0))}
-    assert _difference(model, 0.2, 1.0, inputs, DIODES) < 2e-3
+    assert _differences(model, 0.2, [1.0], inputs, DIODES) < 2e-3
 
 
 def test_a_bridge_that_closes_on_a_current() -> None:
@@ -243,7 +247,7 @@ def test_a_bridge_that_closes_on_a_current() -> None:
               "enable": enable, "supply_voltage": np.where(time < 0.03, 39.0, 25.0)}
     run = simulate(_values(DIODES), 0.2, 1e-3, model=MODEL, **_held(inputs))
     assert abs(run["motor_current"][100]) > 4.0
-    assert _difference("nonlinear", 0.2, 1.0, inputs, DIODES) < 2e-3
+    assert _differences("nonlinear", 0.2, [1.0], inputs, DIODES) < 2e-3
 
 
 @pytest.mark.parametrize("changes", [DEAD, DIODES])
@@ -258,8 +262,7 @@ def test_a_negative_supply_is_none(changes: dict[str, Any]) -> None:
 @pytest.mark.parametrize("load", [150.0, *slow(100.0)])
 def test_order_of_the_diodes_in_the_tick(load: float) -> None:
     """Of second order, with the onset of conduction in the run: a quarter with half the tick."""
-    errors = np.array([_difference("nonlinear", 0.12, tick, {"aero_torque": load, "enable": False}, DIODES, SMOOTH)
-                       for tick in (1.0, 0.5, 0.25)])
+    errors = _differences("nonlinear", 0.12, (1.0, 0.5, 0.25), {"aero_torque": load, "enable": False}, DIODES, SMOOTH)
     assert errors[0] < 5e-4
     assert np.all(np.abs(np.log2(errors[:-1] / errors[1:]) - 2.0) < 0.4), errors
 

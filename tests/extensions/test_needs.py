@@ -24,7 +24,7 @@ ACTUATOR = replace(get({base!r}), name="least", provides=frozenset({needs}))
 
 
 # Each runs over no more than it asks for in test_capabilities.py, too; heat and supply have needs of their own.
-@pytest.mark.parametrize("extension", others_slow(EXTENSIONS, lambda name: name in ("heat", "supply", "lugre")))
+@pytest.mark.parametrize("extension", others_slow(EXTENSIONS, lambda name: name in ("heat", "supply")))
 def test_an_extension_asks_for_all_it_uses(extension: str, tmp_path: Path) -> None:
     # Heat adds an ambient temperature where the actuator has none; this one has, and says so. Without the drive's
     # equations supply and saturation take voltage and current as lines (tests/own_actuator/test_supply.py).

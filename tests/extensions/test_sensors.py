@@ -219,11 +219,11 @@ CASES: Mapping[str, Mapping[str, Any]] = {
 @pytest.mark.parametrize("case", others_slow(CASES, lambda case: case == "all"))
 def test_independent_integration_agrees(case: str) -> None:
     values = parameters_of({"encoder.enabled": False, "fin.start_angle": radians(8.0)}, CASES[case]).values
-    time = np.arange(1101) * 1e-3
-    inputs = {"fin_command": np.radians(np.select([time < 0.05, time < 0.5], [8.0, 3.0], 8.0)),
-              "aero_torque": np.where((time > 0.3) & (time < 0.8), 100.0, -60.0),
-              "enable": np.where((time > 0.85) & (time < 0.95), 0.0, 1.0)}
-    ours = simulate(values, 1.1, 1e-3, model=MODEL, **inputs)
+    time = np.arange(401) * 1e-3
+    inputs = {"fin_command": np.radians(np.select([time < 0.03, time < 0.2], [8.0, 3.0], 8.0)),
+              "aero_torque": np.where((time > 0.12) & (time < 0.28), 100.0, -60.0),
+              "enable": np.where((time > 0.32) & (time < 0.36), 0.0, 1.0)}
+    ours = simulate(values, 0.4, 1e-3, model=MODEL, **inputs)
     theirs = integrate(values, {"time": time, **inputs}, Sensed)
     # What every case of the default tick is held to (tests/reference).
     assert np.max(np.abs(np.degrees(ours["fin_angle"] - theirs["fin_angle"]))) < 0.002

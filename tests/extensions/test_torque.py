@@ -145,7 +145,7 @@ def test_of_other_kinds(model: str, euler: bool) -> None:
     assert apart(model, restoring, euler=euler, known=True) < 0.01
 
 
-@pytest.mark.parametrize("euler", [True, False])
+@pytest.mark.parametrize("euler", [True, *slow(False)])
 def test_against_an_independent_integration(euler: bool) -> None:
     """Of rotor and fin as one body, by scipy, with a load that is given in time: within 0.01 deg."""
     time = np.arange(301) * STEP

@@ -13,6 +13,7 @@ from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.actuators.capabilities import PHASES
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from tests.marks import others_slow
 
 from .fault_runs import MODEL, equal, scheduled, wave
 from .held import HELD
@@ -87,7 +88,7 @@ def test_shorted_terminals_brake_also_without_the_drive() -> None:
     assert 0.0 < off["fin_angle"][-1] < 0.3 * free["fin_angle"][-1]
 
 
-@pytest.mark.parametrize("model", HAVE)
+@pytest.mark.parametrize("model", others_slow(HAVE, lambda model: model != "worm-gear-elastic"))
 def test_shorted_terminals_take_nothing_from_the_supply(model: str) -> None:
     """From a slew: the kinetic energy becomes heat. The current loop that is left gives 1e-10 V."""
     run = simulate(scheduled(f"{model}+faults", "winding_short", begin=0.08), 0.3, model=f"{model}+faults",

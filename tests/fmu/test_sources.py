@@ -17,6 +17,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from tests.hosts.host import STRICT, standard_headers, tool
+from tests.marks import slow
 
 from .built import lean
 
@@ -88,7 +89,7 @@ def test_c99_and_what_it_needs_of_a_library(place: Path, fmi: str, compiler: str
     assert set(found) <= set("UTtrR")
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", ["gcc", *slow("clang")])
 def test_the_core_needs_no_library_but_three_functions(place: Path, compiler: str) -> None:
     found = symbols(place, compiler, "core.c", "-O1", "-ffreestanding", "-Wno-unused-function")
     assert "memcpy" in found["U"]

@@ -124,7 +124,7 @@ def test_delay_is_exact_whatever_the_tick(values: Mapping[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("integral_gain", others_slow(
-    [0.0, 5.0, 20.0, 100.0, 2083.0, 1e5], lambda gain: gain in (0.0, 2083.0)))
+    [0.0, 5.0, 20.0, 100.0, 2083.0, 1e5], lambda gain: gain == 0.0))
 def test_any_integral_gain_of_the_drive(values: Mapping[str, Any], integral_gain: float) -> None:
     """From none to one that pins the demand at the voltage limit, against the independent integration."""
     case = {**values, "encoder.enabled": False, "drive.ki": integral_gain}

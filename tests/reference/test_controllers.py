@@ -45,11 +45,11 @@ def changed(changes: Mapping[str, Any], model: str = "nonlinear") -> Mapping[str
     CASES, lambda case: case == "observer as built"))
 def test_independent_integration_agrees(case: str) -> None:
     values = changed({**CASES[case], "fin.start_angle": math.radians(8.0)})
-    time = np.arange(1101) * 1e-3
-    command = np.radians(np.select([time < 0.05, time < 0.5], [8.0, 3.0], 8.0))
-    inputs = {"fin_command": command, "aero_torque": np.where((time > 0.3) & (time < 0.8), 100.0, -60.0),
-              "enable": np.where((time > 0.85) & (time < 0.95), 0.0, 1.0)}
-    ours = simulate(values, 1.1, 1e-3, **inputs)
+    time = np.arange(401) * 1e-3
+    command = np.radians(np.select([time < 0.03, time < 0.2], [8.0, 3.0], 8.0))
+    inputs = {"fin_command": command, "aero_torque": np.where((time > 0.12) & (time < 0.28), 100.0, -60.0),
+              "enable": np.where((time > 0.32) & (time < 0.36), 0.0, 1.0)}
+    ours = simulate(values, 0.4, 1e-3, **inputs)
     theirs = reference(values, {"time": time, **inputs})
     # What every case of the default tick is held to.
     assert np.max(np.abs(np.degrees(ours["fin_angle"] - theirs["fin_angle"]))) < 0.002

@@ -20,8 +20,9 @@ from .points import points
 from .runs import fullest, models
 
 KEPT = table.kept()
-# The default actuator is in it with each extension alone; ristanovic and worm-gear, also rigid, with all they can have.
-MODELS = others_slow(models(), lambda model: model != fullest(NONLINEAR))
+# The default actuator is in it with each extension alone; ristanovic, also rigid, with all it can have.
+DEAR = {fullest(name) for name in (NONLINEAR, "elastic", "worm-gear")}  # seconds to trace each
+MODELS = others_slow(models(), lambda model: model not in DEAR)
 
 
 def same(values: Any) -> Any:

@@ -65,8 +65,8 @@ def integrated(p: Values, command: Array) -> Array:
 @pytest.mark.parametrize("delay", others_slow([0.0, 0.4e-3, 1e-3, 3.7e-3], lambda delay: delay == 3.7e-3))
 def test_agrees_with_integration(values: Values, delay: float) -> None:
     p = {**values, "drive.transport_delay": delay, "friction.fin_viscous": 2.0, "drive.ki": 40.0}
-    command = COMMAND[:80]
-    # Radau at 1e-9 over 60 periods of angles of 0.02 rad leaves errors of some 1e-9 rad.
+    command = COMMAND[:60]
+    # Radau at 1e-9 over 40 periods of angles of 0.02 rad leaves errors of some 1e-9 rad.
     np.testing.assert_allclose(LinearModel(p).simulate(command), integrated(p, command), rtol=0, atol=2e-8)
 
 
