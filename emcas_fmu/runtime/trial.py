@@ -29,6 +29,7 @@ from ..steppers.events import SwitchedStep
 from ..support.progress import warn
 from . import codegen, contradictions, diagnosis
 from .compiled import Array, Tables
+from .core import Functions
 
 _INTERVAL = 1e-3  # of points of time [s]
 _STEP = 50  # points of a step to half the largest command
@@ -82,9 +83,10 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
         raise _of_table(actuator, values, error) from error
     if isinstance(actuator.step, SwitchedStep) and not seen:  # values that have grown are rounded
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
-        for follow in (False, True):  # followed numbers need four times as long, but may be infinite where unused
-            bind = partial(diagnosis.functions, actuator=_watched(actuator, actuator.step), follow=follow)
-            with nullcontext() if follow else suppress(EmcasError):
+        for floats in (False, True):  # steps over floats need ten times as long, but say where they fail
+            watched = _watched(actuator, actuator.step, floats)
+            bind = partial(diagnosis.functions, actuator=watched) if floats else partial(_beside, watched)
+            with nullcontext() if floats else suppress(EmcasError):
                 if not _run(by_floats, model, [values], stepping, _STEP, bind).failures:
                     break
     in_time = partial(_run, run, model)
@@ -210,8 +212,21 @@ def _of_table(actuator: Actuator, values: Mapping[str, Any], error: TableError) 
     return EmcasError(f"{refusal(error, actuator.source)}{remedy}")
 
 
-def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
-    """Return a copy whose step raises EmcasError for an event margin that stays below 0."""
+def _beside(watched: Actuator, values: Mapping[str, Any], model: str) -> Functions:
+    """Return the functions of the traced program, each step of which a `watched` copy looks at first."""
+    step = [name for name, _, _ in codegen.functions(watched)].index("step")
+    look = diagnosis.functions(values, model, actuator=watched, follow=False)[step]
+    program = codegen.bound(values, model)
+
+    def looked_at(*arguments: float) -> tuple[Any, ...]:
+        look(*arguments)
+        return program[step](*arguments)
+
+    return (*program[:step], looked_at, *program[step + 1:])
+
+
+def _watched(actuator: Actuator, step: SwitchedStep, moves: bool) -> Actuator:
+    """Return a copy whose step raises EmcasError for an event margin that stays below 0; it may move nothing."""
     assert actuator.source is not None
     source = actuator.source
     below: Counter[str] = Counter()
@@ -229,7 +244,7 @@ def _watched(actuator: Actuator, step: SwitchedStep) -> Actuator:
                 raise EmcasError(f"{location(step.system.margins)}: {name} = {margin:.3g} is below 0 in {_IN_A_ROW} "
                                  "steps in a row; a margin is above 0 while its mode holds, and 0 at the event: change "
                                  "its sign, or the mode")
-        return step(ops, p, x, u, h)
+        return step(ops, p, x, u, h) if moves else ({s.name: getattr(x, s.name) for s in actuator.states}, h)
 
     return replace(actuator, step=watched)
 
