@@ -48,9 +48,10 @@ def synthetic(limit: float, load: float) -> tuple[Array, Array]:
     terminal = levels[np.clip((time - 10.0).astype(int), 0, 5)] + 0.05 * np.sin(3.0 * wave)
     starts = np.searchsorted([end for _, end, _ in PHASES], time, side="right").clip(max=3)
     guidance = limit * np.choose(starts, [0.05 + 0.1 * np.sin(wave), doublet, busy, terminal])
-    command = np.zeros_like(time)
-    for k in range(1, len(time)):
-        command[k] = command[k - 1] + np.clip(guidance[k] - command[k - 1], -RATE * STEP, RATE * STEP)
+    limited, most = [0.0], RATE * STEP
+    for wanted in guidance[1:].tolist():
+        limited.append(limited[-1] + min(max(wanted - limited[-1], -most), most))
+    command = np.array(limited)
     late = round(LAG / STEP)
     before = np.concatenate([np.zeros(late), command[:-late]])
     share = np.array([share for _, _, share in PHASES])[starts]
