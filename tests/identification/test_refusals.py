@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +20,15 @@ Edit = Callable[[Table], Table]
 SWEEP = "friction_0500rpm_24degC"
 
 
-def load(path: Path) -> Table:
+@cache
+def _loaded(path: Path) -> Table:
     header = path.read_text(encoding="utf-8").splitlines()[0].split(",")
     return header, np.loadtxt(path, delimiter=",", skiprows=1)
+
+
+def load(path: Path) -> Table:
+    """A table of one's own, to edit."""
+    return deepcopy(_loaded(path))
 
 
 def store(path: Path, table: Table) -> Path:

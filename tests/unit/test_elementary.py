@@ -34,7 +34,7 @@ BOUNDS: dict[str, dict[Range, float]] = {
     "cos": {(-1.6, 1.6): 1.6, (-1e3, 1e3): 1.6, (-1e6, 1e6): 2.5},
     "tan": {(-pi / 4.0, pi / 4.0): 2.5, (-1.5, 1.5): 4.0, (-1e6, 1e6): 4.0},
     "atan": {(-0.42, 0.42): 1.8, (-3.0, 3.0): 1.8, (-1e200, 1e200): 1.8}}
-POINTS = 2000
+POINTS = 700
 
 
 def _sine_cosine(x: Decimal) -> tuple[Decimal, Decimal]:
