@@ -121,7 +121,7 @@ def _independent(v: Mapping[str, Any], stop: float, command: float, torque: floa
         return float(side * max(beyond / compliance + damping * side * rate, 0.0)) if beyond > 0.0 else 0.0
 
     def slope(_: float, y: Any, i_ref: float) -> list[float]:
-        theta, w, i, xi, fin, rate = y
+        theta, w, i, xi, fin, rate = y.tolist()  # half the time of NumPy's numbers
         lever = arm / cos(fin + start)**2
         f = force(lead * theta - arm * (tan(fin + start) - tan(start)), lead * w - lever * rate, lever)
         way = "positive" if w > 0.0 else "negative"

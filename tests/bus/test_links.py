@@ -132,7 +132,7 @@ def test_mean_current_ahead(one_way: bool, mean: float, ahead: float | None) -> 
 
 def _step(update: float, ohms: float, step: float = 1e-3, **overrides: Any) -> Any:
     values = values_of({"supply.source_resistance": ohms, **overrides})
-    return simulate_fins([values] * 4, 0.06, step, MODEL, {RESISTANCE: 0.02, UPDATE: update},
+    return simulate_fins([values] * 4, 0.04, step, MODEL, {RESISTANCE: 0.02, UPDATE: update},
                          fin_command=radians(10.0))
 
 

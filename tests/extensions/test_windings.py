@@ -52,7 +52,7 @@ def test_shorted_terminals_in_the_rotors_axes(pairs: int, load: float) -> None:
                    model=MODEL, aero_torque=load, enable=False)
 
     def rates(_: float, y: Any) -> list[float]:
-        angle, speed, q, d = y
+        angle, speed, q, d = y.tolist()
         tangent = LEAD / ARM * angle + TILT
         ratio = ARM / LEAD * (1.0 + tangent * tangent)
         torque = K * q + load / ratio - 5e-4 * speed + 2.0 * tangent * FIN / ratio**3 * speed * speed
@@ -124,11 +124,11 @@ def test_a_constant_reference_without_a_phase(share: float) -> None:
     wanted = 8.19 * 10.0 * share - 0.015
 
     def rates(t: float, y: Any) -> list[float]:
-        angle, speed, current = y
+        angle, speed, current = y.tolist()
         tangent = LEAD / ARM * angle + TILT
         ratio, s = ARM / LEAD * (1.0 + tangent * tangent), sin(4.0 * (angle - radians(10.0)))
         reference = s * (wanted if t >= 3.7e-3 else -0.015)
-        voltage = np.clip(5.0 * (reference - current), -39.0, 39.0)
+        voltage = min(max(5.0 * (reference - current), -39.0), 39.0)
         torque = s * K * current - 5e-4 * speed + 2.0 * tangent * FIN / ratio**3 * speed * speed
         return [speed, torque / (ROTOR + FIN / ratio**2), (voltage - R * current - s * K * speed) / L]
 

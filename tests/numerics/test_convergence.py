@@ -213,11 +213,11 @@ def test_without_supply_the_motor_brakes(values: Mapping[str, Any]) -> None:
 def test_with_the_encoder_both_integrations_converge_to_one_trajectory(values: Mapping[str, Any]) -> None:
     """Counts, stiction and all. Coarse ticks part from it by a count here and there and what stiction makes of it."""
     case = next(c for c in CASES if c.name == "step")
-    inputs = {name: column[:601] for name, column in case.inputs().items()}
+    inputs = {name: column[:351] for name, column in case.inputs().items()}
     reference = reference_of(values, inputs)["fin_angle"]
 
     def error(tick: float) -> float:
-        found = simulate({**values, "solver.max_tick": tick}, 0.6, fin_command=inputs["fin_command"])["fin_angle"]
+        found = simulate({**values, "solver.max_tick": tick}, 0.35, fin_command=inputs["fin_command"])["fin_angle"]
         return degrees(float(np.abs(found - reference).max()))
 
     # Below what one count more or less would do to a slew: 0.7 thousandths of a degree.

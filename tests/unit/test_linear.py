@@ -37,7 +37,7 @@ def integrated(p: Values, command: Array) -> Array:
     period, delay = p["controller.sample_time"], p["drive.transport_delay"]
 
     def slope(_time: float, x: Array, active: float) -> list[float]:
-        angle_rate, current, xi = x[1:]
+        _, angle_rate, current, xi = x.tolist()
         wanted = p["drive.current_gain"] * active
         voltage = p["drive.kp"] * (wanted - current) + xi
         back = p["motor.back_emf_constant"] * n * angle_rate

@@ -321,8 +321,8 @@ def test_the_shipped_references_are_those_of_the_default_one_unless_others_are_a
     assert other["measured"] != one["measured"]
 
 
-def test_fins_are_judged_each_by_its_own(tmp_path: Path) -> None:
-    unit = build(load_parameters(), tmp_path / "EMCAS4.fmu", fins=4).path
+def test_fins_are_judged_each_by_its_own(shipped_unit: Callable[..., Path], tmp_path: Path) -> None:
+    unit = shipped_unit("python", fins=4)
     _, usual = validated(tmp_path, unit, "--fin", "3", "--case", "step_plus20")
     assert judged(usual) == ["step_plus20"]
     assert not any("made with other parameters" in note for note in usual["notes"])  # but for its place on the body
