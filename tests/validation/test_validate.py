@@ -31,6 +31,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
+from emcas_fmu.runtime import compiler
 from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.studies.validate.validation import RECORDED, CaseResult, validate
 from emcas_fmu.studies.validate.validation import Result as Validation
@@ -332,10 +333,11 @@ def test_fins_are_judged_each_by_its_own(shipped_unit: Callable[..., Path], tmp_
 
 
 @pytest.mark.drawn
-def test_a_record_is_not_called_independent(tmp_path: Path) -> None:
+def test_a_record_is_not_called_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     local = local_platform()
     assert local is not None
     parameters = load_parameters(model="second-order")
+    monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
     unit = build(parameters, tmp_path / "EMCAS_second_order.fmu", "native", [local.name]).path
     _, document = validated(tmp_path, unit, "--report", tmp_path / "out.html")
     assert judged(document) == ["step_and_load"]
