@@ -178,7 +178,7 @@ def test_work_of_the_load_becomes_kinetic_energy_and_friction_heat(values: Value
 
 
 def test_stop_is_inelastic_and_lets_go_when_pulled_away(values: Values) -> None:
-    inputs = rows(0.6, enable=0.0)
+    inputs = rows(0.44, enable=0.0)
     inputs["aero_torque"] = np.select([inputs["time"] < 0.3, inputs["time"] < 0.4], [60.0, -5.0], -60.0)
     result = simulate(values, inputs)
     at_stop = result["fin_angle"] == values["fin.stop_angle"]
@@ -319,7 +319,7 @@ def linear_response(p: Values, command: float, count: int) -> list[float]:
 def test_tighter_tolerance_changes_nothing_that_matters(
     values: Values, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given, inputs = {**values, "encoder.enabled": False}, step_to(20.0, 0.15)
+    given, inputs = {**values, "encoder.enabled": False}, step_to(20.0, 0.12)
     usual = simulate(given, inputs)
     rtol, _, max_step = Plant.accuracy
     monkeypatch.setattr(Plant, "accuracy", Plant.accuracy._replace(rtol=rtol / 10, max_step=max_step / 3))
