@@ -33,6 +33,7 @@ from emcas_fmu.runtime import compiler, library
 from emcas_fmu.runtime.compiler import local_platform
 
 ShippedUnit = Callable[..., Path]
+Once = Callable[[str, Callable[[Path], object]], Path]
 
 # How long an example takes is the machine's, and of whatever else it runs.
 settings.register_profile("emcas", deadline=None, max_examples=50)
@@ -99,27 +100,46 @@ def values() -> Mapping[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def shipped_unit(tmp_path_factory: pytest.TempPathFactory) -> ShippedUnit:
-    """Gives the FMU of the shipped parameters, native for this platform; built once for all processes of a run.
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Gives the folder of a name, which a function makes: once for all processes of a run."""
+    base = tmp_path_factory.getbasetemp()
+    common = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "once"
+    common.mkdir(exist_ok=True)
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        folder = common / name
+        with FileLock(f"{folder}.lock"):
+            if not folder.is_dir():
+                begun = Path(f"{folder}.begun")
+                begun.mkdir(exist_ok=True)  # from an attempt that has failed
+                make(begun)
+                begun.rename(folder)
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def shipped_unit(once: Once) -> ShippedUnit:
+    """Gives the FMU of the shipped parameters, native for this platform or everywhere.
 
     Units of several fins and those of flat names are compiled without optimisation: the same bits, in less time.
     """
-    base, local = tmp_path_factory.getbasetemp(), local_platform()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shipped"
-    folder.mkdir(exist_ok=True)
+    local = local_platform()
 
-    def made(backend: str = "native", fins: int = 1, fmi: str = "2", names: str = "structured") -> Path:
+    def made(backend: str = "native", fins: int = 1, fmi: str = "2", names: str = "structured",
+             everywhere: bool = False) -> Path:
         assert local is not None
-        place = folder / f"{backend}_{fins}_{fmi}_{names}"
-        path = place / ("EMCAS.fmu" if fins == 1 else f"EMCAS{fins}.fmu")
-        with FileLock(f"{place}.lock"), pytest.MonkeyPatch.context() as patch:
-            if fins > 1 or names != "structured":
-                patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
-            if not path.is_file():
-                place.mkdir(exist_ok=True)
-                build(load_parameters(), path, backend, [local.name] if backend == "native" else None, fins=fins,
-                      fmi=fmi, names=names)
-        return path
+        platforms = [local.name] if backend == "native" and not everywhere else None
+        file = "EMCAS.fmu" if fins == 1 else f"EMCAS{fins}.fmu"
+
+        def make(folder: Path) -> None:
+            with pytest.MonkeyPatch.context() as patch:
+                if fins > 1 or names != "structured":
+                    patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
+                build(load_parameters(), folder / file, backend, platforms, fins=fins, fmi=fmi, names=names)
+
+        return once(f"{backend}_{fins}_{fmi}_{names}_{everywhere}", make) / file
 
     return made
 

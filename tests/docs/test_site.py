@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,8 @@ pytestmark = pytest.mark.slow  # a minute or more; tests/docs/test_links.py look
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build_site(tmp_path_factory.mktemp("site"))
+def site(once: Callable[..., Path]) -> Path:
+    return once("site", build_site)
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,6 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.fmi.package import build
-from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime.compiler import PLATFORMS
-
 from .host import compile_host, missing, run, tool
 
 Host = Callable[..., str]
@@ -41,21 +37,19 @@ def native(native_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def every_machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def every_machine(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The FMU of FMI 3.0 with a library for every machine, unpacked."""
     if importlib.util.find_spec("ziglang") is None:
         missing("there is no ziglang (pip install ziglang)")
-    fmu = build(load_parameters(), tmp_path_factory.mktemp("every") / "EMCAS.fmu", fmi="3").path
-    return unpack(fmu, tmp_path_factory.mktemp("unpacked") / "every3")
+    return unpack(shipped_unit(fmi="3", everywhere=True), tmp_path_factory.mktemp("unpacked") / "every3")
 
 
 @pytest.fixture(scope="session")
-def every_platform(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def every_platform(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The native FMU with a library for every platform, unpacked; where zig has built nothing yet it takes minutes."""
     if importlib.util.find_spec("ziglang") is None:
         missing("there is no ziglang (pip install ziglang)")
-    fmu = build(load_parameters(), tmp_path_factory.mktemp("every") / "EMCAS.fmu", "native", tuple(PLATFORMS)).path
-    return unpack(fmu, tmp_path_factory.mktemp("unpacked") / "every")
+    return unpack(shipped_unit(everywhere=True), tmp_path_factory.mktemp("unpacked") / "every")
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from emcas_fmu.fmi.documentation import documents
 from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import load_parameters
-from tests.docs.recipes import ROOT, build_site
+from tests.docs.recipes import ROOT
 from tests.explore.browser import written
 
 CAMPAIGN = """
@@ -124,10 +124,13 @@ SITE: Mapping[str, str] = {"front": "index.html", "models": "model/models.html",
 NAMES = (*PAGES, *SITE)
 
 
-def made(name: str, folder: Path) -> Path:
-    """Return a page in a folder; unless it is there, make it, from there, so that no path is on it."""
+def made(name: str, folder: Path, site: Callable[[], Path]) -> Path:
+    """Return a page, of the site if it has it, otherwise in a folder.
+
+    Unless it is there, make it, from there, so that no path is on it.
+    """
     if name in SITE:
-        return (folder / "site" if (folder / "site").is_dir() else build_site(folder / "site")) / SITE[name]
+        return site() / SITE[name]
     page = folder / name / f"{name}.html"
     if not page.is_file():
         page.parent.mkdir()
