@@ -9,19 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.actuators import NAMES, capabilities, get
 from emcas_fmu.api import analyse
 from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.bench.linear.frequency import continuous_poles, evaluate, margins
 from emcas_fmu.parameters import load_parameters
 from tests.analysis.test_linear import NARROW
-from tests.own_actuator.example import MODEL as DIRECT_DRIVE
-from tests.tools.test_every_actuator import TOGETHER
 
 from .browser import Browser, written
 
-WITH_LOOP = [model for model in (*NAMES, DIRECT_DRIVE, *TOGETHER)
-             if capabilities.POSITION_LOOP in get(model).provides]
 LOOP = ("(({stable, gain_margin, phase_margin, delay_margin, gainCrossover}) => ({stable, gain_margin, phase_margin, "
         "delay_margin, gainCrossover}))(window.page.live.loop)")
 # Of gain [dB], phase [deg] and delay [ms] each: 1e-6 of a margin, from differences of the equations and the splines of
@@ -40,6 +35,7 @@ def check_margins(browser: Browser, expected: Any) -> None:
 
 
 def test_margins_are_those_of_the_analysis(browser: Browser) -> None:
+    """Those of every actuator: test_page.py, of the page that is made there."""
     browser.renew()
     check_margins(browser, analyse().linear.margins["reference"])
 
@@ -89,15 +85,6 @@ def test_both_cases_have_their_loops(opened: Browser) -> None:
     opened.run("window.page.loop.nichols.redraw()")  # it is out of view
     opened.settled()
     assert opened.run("(({chart: {scales: {x}}}) => [x.min, x.max])(window.page.loop.nichols)") == [-360.0, 0.0]
-
-
-@pytest.mark.slow  # zig makes its C library for a browser: a minute, once
-@pytest.mark.parametrize("model", WITH_LOOP, ids=lambda model: Path(model).stem)
-def test_margins_of_every_actuator_are_those_of_the_analysis(browser: Browser, model: str, tmp_path: Path) -> None:
-    parameters = load_parameters(model=model)
-    browser.open(written(tmp_path, model))
-    check_margins(browser, analyse(parameters).linear.margins["reference"])
-    assert browser.complaints == []
 
 
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from emcas_fmu.actuators import NAMES, get
-from emcas_fmu.api import simulate
+from emcas_fmu.actuators import NAMES, capabilities, get
+from emcas_fmu.api import analyse, simulate
 from emcas_fmu.bench.excitation import csv_file
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasWarning
@@ -26,6 +26,7 @@ from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
 
 from .browser import SHOWN, Browser, written
+from .test_linear import check_margins
 
 MODELS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
 SETTING = "excitation.kind=slew&excitation.amplitude=0.15&excitation.torque=-40"
@@ -61,6 +62,7 @@ def test_numbers_are_the_kernel_s(browser: Browser) -> None:
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
 def test_numbers_of_every_actuator_are_the_kernel_s(browser: Browser, model: str, tmp_path: Path) -> None:
+    """Its margins are those of the analysis, too: a page of many extensions takes zig ten seconds."""
     if importlib.util.find_spec("ziglang") is None:
         missing("there is no ziglang (pip install ziglang)")
     path = written(tmp_path, model)
@@ -68,6 +70,9 @@ def test_numbers_of_every_actuator_are_the_kernel_s(browser: Browser, model: str
     table, found = computed(browser, path)
     assert np.ptp(found[:, 0]) > radians(1.0) or "homing" in model  # which begins by looking for its zero
     check_kernel(model, table, found)
+    if capabilities.POSITION_LOOP in get(model).provides:
+        check_margins(browser, analyse(load_parameters(model=model)).linear.margins["reference"])
+        assert browser.complaints == []
 
 
 SLOW = pytest.mark.slow
