@@ -12,13 +12,14 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.stored import Stored, load
 from emcas_fmu.runtime.compiler import local_platform
+from tests.fmu.built import lean
 
 REFERENCES = Path(__file__).parents[2] / "models" / "reference"
 
 
 @dataclass(frozen=True)
 class Unit:
-    """An FMU: arguments of `build` and the model; its commands and angles, of which several fins have several.
+    """An FMU: arguments of `build`, back end and model; its commands and angles, of which several fins have several.
 
     Where it has no `loads` its angles are those of the reference response `EMCAS_step`, which is without encoder. The
     others are loaded too, and compared with fmpy's run.
@@ -27,6 +28,7 @@ class Unit:
     title: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
     model: str = "nonlinear"
+    backend: str = "native"
     commands: tuple[str, ...] = ("fin_command",)
     angles: tuple[str, ...] = ("fin_angle",)
     loads: tuple[str, ...] = ()
@@ -40,14 +42,16 @@ class Unit:
     @property
     def sources(self) -> bool:
         """Whether it has sources, to be built from."""
-        return "backend" in self.arguments
+        return self.backend == "native"
 
     def build(self, folder: Path) -> Path:
-        """Build it for this platform."""
+        """Build it for this platform: the plainest as users have it, the other native ones only to be run."""
+        parameters, path = load_parameters(model=self.model), folder / "unit.fmu"
+        if self.sources and self != UNITS["native"]:
+            return lean(parameters, path, **self.arguments)
         local = local_platform()
         assert local is not None
-        return build(load_parameters(model=self.model), folder / "unit.fmu", references=False,
-                     platforms=[local.name] if self.sources else None, **self.arguments).path
+        return build(parameters, path, self.backend, [local.name] if self.sources else None, references=False).path
 
     def task(self) -> dict[str, Any]:
         """What clients do with it, as :class:`.clients.Task` has it: the reference's commands, each held for a step."""
@@ -67,24 +71,23 @@ def step() -> Stored:
     return case
 
 
-_NATIVE = {"backend": "native"}
 _ENCODER = "encoder.enabled"
 _FINS = [f"fin[{k}]." for k in (1, 2, 3, 4)]
 UNITS = {
-    "native": Unit("native", _NATIVE, parameters={_ENCODER: False}),
-    "python": Unit("Python", parameters={_ENCODER: False}),
-    "four": Unit("native four fins", {**_NATIVE, "fins": 4}, commands=tuple(f + "fin_command" for f in _FINS),
+    "native": Unit("native", parameters={_ENCODER: False}),
+    "python": Unit("Python", backend="python", parameters={_ENCODER: False}),
+    "four": Unit("native four fins", {"fins": 4}, commands=tuple(f + "fin_command" for f in _FINS),
                  angles=tuple(f + "fin_angle" for f in _FINS), parameters={f + _ENCODER: False for f in _FINS}),
-    "options": Unit("native `elastic+heat+homing+faults`", _NATIVE, "elastic+heat+homing+faults",
+    "options": Unit("native `elastic+heat+homing+faults`", {}, "elastic+heat+homing+faults",
                     loads=("aero_torque",), parameters={"homing.required": False}),
-    "flat": Unit("native, `--names flat`", {**_NATIVE, "names": "flat"}, parameters={"encoder_enabled": False}),
-    "fmi3": Unit("FMI 3.0", {**_NATIVE, "fmi": "3"}, parameters={_ENCODER: False}),
-    "four3": Unit("FMI 3.0 four fins", {**_NATIVE, "fmi": "3", "fins": 4}, commands=("fins.fin_command",),
+    "flat": Unit("native, `--names flat`", {"names": "flat"}, parameters={"encoder_enabled": False}),
+    "fmi3": Unit("FMI 3.0", {"fmi": "3"}, parameters={_ENCODER: False}),
+    "four3": Unit("FMI 3.0 four fins", {"fmi": "3", "fins": 4}, commands=("fins.fin_command",),
                   angles=tuple(f"fins.fin_angle[{k}]" for k in (1, 2, 3, 4)),
                   parameters={f"fins.{_ENCODER}": [False] * 4}),
-    "scalars": Unit("FMI 3.0 four fins, `--scalars`", {**_NATIVE, "fmi": "3", "fins": 4, "scalars": True},
+    "scalars": Unit("FMI 3.0 four fins, `--scalars`", {"fmi": "3", "fins": 4, "scalars": True},
                     commands=tuple(f + "fin_command" for f in _FINS), angles=tuple(f + "fin_angle" for f in _FINS),
                     parameters={f + _ENCODER: False for f in _FINS}),
-    "minimal": Unit("native, `--inputs minimal`", {**_NATIVE, "inputs": "minimal"}, parameters={_ENCODER: False}),
-    "electrohydraulic": Unit("native `electrohydraulic`", _NATIVE, "electrohydraulic", loads=("aero_torque",)),
+    "minimal": Unit("native, `--inputs minimal`", {"inputs": "minimal"}, parameters={_ENCODER: False}),
+    "electrohydraulic": Unit("native `electrohydraulic`", {}, "electrohydraulic", loads=("aero_torque",)),
 }
