@@ -266,7 +266,7 @@ def test_a_link_holds_the_csv_files(opened: Browser, tmp_path: Path) -> None:
 def test_a_csv_file_that_a_link_cannot_hold_is_said(opened: Browser, tmp_path: Path) -> None:
     noise = np.random.default_rng(1).uniform(-0.1, 0.1, 8001)
     path = tmp_path / "long.csv"
-    path.write_text("time,fin_command\n" + "".join(f"{k / 1000},{x!r}\n" for k, x in enumerate(noise.tolist())),
+    path.write_text("time,fin_command\n" + "".join(f"{k / 10_000},{x!r}\n" for k, x in enumerate(noise.tolist())),
                     encoding="utf-8")
     flown(opened, path)
     assert "csv=" not in opened.run("location.hash").replace("kind%3Dcsv", "")
