@@ -14,8 +14,10 @@ import pytest
 from typer.testing import CliRunner
 
 from emcas_fmu.actuators import NAMES, capabilities, get
-from emcas_fmu.api import analyse, simulate
+from emcas_fmu.api import simulate
 from emcas_fmu.bench.excitation import csv_file
+from emcas_fmu.bench.linear.actuator import LinearActuator, sound
+from emcas_fmu.bench.linear.frequency import margins
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasWarning
 from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
@@ -62,7 +64,7 @@ def test_numbers_are_the_kernel_s(browser: Browser) -> None:
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
 def test_numbers_of_every_actuator_are_the_kernel_s(browser: Browser, model: str, tmp_path: Path) -> None:
-    """Its margins are those of the analysis, too: a page of many extensions takes zig ten seconds."""
+    """Its margins are those of the linear model, too: a page of many extensions takes zig ten seconds."""
     if importlib.util.find_spec("ziglang") is None:
         missing("there is no ziglang (pip install ziglang)")
     path = written(tmp_path, model)
@@ -71,7 +73,8 @@ def test_numbers_of_every_actuator_are_the_kernel_s(browser: Browser, model: str
     assert np.ptp(found[:, 0]) > radians(1.0) or "homing" in model  # which begins by looking for its zero
     check_kernel(model, table, found)
     if capabilities.POSITION_LOOP in get(model).provides:
-        check_margins(browser, analyse(load_parameters(model=model)).linear.margins["reference"])
+        homed = sound(load_parameters(model=model))
+        check_margins(browser, margins(LinearActuator(homed.values, model=homed.model).loop("reference")))
         assert browser.complaints == []
 
 
