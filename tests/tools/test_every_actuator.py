@@ -19,7 +19,6 @@ from tests.fmu.built import lean
 from tests.own_actuator.example import FOLDER
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 
-pytestmark = pytest.mark.usefixtures("undrawn")
 # The option sets of tests/extensions/test_together.py.
 TOGETHER = ("nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+supply+faults",
             "ristanovic+stribeck+efficiency+heat+homing+supply+faults", "second-order+faults")
