@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import signal
 
 # Before NumPy comes: a worker has a core, and threads of the linear algebra that wait for each other on cores that
@@ -33,11 +34,21 @@ from emcas_fmu.runtime import compiler, library
 from emcas_fmu.runtime.compiler import local_platform
 
 ShippedUnit = Callable[..., Path]
+_DRAWN = plots.svg, figures.response_pictures
 Once = Callable[[str, Callable[[Path], object]], Path]
 
 # How long an example takes is the machine's, and of whatever else it runs.
 settings.register_profile("emcas", deadline=None, max_examples=50)
 settings.load_profile("emcas")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile kernels of single actuators without optimisation, unless slow tests run.
+
+    The bits are the same, in a fifth of the time.
+    """
+    if "not slow" in config.option.markexpr:
+        library._VECTOR_FLAGS = {1: ("-O0",), **library._VECTOR_FLAGS}
 
 
 def pytest_collection_finish() -> None:
@@ -74,7 +85,7 @@ def _names_parsed_once() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _undrawn(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Most tests are of what a page says; of each page a test marked `drawn` has the pictures."""
+    """Draw pictures in tests marked `drawn` alone, and in fixtures of a module or session."""
     with pytest.MonkeyPatch.context() as patch:
         if not request.node.get_closest_marker("drawn"):
             leave_undrawn(patch)
@@ -111,7 +122,8 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
         with FileLock(f"{folder}.lock"):
             if not folder.is_dir():
                 begun = Path(f"{folder}.begun")
-                begun.mkdir(exist_ok=True)  # from an attempt that has failed
+                shutil.rmtree(begun, ignore_errors=True)  # of an attempt that has failed
+                begun.mkdir()
                 make(begun)
                 begun.rename(folder)
         return folder
@@ -123,7 +135,8 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
 def shipped_unit(once: Once) -> ShippedUnit:
     """Gives the FMU of the shipped parameters, native for this platform or everywhere.
 
-    Units of several fins and those of flat names are compiled without optimisation: the same bits, in less time.
+    Units of several fins and those of flat names are compiled without optimisation: the same bits, in less time. All
+    have pictures, whichever test is the first to need them.
     """
     local = local_platform()
 
@@ -135,6 +148,8 @@ def shipped_unit(once: Once) -> ShippedUnit:
 
         def make(folder: Path) -> None:
             with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(plots, "svg", _DRAWN[0])
+                patch.setattr(figures, "response_pictures", _DRAWN[1])
                 if fins > 1 or names != "structured":
                     patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
                 build(load_parameters(), folder / file, backend, platforms, fins=fins, fmi=fmi, names=names)

@@ -6,7 +6,7 @@ import ast
 import inspect
 import json
 from collections.abc import Iterator, Sequence
-from functools import cache
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
 from math import degrees
 from pathlib import Path
@@ -76,7 +76,7 @@ def _blocks(docstring: str) -> Iterator[tuple[bool, Markup]]:
         yield indented, prose(dedent(paragraph.strip("\n")) if indented else " ".join(paragraph.split()))
 
 
-@cache
+@lru_cache(maxsize=32)
 def _docstring(module: ModuleType) -> str | None:
     """Return the docstring of a module, from its source: with -OO the module has none."""
     return ast.get_docstring(ast.parse(inspect.getsource(module)))

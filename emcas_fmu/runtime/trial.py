@@ -226,7 +226,10 @@ def _beside(watched: Actuator, values: Mapping[str, Any], model: str) -> Functio
 
 
 def _watched(actuator: Actuator, step: SwitchedStep, moves: bool) -> Actuator:
-    """Return a copy whose step raises EmcasError for an event margin that stays below 0; it may move nothing."""
+    """Return a copy whose step raises EmcasError for an event margin that stays below 0.
+
+    Unless it `moves`, the step changes no state.
+    """
     assert actuator.source is not None
     source = actuator.source
     below: Counter[str] = Counter()

@@ -49,16 +49,16 @@ def emcas(*arguments: object) -> Done:
 
 
 @pytest.fixture(scope="module")
-def told() -> list[tuple[str, int, int]]:
-    """What the acceptance test of the shipped parameters says of its progress."""
+def progress() -> list[tuple[str, int, int]]:
+    """The calls of the progress function in the acceptance test of the shipped parameters."""
     return []
 
 
 @pytest.fixture(scope="module")
-def shipped(told: list[tuple[str, int, int]]) -> Result:
+def shipped(progress: list[tuple[str, int, int]]) -> Result:
     """The acceptance test of the shipped parameters, by the kernel."""
     with open_subject(None) as subject:
-        return carry_out(subject, progress=lambda *each: told.append(each))
+        return carry_out(subject, progress=lambda *each: progress.append(each))
 
 
 def page(result: Result, folder: Path, date: str = "") -> str:
@@ -96,7 +96,7 @@ def judged_of(specification: Specification, found: Result) -> list[Any]:
 
 @pytest.mark.slow
 def test_fmu_and_parameter_set_give_the_same_figures(native: Path, shipped: Result) -> None:
-    """That the Python FMU gives the native one's bits, tests/parity and tests/validation show in less time."""
+    """The Python FMU has the native one's bits (tests/parity)."""
     with open_subject(native) as subject:
         by_fmu = carry_out(subject)
     there, here = dict(flat(by_fmu.outcomes)), dict(flat(shipped.outcomes))
@@ -111,7 +111,7 @@ def test_fmu_and_parameter_set_give_the_same_figures(native: Path, shipped: Resu
 
 
 def test_requirements_are_those_of_validate(shipped: Result) -> None:
-    """The same rows and figures, to the bit; there an FMU has the kernel's (tests/validation), here in a slow test."""
+    """The rows and figures are those that `emcas validate` judges, to the bit; the slow test above has an FMU's."""
     parameters = load_parameters()
     assert list(shipped.judged) == judge(ParameterSubject(parameters), load_requirements(None, parameters))
     assert shipped.passed  # that the shipped set meets its requirements is what the project claims
@@ -407,10 +407,10 @@ def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float
     json.dumps(plain(as_dict(found)), allow_nan=False)
 
 
-def test_progress_counts_every_test(shipped: Result, told: list[tuple[str, int, int]]) -> None:
+def test_progress_counts_every_test(shipped: Result, progress: list[tuple[str, int, int]]) -> None:
     assert set(shipped.outcomes) == set(TESTS)
-    assert [done for _, done, _ in told] == list(range(len(TESTS) + 2))
-    assert {total for *_, total in told} == {len(TESTS) + 1}
+    assert [done for _, done, _ in progress] == list(range(len(TESTS) + 2))
+    assert {total for *_, total in progress} == {len(TESTS) + 1}
 
 
 def test_json_has_no_value_json_does_not_know(shipped: Result) -> None:
@@ -480,7 +480,7 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, sk
 
 @pytest.mark.drawn
 @pytest.mark.parametrize("model", others_slow(
-    (name for name in (*NAMES, "elastic+stribeck+heat+faults") if name != NONLINEAR),
+    (name for name in (*NAMES, "elastic+stribeck+efficiency+heat+homing+supply+faults") if name != NONLINEAR),
     lambda name: name == "second-order"))
 def test_every_actuator(model: str, tmp_path: Path) -> None:
     found = emcas("--model", model, "-o", tmp_path / "report.html", "--json", tmp_path / "figures.json")

@@ -21,7 +21,7 @@ RIM = 0.045  # m, radius of the wheel's pitch circle
 # Locks, is driven by a load, locks at rest alone: over a step the friction falls by its whole excess.
 FRICTION: Mapping[str, Mapping[str, float]] = {
     "constant": {}, "driven": {"worm.friction": 0.05}, "falling": {"worm.friction": 0.04, "worm.static_ratio": 3.75}}
-# Where the worm's friction decides: reversals to and fro, and loads either way. Of cold and sag one is enough.
+# Where the worm's friction decides: reversals to and fro, and loads either way. One friction is enough of the others.
 DECISIVE = ("step_minus20", "load_opposing", "load_aiding")
 # deg, a hundredth of the accuracy of Table 2: no figure judged by it shows the difference.
 LIMIT = 0.002
@@ -115,7 +115,7 @@ def test_a_load_shakes_the_fin_behind_a_worm_that_is_let_go(gap: float, friction
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "gap", "friction", "tick"), [
-    # Each two of case, gap and friction together once.
+    # Each two of case, gap and friction together at least once.
     *((name, (0.05, 0.2)[(i + k) % 2], friction, None) for i, name in enumerate(("step_plus1", *DECISIVE))
       for k, friction in enumerate(FRICTION)),
     # Without a load a fin falls from flank to flank and multiplies what differs: through 0.05 deg 1e-4 of the mesh's

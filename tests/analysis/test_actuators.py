@@ -345,6 +345,7 @@ def test_the_command_on_an_elastic_line_with_heat(analysed: Analysed) -> None:
     assert [s["limit_onset_hz"] for s in found["sweep"]] == [{}] * len(found["sweep"])
 
 
+@pytest.mark.drawn
 def test_the_command_on_a_users_actuator(analysed: Analysed) -> None:
     found, page, said = analysed("--model", DIRECT_DRIVE, "--at", "2", "--torque", "-20")
     assert found["model"] == "direct-drive"

@@ -77,6 +77,7 @@ def test_lines_levels_bands_and_words() -> None:
     assert np.max(np.abs(np.interp(time, x, y) - angle)) <= FINEST * np.ptp(axes.get_ylim())
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("kind", ["bars", "image", "equal"])
 def test_what_has_no_form_as_data_stays_a_picture(kind: str) -> None:
     with plots.style():

@@ -45,8 +45,7 @@ def method(write: Write, name: str, samples: int = 24) -> Study:
 @given(asked=st.lists(st.integers(0, 23), min_size=1, max_size=30))
 def test_a_sample_is_the_same_whoever_asks(write: Write, name: str, asked: list[int]) -> None:
     """In any order, more than once, alone or with others: to the bit."""
-    study = method(write, name)
-    assert np.array_equal(study.draw(asked), study.draw(range(24))[asked])
+    assert np.array_equal(method(write, name).draw(asked), method(write, name).draw(range(24))[asked])
 
 
 @pytest.mark.parametrize("name", RANDOM)

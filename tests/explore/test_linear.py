@@ -35,7 +35,7 @@ def check_margins(browser: Browser, expected: Any) -> None:
 
 
 def test_margins_are_those_of_the_analysis(browser: Browser) -> None:
-    """Those of every actuator: test_page.py, of the page that is made there."""
+    """tests/explore/test_page.py compares those of every actuator."""
     browser.renew()
     check_margins(browser, analyse().linear.margins["reference"])
 

@@ -64,7 +64,7 @@ def test_numbers_are_the_kernel_s(browser: Browser) -> None:
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
 def test_numbers_of_every_actuator_are_the_kernel_s(browser: Browser, model: str, tmp_path: Path) -> None:
-    """Its margins are those of the linear model, too: a page of many extensions takes zig ten seconds."""
+    """Its margins are compared here, too, since zig needs ten seconds for a page of many extensions."""
     if importlib.util.find_spec("ziglang") is None:
         missing("there is no ziglang (pip install ziglang)")
     path = written(tmp_path, model)

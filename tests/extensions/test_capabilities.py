@@ -74,6 +74,7 @@ def test_the_analysis_needs_no_more_than_it_says(words: str, tmp_path: Path) -> 
     write_report(found, tmp_path / "page.html")
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("section", others_slow(SECTIONS, lambda section: section == "modes"))
 def test_a_section_of_the_analysis_needs_no_more_than_it_says(section: str, tmp_path: Path) -> None:
     needs = dict.fromkeys((POSITION_LOOP, *SECTIONS[section][1]))

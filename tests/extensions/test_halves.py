@@ -30,9 +30,10 @@ STEP = 1e-3
 LOOPED = [name for name in NAMES if capabilities.POSITION_LOOP in get(name).provides]
 EXTENDED = [f"{name}+{extension}" for name in LOOPED for extension in EXTENSIONS
             if get(name).provides.issuperset(get_extension(extension).needs)]
-# Worm gears have the controllers of the nonlinear actuator, and the extensions' parts of these; they take half of the
-# time of all: in turn they have the extension with parts on either side.
-IN_TURN = [model for model in EXTENDED if not model.startswith("worm-gear") or model.endswith("+faults")]
+# Worm gears have the controllers of the nonlinear actuator, and take half of the time of all: in turn they have the
+# extensions that add a signal between controllers and plant.
+IN_TURN = [model for model in EXTENDED
+           if not model.startswith("worm-gear") or model.endswith(("+faults", "+heat", "+homing", "+supply"))]
 TOGETHER = ["nonlinear+heat+supply+faults", "elastic+stribeck+heat+homing+faults",
             "nonlinear+stribeck+efficiency+supply"]
 OWN = [f"examples/own_actuator/{name}.py" for name in ("direct_drive", "strain_wave", "hot_gas")]

@@ -189,6 +189,7 @@ def test_an_actuator_of_the_user_s(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.drawn
 @pytest.mark.fmu
 def test_commands(built: Callable[..., Path], tmp_path: Path) -> None:
     path = tmp_path / "EMCAS.fmu"

@@ -425,6 +425,7 @@ def test_platforms_have_the_names_of_both_versions() -> None:
         PLATFORMS["linux64"], PLATFORMS["darwin64"]]
 
 
+@pytest.mark.drawn
 @pytest.mark.slow
 def test_built_twice_the_same_bytes(native3: Path, tmp_path: Path) -> None:
     local = local_platform()

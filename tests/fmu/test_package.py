@@ -128,6 +128,7 @@ def test_dependencies_are_complete(unit: Path, description: Element) -> None:
     assert {n for n, inputs in declared.items() if inputs} == {n for n, inputs in reacts.items() if inputs}
 
 
+@pytest.mark.drawn
 def test_built_twice_the_same_bytes(tmp_path: Path) -> None:
     first = build(load_parameters(), tmp_path / "a.fmu")
     second = build(load_parameters(), tmp_path / "b.fmu")
@@ -353,6 +354,7 @@ def test_native_contents(native: Path) -> None:
     assert "documentation/externalDependencies.txt" not in names
 
 
+@pytest.mark.drawn
 @pytest.mark.slow
 def test_native_build_repeats(native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same bytes from an empty compiler cache, elsewhere, in another time zone."""

@@ -79,6 +79,7 @@ def test_json_and_report(tmp_path: Path) -> None:
     assert "autocorrelation" in text
 
 
+@pytest.mark.drawn
 @pytest.mark.slow
 def test_every_report_draws_and_is_reproducible(identified: Mapping[str, Identification], tmp_path: Path) -> None:
     pictures = {"friction": 3, "drive": 4, "inertia": 2, "backlash": 3}

@@ -45,13 +45,14 @@ class Unit:
         return self.backend == "native"
 
     def build(self, folder: Path) -> Path:
-        """Build it for this platform: the plainest as users have it, the other native ones only to be run."""
+        """Build it for this platform: `native` as users build it, other native ones only to be run."""
         parameters, path = load_parameters(model=self.model), folder / "unit.fmu"
         if self.sources and self != UNITS["native"]:
             return lean(parameters, path, **self.arguments)
         local = local_platform()
         assert local is not None
-        return build(parameters, path, self.backend, [local.name] if self.sources else None, references=False).path
+        return build(parameters, path, self.backend, [local.name] if self.sources else None, references=False,
+                     **self.arguments).path
 
     def task(self) -> dict[str, Any]:
         """What clients do with it, as :class:`.clients.Task` has it: the reference's commands, each held for a step."""

@@ -125,9 +125,9 @@ NAMES = (*PAGES, *SITE)
 
 
 def made(name: str, folder: Path, site: Callable[[], Path]) -> Path:
-    """Return a page, of the site if it has it, otherwise in a folder.
+    """Return a page: of the site if it has it, otherwise from a folder, in which it is made once.
 
-    Unless it is there, make it, from there, so that no path is on it.
+    It is made from within the folder, so that no path is on it.
     """
     if name in SITE:
         return site() / SITE[name]

@@ -226,6 +226,7 @@ def test_only_some_entries_write_no_page_unless_it_is_named(tmp_path: Path, monk
     assert [path.name for path in tmp_path.iterdir()] == ["t.json"]
 
 
+@pytest.mark.drawn
 def test_the_same_set_gives_the_same_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     for name in ("a", "b"):

@@ -46,7 +46,7 @@ def written(folder: Path, text: str) -> str:
 
 
 def unit(folder: Path, model: str) -> str:
-    """An actuator's FMU for this platform; `ssp` builds one for all of the actuators that ALWAYS names."""
+    """Return an actuator's FMU for this platform; without one `ssp` builds for every platform, as for ALWAYS."""
     return str(lean(load_parameters(model=model), folder / "unit.fmu"))
 
 
@@ -93,8 +93,8 @@ def reasons(tool: str) -> list[str]:
 ELSEWHERE = ("explore", "ssp")
 # Of a user's actuator tests/acceptance, analysis, fmu and campaign have quick tests, too.
 DEAR = ("report", "analyse", "build --fins", "campaign")
-# Reports of the shipped actuators, one of them elastic with options, are tests/acceptance's, pages of all but FURTHER
-# tests/explore's: those commands with each model are tests of theirs.
+# tests/acceptance runs `emcas report` of the shipped actuators and of an elastic line with all options; tests/explore
+# makes and runs the pages of all but FURTHER.
 OTHERS = {"report": {*NAMES, TOGETHER[1]}, "explore": {*NAMES, DIRECT_DRIVE, *TOGETHER}}
 CASES = [(model, tool) for model in ACTUATORS for tool in TOOLS if model not in OTHERS.get(tool, ())]
 

@@ -20,8 +20,9 @@ from .points import points
 from .runs import fullest, models
 
 KEPT = table.kept()
-# The default actuator is in it with each extension alone; ristanovic, also rigid, with all it can have.
-DEAR = {fullest(name) for name in (NONLINEAR, "elastic", "worm-gear")}  # seconds to trace each
+# The default actuator has each extension alone, the elastic one homing and faults, ristanovic all it can have; these
+# take seconds to trace.
+DEAR = {fullest(name) for name in (NONLINEAR, "elastic", "worm-gear")}
 MODELS = others_slow(models(), lambda model: model not in DEAR)
 
 

@@ -57,8 +57,9 @@ STEPPING = (Quantity("fin_angle_deg", "largest difference of the fin angle at an
 
 
 @cache
-def _of_study(kind: str) -> list[Case]:
-    return shipped_cases(load_parameters(model=kind))
+def _of_study(kind: str) -> tuple[Case, ...]:
+    """Return the cases of the shipped tuning study of a kind."""
+    return tuple(shipped_cases(load_parameters(model=kind)))
 
 
 def tolerances(rig: Rig) -> tuple[list[Case], str]:
