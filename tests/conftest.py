@@ -43,10 +43,10 @@ settings.register_profile("emcas", deadline=None, max_examples=50)
 settings.load_profile("emcas")
 
 
-def pytest_configure() -> None:
-    """Compile kernels without optimisation, but for vectors and shipped actuators without extensions.
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile kernels without optimisation, unless slow tests run: those of extended and users' actuators.
 
-    The bits are the same, in a fifth of the time; most of these kernels run for a second.
+    The bits are the same, and compiling takes a fifth of the time. Slow tests run them for longer than that saves.
     """
     def lean(function: Callable[..., Any]) -> Callable[..., Any]:
         def called(*arguments: Any) -> Any:
@@ -58,7 +58,8 @@ def pytest_configure() -> None:
 
         return called
 
-    library._described, library._compile = lean(library._described), lean(library._compile)
+    if "not slow" in config.option.markexpr:
+        library._described, library._compile = lean(library._described), lean(library._compile)
 
 
 def pytest_collection_finish() -> None:
@@ -112,6 +113,12 @@ def leave_undrawn(patch: pytest.MonkeyPatch) -> None:
 
     patch.setattr(plots, "svg", empty)
     patch.setattr(figures, "response_pictures", lambda _: ())
+
+
+@pytest.fixture
+def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile kernels without optimisation: for slow tests that run each for less time than that saves."""
+    monkeypatch.setitem(library._VECTOR_FLAGS, 1, ("-O0",))
 
 
 @pytest.fixture(scope="session")

@@ -480,7 +480,7 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, sk
 
 @pytest.mark.drawn
 @pytest.mark.parametrize("model", others_slow(
-    (name for name in (*NAMES, "elastic+stribeck+efficiency+heat+homing+supply+faults") if name != NONLINEAR),
+    (name for name in (*NAMES, "elastic+stribeck+heat+faults") if name != NONLINEAR),
     lambda name: name == "second-order"))
 def test_every_actuator(model: str, tmp_path: Path) -> None:
     found = emcas("--model", model, "-o", tmp_path / "report.html", "--json", tmp_path / "figures.json")

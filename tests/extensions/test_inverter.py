@@ -370,6 +370,7 @@ def test_heat_and_link_of_a_bridge_that_opens() -> None:
         assert shipped == pytest.approx(fine, rel=within)
 
 
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("model", [MODEL, *slow(*(f"{name}+saturation+inverter+heat+supply+faults" for name in HAVE))])
 def test_both_kernels(model: str) -> None:
     """The same bits, with dead time and, where no worm locks, with conduction."""

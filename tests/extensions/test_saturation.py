@@ -121,6 +121,7 @@ def test_a_drive_beyond_the_largest_torque_is_refused() -> None:
         load_parameters(model=MODEL).with_values({"saturation.current": 40.0, "saturation.share": 0.2})
 
 
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("model", [MODEL, *slow(*(f"{name}+saturation+heat+faults" for name in HAVE))])
 def test_both_kernels(model: str) -> None:
     """The same bits, of a motion that saturates."""

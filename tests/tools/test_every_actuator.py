@@ -93,7 +93,7 @@ def reasons(tool: str) -> list[str]:
 ELSEWHERE = ("explore", "ssp")
 # Of a user's actuator tests/acceptance, analysis, fmu and campaign have quick tests, too.
 DEAR = ("report", "analyse", "build --fins", "campaign")
-# tests/acceptance runs `emcas report` of the shipped actuators and of an elastic line with all options; tests/explore
+# tests/acceptance runs `emcas report` of the shipped actuators and of an elastic line with options; tests/explore
 # makes and runs the pages of all but FURTHER.
 OTHERS = {"report": {*NAMES, TOGETHER[1]}, "explore": {*NAMES, DIRECT_DRIVE, *TOGETHER}}
 CASES = [(model, tool) for model in ACTUATORS for tool in TOOLS if model not in OTHERS.get(tool, ())]
