@@ -85,7 +85,7 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
         for floats in (False, True):  # steps over floats need ten times as long, but say where they fail
             watched = _watched(actuator, actuator.step, floats)
-            bind = partial(diagnosis.functions, actuator=watched) if floats else partial(_beside, watched)
+            bind = partial(diagnosis.functions, actuator=watched) if floats else partial(_traced, watched)
             with nullcontext() if floats else suppress(EmcasError):
                 if not _run(by_floats, model, [values], stepping, _STEP, bind).failures:
                     break
@@ -212,17 +212,17 @@ def _of_table(actuator: Actuator, values: Mapping[str, Any], error: TableError) 
     return EmcasError(f"{refusal(error, actuator.source)}{remedy}")
 
 
-def _beside(watched: Actuator, values: Mapping[str, Any], model: str) -> Functions:
-    """Return the functions of the traced program, each step of which a `watched` copy looks at first."""
-    step = [name for name, _, _ in codegen.functions(watched)].index("step")
-    look = diagnosis.functions(values, model, actuator=watched, follow=False)[step]
+def _traced(watched: Actuator, values: Mapping[str, Any], model: str) -> Functions:
+    """Return the functions of the traced program; before each of its steps runs that of a `watched` copy."""
+    k = [name for name, _, _ in codegen.functions(watched)].index("step")
+    watch = diagnosis.functions(values, model, actuator=watched, follow=False)[k]
     program = codegen.bound(values, model)
 
-    def looked_at(*arguments: float) -> tuple[Any, ...]:
-        look(*arguments)
-        return program[step](*arguments)
+    def step(*arguments: float) -> tuple[Any, ...]:
+        watch(*arguments)
+        return program[k](*arguments)
 
-    return (*program[:step], looked_at, *program[step + 1:])
+    return (*program[:k], step, *program[k + 1:])
 
 
 def _watched(actuator: Actuator, step: SwitchedStep, moves: bool) -> Actuator:
