@@ -48,18 +48,23 @@ def pytest_configure(config: pytest.Config) -> None:
 
     The bits are the same, and compiling takes a fifth of the time. Slow tests run them for longer than that saves.
     """
-    def lean(function: Callable[..., Any]) -> Callable[..., Any]:
+    def by_model(function: Callable[..., Any]) -> Callable[..., Any]:
         def called(*arguments: Any) -> Any:
             model, lanes = arguments[-2:]
             with pytest.MonkeyPatch.context() as patch:
                 if lanes == 1 and model not in NAMES:
-                    patch.setitem(library._VECTOR_FLAGS, 1, ("-O0",))
+                    leave_unoptimised(patch)
                 return function(*arguments)
 
         return called
 
     if "not slow" in config.option.markexpr:
-        library._described, library._compile = lean(library._described), lean(library._compile)
+        library._described, library._compile = by_model(library._described), by_model(library._compile)
+
+
+def leave_unoptimised(patch: pytest.MonkeyPatch) -> None:
+    """Compile kernels of single actuators without optimisation."""
+    patch.setitem(library._VECTOR_FLAGS, 1, ("-O0",))
 
 
 def pytest_collection_finish() -> None:
@@ -118,7 +123,7 @@ def leave_undrawn(patch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compile kernels without optimisation: for slow tests that run each for less time than that saves."""
-    monkeypatch.setitem(library._VECTOR_FLAGS, 1, ("-O0",))
+    leave_unoptimised(monkeypatch)
 
 
 @pytest.fixture(scope="session")

@@ -196,11 +196,11 @@ def test_keys_move_the_same_pair_where_another_becomes_slower(opened: Browser) -
     from selenium.webdriver.common.keys import Keys
 
     grip, pole = handle(opened), opened.run(POLE)
-    for _ in range(10):  # four keys each, of a hundredth
-        grip.send_keys(Keys.ARROW_LEFT * 4)
+    for _ in range(40):
+        grip.send_keys(Keys.ARROW_LEFT)
         opened.settled()
         moved = opened.run(POLE)
-        assert np.hypot(*np.subtract(moved, pole)) < 6.0 * opened.run("window.page.loop.poles.size") / 100.0
+        assert np.hypot(*np.subtract(moved, pole)) < 3.0 * opened.run("window.page.loop.poles.size") / 100.0
         pole = moved
     label = "window.page.loop.poles.handle.getAttribute('aria-label')"
     assert "the followed pair" in opened.run(label)

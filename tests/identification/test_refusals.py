@@ -27,7 +27,7 @@ def _loaded(path: Path) -> Table:
 
 
 def load(path: Path) -> Table:
-    """A table of one's own, to edit."""
+    """Return a copy of a table, which may be edited."""
     return deepcopy(_loaded(path))
 
 

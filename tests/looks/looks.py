@@ -93,7 +93,7 @@ def opened(browser: Browser, path: Path, look: str) -> None:
 
 
 def emulated(browser: Browser, medium: str, scheme: str) -> None:
-    """Let a reader have a medium and a colour scheme, and no liking for motion."""
+    """Set the emulated medium and colour scheme, with reduced motion."""
     browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": medium, "features": [
         {"name": "prefers-color-scheme", "value": scheme}, {"name": "prefers-reduced-motion", "value": "reduce"}]})
 
