@@ -125,7 +125,10 @@ _speed = st.sampled_from([0.0, 1.0, -1.0]) | st.floats(-10.0, 10.0)
        limits=st.lists(_limit, min_size=5, max_size=5), screw=_speed, motor=_speed | st.just(None))
 def test_directions_are_those_that_hold(torques: Any, inertias: Any, limits: list[float], screw: float,
                                         motor: float | None) -> None:
-    """Sliding follows the acceleration; what sticks has none and is within its limit; at rest a solution exists."""
+    """Sliding follows the acceleration; what sticks has none and is within its limit; at rest a solution exists.
+
+    Margins are above 0 up to that.
+    """
     motor = screw if motor is None else motor
     dry = [coupled.Dry(limits[0], limits[1]), *(coupled.Dry(t, t) for t in limits[2:])]
     bodies = coupled.Bodies(inertias, torques, dry)
@@ -134,6 +137,11 @@ def test_directions_are_those_that_hold(torques: Any, inertias: Any, limits: lis
     rows = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
     speeds, faster = rows @ (screw, motor), rows @ rates
     scale = np.abs(rates).max() + 1e-9
+    edge = 1e-8 * max(limits)  # friction counts as overcome within 1e-9 of up to four limits
+    margins = coupled.margins(FLOATS, bodies, signs, screw, motor)
+    assert min(margins.values()) >= -edge
+    if screw == motor == 0.0 and any(signs):
+        assert min(coupled.margins(FLOATS, bodies, (0.0,) * 4, 0.0, 0.0).values()) <= edge
     if screw == motor == 0.0 and not any(signs):
         bounds = [(-d.low * (1.0 + 1e-9), d.high * (1.0 + 1e-9)) for d in dry]
         assert rates == (0.0, 0.0)
