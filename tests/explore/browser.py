@@ -69,9 +69,12 @@ class Browser:
         self.driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
 
     def rested(self, action: str) -> None:
-        """Do something, and wait until all that follows is computed."""
-        before = self.run(f"(() => {{ const n = Number(document.body.dataset.ready ?? 0); {action}; return n; }})()")
-        self.wait(f"Number(document.body.dataset.ready ?? 0) > {before}")
+        """Do something, and wait for what the page computes when nothing has changed for a while: at once."""
+        self.driver.execute_async_script(f"""const done = arguments[0]; {action};
+            requestAnimationFrame(() => requestAnimationFrame(() => {{
+                clearTimeout(window.page.resting);
+                window.page.rest().then(done);
+            }}));""")
 
     def size(self, width: int, height: int = 900) -> None:
         """Give the window another size."""

@@ -94,8 +94,8 @@ def test_a_click_draws_nothing(opened: Browser, touch: bool) -> None:
     for points in ([(0.2, 12.0)], [(0.2, 12.0), (0.2, -12.0)], [(0.2, 12.0), (0.1, 5.0)]):
         stroke(opened, points, touch)
         opened.settled()
-        opened.rested("window.page.refresh()")
         assert opened.run("window.page.live.setting.kind") == "step"
+    opened.rested("window.page.refresh()")
     assert opened.run(COMMAND) == before
 
 
