@@ -1,16 +1,13 @@
 """Parameter sets: their files, the entries of a file, and checks of whole sets."""
 
+from .checks import broken_rules, check_combinations, check_parameters, require_sound
 from .entries import IDENTIFIED, Entry, ParameterError, Value, as_text, file_entry
 from .measured import MeasuredRecord
 from .sets import (
     ParameterSet,
     are_defaults,
-    broken_rules,
-    check_combinations,
-    check_parameters,
     load_parameters,
     parameter_file,
-    require_sound,
     shipped_file,
     write_parameters,
 )

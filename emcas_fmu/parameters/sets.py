@@ -7,14 +7,11 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as dataclass_replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import chain, groupby
-from math import inf
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-
-import numpy as np
 
 from ..actuators import (
     NONLINEAR,
@@ -28,15 +25,12 @@ from ..actuators import (
     parts,
 )
 from ..actuators.declaration import Actuator
-from ..actuators.external import refusal
 from ..errors import EmcasError, declared_in, hint
-from ..ops.arrays import ARRAYS
-from ..ops.floats import FLOATS
-from ..rules import SHARES, Check, Rule, check_ranges, check_rules
 from ..support.arguments import checked
 from ..support.files import as_given, models_directory, named_sets
 from ..support.writing import write
 from . import schema, toml
+from .checks import check_combinations, messages
 from .entries import (
     IDENTIFIED,
     Entry,
@@ -117,7 +111,7 @@ class ParameterSet:
         entries = {e.variable.name: e for e in self.entries}
         warnings = [_apart(entries[name], entries[other]) for name, other in self.actuator.equal_parameters]
         warnings += check_combinations(self.values, self.actuator, warnings=True)
-        warnings += _messages(self.actuator.supply_rules, self.nested(), warnings=True).values()
+        warnings += messages(self.actuator.supply_rules, self.nested(), warnings=True).values()
         warnings += map(self._of_another_size, parts(self.model)[1])
         if self.unused:
             warnings.append(f"the {self.actuator.name} actuator has no {', '.join(self.unused)}: not used")
@@ -290,62 +284,6 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
                     str(where))
     records = (measured_records(file.name, content) for file, content in zip(files, contents, strict=True))
     return dataclass_replace(made, records=tuple(chain.from_iterable(records)))
-
-
-def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[str]:
-    """Return the problems of an actuator's values by name: missing or unknown names, limits, combinations."""
-    actuator = get(model)
-    known = {v.name for v in actuator.file_entries}
-    missing = [f"{v.name} is missing" for v in actuator.parameters if v.name not in values]
-    unknown = [f"there is no parameter {name}{hint(name, known)}" for name in values if name not in known]
-    if missing or unknown:
-        return missing + unknown
-    limits = [(v.name, v.minimum, v.maximum) for v in actuator.parameters if v.kind != "Boolean"]
-    return check_ranges(values, limits) or check_combinations(values, actuator)
-
-
-def require_sound(values: Mapping[str, Any], model: str = NONLINEAR) -> None:
-    """Raise ParameterError with the problems of an actuator's values by name, if there are any."""
-    if problems := check_parameters(values, model):
-        raise ParameterError(problems)
-
-
-def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> list[str]:
-    """Return a message for each rule of the actuator that values, which are within their limits, break.
-
-    These are the rules that refuse, or those that only warn (`warnings`).
-    """
-    return list(broken_rules(values, actuator, warnings).values())
-
-
-def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> dict[Rule, str]:
-    """Return the broken rules with their messages; see `check_combinations`."""
-    try:
-        return _messages(actuator.all_rules, actuator.namespace(values), warnings)
-    except Exception as error:
-        if actuator.source is None:
-            raise
-        raise refusal(error, actuator.source) from error
-
-
-def _messages(rules: Iterable[Rule], p: Any, warnings: bool) -> dict[Rule, str]:
-    return {rule: message for rule in rules if rule.warning == warnings
-            for message in check_rules([_bound(rule, p)], warnings)}
-
-
-def _bound(rule: Rule, p: Any) -> Check:
-    """Return a rule bound to parameters; a scanned rule is evaluated for all shares of the travel at once."""
-    each = partial(rule.check, FLOATS, p), *rule[1:]
-    if not rule.scanned:
-        return each
-    shares = np.array(SHARES)
-    try:
-        with np.errstate(all="ignore"):  # shares where the result is not a number are left out
-            broken = np.broadcast_to(rule.check(ARRAYS, p, shares)[0], shares.shape)
-    except Exception:  # a user's rule that cannot be traced; tracing reports that  # noqa: BLE001
-        return each
-    worst = SHARES[int(np.argmax(np.where(np.isnan(broken), -inf, broken)))]
-    return lambda _: rule.check(FLOATS, p, worst), rule.message, False, rule.warning
 
 
 def are_defaults(parameters: ParameterSet) -> bool:
