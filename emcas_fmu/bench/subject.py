@@ -167,6 +167,11 @@ class Subject(ABC):
         """The largest command it follows [rad]."""
         return float(self.values.get("command.limit", COMMAND_RANGE))
 
+    @property
+    def at_start(self) -> Mapping[str, Any]:
+        """The parameters, of an actuator with homing, with which it knows its angle and follows from the first row."""
+        return {"homing.required": False} if "homing.required" in self.values else {}
+
     def lacking(self, outputs: Iterable[str]) -> str:
         """Return in words which of these outputs the subject lacks; empty where it has all."""
         return _without([name for name in outputs if name not in self.outputs])
@@ -189,8 +194,12 @@ class Subject(ABC):
                          *(name for name in excitation.start_values if name not in self.values)])
 
     def _changes(self, excitation: Excitation, changes: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return all changed parameters. Raises EmcasError where the subject cannot be excited in this way."""
-        excitation = excitation.with_start_values(changes)
+        """Return all changed parameters; an actuator that the excitation does not home knows its angle.
+
+        Raises EmcasError where the subject cannot be excited in this way.
+        """
+        known = {} if "home" in excitation.columns else self.at_start
+        excitation = excitation.with_start_values({**known, **excitation.start_values, **changes})
         if obstacle := self.obstacle(excitation):
             raise EmcasError(f"{excitation.title}: {obstacle} ({self.model})")
         return excitation.start_values

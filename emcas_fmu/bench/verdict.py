@@ -117,24 +117,18 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
     figures: dict[tuple[int, str], list[Measured]] = {(k, name): [] for k in range(len(changes)) for name in cases}
     tests = [(test, [r for _, r in group])
              for test, group in groupby(sorted(able, key=lambda each: repr(each[0])), key=lambda each: each[0])]
-    start = at_start(subject)
     for done, (test, requirements) in enumerate(tests):
         progress(str(test), done, len(tests))
         variants = [(k, name) for k in range(len(changes)) for name in cases
                     if any(name in r.cases for r in requirements)]
         with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
-            measured = measure(test, subject, [cases[name].of({**start, **changes[k]}) for k, name in variants],
+            measured = measure(test, subject, [cases[name].of(changes[k]) for k, name in variants],
                                tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
         for (k, name), values in zip(variants, measured.tolist(), strict=True):
             figures[k, name] += [Measured(r, cases[name], value)
                                  for r, value in zip(requirements, values, strict=True) if name in r.cases]
     progress("done", len(tests), len(tests))
     return [[figure for name in cases for figure in figures[k, name]] for k in range(len(changes))]
-
-
-def at_start(subject: Subject) -> dict[str, Any]:
-    """Return the changed parameters with which a subject follows its command from the first row."""
-    return {"homing.required": False} if "homing.required" in subject.values else {}
 
 
 def judge(subject: Subject, specification: Specification, progress: Progress = silent) -> list[Judged]:

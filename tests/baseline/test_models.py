@@ -33,7 +33,6 @@ def base(tmp_path: Path) -> Path:
     *slow((DIRECT_DRIVE, True, {"cold"}), ("elastic+heat+homing+faults", True, set()))])
 def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool, cases: set[str]) -> None:
     """What an actuator lacks is left out with the reason; a change of what it has is drift."""
-    (base / "actuator.toml").write_text("homing.required = false\n" if "homing" in model else "")
     printed = record(base, "--model", model)
     kept = read(base / "baseline", model)
     assert {"cold", "supply_sag"} - set(kept.case) == cases
@@ -81,7 +80,6 @@ def test_an_fmu_is_checked_by_the_baseline_of_its_parameters(base: Path, model: 
     (base / "baseline").mkdir()
     text = SHORT.replace('"0.5 ms"', '"0 ms"').replace('"1 %"', '"0.1 %"').replace('"0.05 deg"', '"0.001 deg"')
     (base / "baseline/baseline.toml").write_text(f'model = "{get(model).name}"\n{text}')
-    (base / "actuator.toml").write_text("homing.required = false\n" if "homing" in model else "")
     record(base, "--model", model)
     fmu = lean(load_parameters(base / "actuator.toml", model=model), base / "a.fmu")
     asked = ("--model", model) if model == DIRECT_DRIVE else ()

@@ -122,6 +122,18 @@ def test_spring_is_a_moment_by_the_angle(subjects: Subjects) -> None:
     np.testing.assert_array_equal(subjects["native"].run(told).columns["fin_angle"], run.columns["fin_angle"])
 
 
+def test_an_actuator_that_nothing_homes_knows_its_angle() -> None:
+    """Otherwise it would follow no command; an excitation with `home` begins with the search."""
+    step = step_to(0.02, 0.1)
+    plain, homing = (ParameterSubject(load_parameters(model=model)) for model in ("nonlinear", "nonlinear+homing"))
+    np.testing.assert_array_equal(homing.run(step).columns["fin_angle"], plain.run(step).columns["fin_angle"])
+    assert np.all(homing.run(step).columns["homed"])
+    searching = homing.run(step.holding({"home": 1.0}))
+    assert not np.any(searching.columns["homed"])
+    assert np.ptp(searching.columns["fin_angle"]) > 0.0
+    assert not np.any(homing.run(step, {"homing.required": True}).columns["fin_angle"])
+
+
 def test_what_a_subject_has_not_is_named(subjects: Subjects) -> None:
     for subject in subjects.values():
         with pytest.raises(EmcasError, match=r"this actuator has no steam, valve\.gain"):

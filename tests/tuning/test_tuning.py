@@ -602,10 +602,9 @@ maximum = "%s"
 @pytest.mark.parametrize(("model", "changes"), [
     ("second-order", ()),
     pytest.param("elastic+heat+homing+faults", (
-        ("second_order.natural_frequency", "controller.position.kp"), ("rad/s", "1/s"),
-        ("[cases.nominal]", "[cases.nominal]\n'homing.required' = false")), marks=pytest.mark.slow)])
+        ("second_order.natural_frequency", "controller.position.kp"), ("rad/s", "1/s")), marks=pytest.mark.slow)])
 def test_other_actuators_are_tuned(tmp_path: Path, model: str, changes: tuple[tuple[str, str], ...]) -> None:
-    """The natural frequency is fixed in the FMU; homed is what a case says."""
+    """The natural frequency is fixed in the FMU."""
     path, text = tmp_path / "order.toml", ORDER % ("step", "rise_time", "30 ms")
     for old, new in changes:
         text = text.replace(old, new)

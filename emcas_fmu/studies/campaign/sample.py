@@ -197,5 +197,5 @@ def history(study: Study, experiment: Experiment, index: int) -> Response:
         raise EmcasError(f"experiment {experiment.name}: there is no history; {'; '.join(run.messages) or run.reason}")
     followed = replace(run.excitation, title=f"{experiment.name}: {run.excitation.title}", columns={
         name: column[:rows] for name, column in run.excitation.columns.items()})
-    parameters = load_parameters(model=study.model).with_values(values)
+    parameters = load_parameters(model=study.model).with_values({**subject.at_start, **values})
     return Response(FmuInterface(1, study.model), (parameters,), followed, run.columns)

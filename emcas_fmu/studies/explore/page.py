@@ -24,7 +24,7 @@ from ...bench.frequency_response import PURE
 from ...bench.linear import equations
 from ...bench.requirements import Requirement, Specification, load_requirements
 from ...bench.subject import ParameterSubject, Subject
-from ...bench.verdict import SENSES, at_start
+from ...bench.verdict import SENSES
 from ...bench.writers import plain
 from ...errors import EmcasError
 from ...pages.numbers import typeset
@@ -281,8 +281,8 @@ def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
             "limit": round(r.limit * size, 9), "unit": typeset(unit), "factor": size, "how": r.how,
             "reason": r.reason or r.source, "cases": r.cases, "test": index, "left_out": left_out})
     return {"requirements": listed, "tests": [_test(test, by, subject) for test, by in tests.items()],
-            "at_start": at_start(subject),
-            "cases": {case.name: {**at_start(subject), **case.values} for case in specification.cases}}
+            "at_start": subject.at_start,
+            "cases": {case.name: {**subject.at_start, **case.values} for case in specification.cases}}
 
 
 def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> dict[str, Any]:

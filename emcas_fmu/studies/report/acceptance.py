@@ -82,8 +82,9 @@ class Result:
     @property
     def conditions(self) -> list[tuple[str, str, Any, str]]:
         """The conditions of the tests: words, the parameter or input, its value, and unit."""
-        return [*conditions(self.model, self.parameters), ("communication step", "", STEP, "s"),
-                ("rated hinge moment", "", self.load, "N.m")]
+        homed = [("homing required where nothing homes it", "homing.required", False, "")]
+        return [*conditions(self.model, self.parameters), *(homed if "homing.required" in self.parameters else ()),
+                ("communication step", "", STEP, "s"), ("rated hinge moment", "", self.load, "N.m")]
 
     @property
     def stopped(self) -> Mapping[str, str]:
