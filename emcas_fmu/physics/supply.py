@@ -89,7 +89,7 @@ def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value
 
     end, left = ops.branch(meets, on_the_way, lambda: (link + side * way, 0.0))
     gained, time = end - link, h - left
-    beyond = (link - chopper) * time + ops.where(rate > 0.0, (slope * time - gained) / divisor, 0.0)
+    beyond = (link - chopper) * time + (slope * time - gained) / divisor
     given = p.supply.capacitance * gained + load * time + ops.where(braked, beyond / p.supply.chopper_resistance, 0.0)
     return end, left, ops.where(fed, given, 0.0)
 

@@ -23,7 +23,9 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get, get_extension
 from emcas_fmu.actuators.declaration import PlantInputs
+from emcas_fmu.actuators.state import State
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.extensions.halves import PLANT
 from emcas_fmu.fmi.description import terminals_and_icons, to_bytes
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
@@ -377,6 +379,13 @@ def test_direct_inputs_are_those_that_change_an_output_at_once(model: str) -> No
 def test_every_extension_is_among_these() -> None:
     assert {part for name in QUICK for part in name.split("+")[1:]} == set(EXTENSIONS)
     assert all(get(one).name != get(other).name for one, other in pairwise(WITH_EXTENSIONS))
+
+
+def test_a_plant_alone_begins_with_the_start_of_what_samples_set() -> None:
+    whole = replace(get("nonlinear"), sampled_states=(State("held"), State("ready", start=1.0)))
+    starts = {v.name: v.start for v in PLANT.extend(whole).inputs}
+    assert starts["held"] == 0.0
+    assert starts["ready"] == 1.0
 
 
 def test_a_name_of_an_input_that_is_a_state_s_is_refused() -> None:
