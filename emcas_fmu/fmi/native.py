@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -173,14 +175,17 @@ def binaries(identifier: str, files: Mapping[str, str], platforms: Sequence[Plat
              "(the first time up to a minute each) ...")
     libraries: dict[str, bytes] = {}
     files = {**files, **fmi.standard_headers()}
-    for i, target in enumerate(platforms):
-        if progress:
-            progress(target.name, i, len(platforms))
-        made = compiler.libraries(files, fmi.main, target, identifier, (f"-D{fmi.no_prefix}",))
-        if not fmi.is_3:  # one folder for both kinds of Mac; other importers look for that of Apple's processors
-            made = {target.name: universal(list(made.values()))} | {
-                machine: library for machine, library in made.items() if machine == "aarch64-darwin"}
-        libraries |= {f"binaries/{folder}/{identifier}{target.suffix}": library for folder, library in made.items()}
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        compiled = pool.map(lambda target: compiler.libraries(
+            files, fmi.main, target, identifier, (f"-D{fmi.no_prefix}",)), platforms)
+        for i, target in enumerate(platforms):
+            if progress:
+                progress(target.name, i, len(platforms))
+            made = next(compiled)
+            if not fmi.is_3:  # one folder for both kinds of Mac; other importers look for that of Apple's processors
+                made = {target.name: universal(list(made.values()))} | {
+                    machine: library for machine, library in made.items() if machine == "aarch64-darwin"}
+            libraries |= {f"binaries/{folder}/{identifier}{target.suffix}": library for folder, library in made.items()}
     if progress:
         progress("", len(platforms), len(platforms))
     return libraries
