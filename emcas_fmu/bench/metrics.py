@@ -8,7 +8,7 @@ the units for display. FIGURES lists all figures with their units.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import degrees, inf, nan, radians
 from typing import TYPE_CHECKING, Any
@@ -331,15 +331,6 @@ def breakaway(moment: Array, angle: Array) -> float:
     """Return the magnitude of the moment at which the angle first leaves its start value; nan if it never does."""
     moved = np.flatnonzero(np.abs(angle - angle[0]) > CREPT)
     return float(abs(moment[moved[0]])) if len(moved) else nan
-
-
-def combined(terms: Sequence[float]) -> dict[str, float]:
-    """Return the sums of a budget's terms, in their unit: of magnitudes, and the root of that of their squares.
-
-    The first is the worst case; the second is that of limits of independent terms, which is not a standard uncertainty:
-    that combines their standard deviations (JCGM 100:2008, 5.1.2).
-    """
-    return {"worst_case": float(np.sum(np.abs(terms))), "root_of_squares": float(np.linalg.norm(terms))}
 
 
 def bidirectional(below: Array, above: Array) -> dict[str, Any]:

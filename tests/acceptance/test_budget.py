@@ -117,6 +117,14 @@ def test_an_eccentric_encoder_on_the_fin_errs_by_its_error() -> None:
     assert "current_sensor" not in found
 
 
+def test_sums_are_of_all_terms(smooth: Mapping[str, Mapping[str, Any]]) -> None:
+    sums = ("worst_case", "root_of_squares", "monte_carlo_95", "monte_carlo_99", "as_set", "required")
+    for load in ("unloaded_deg", "loaded_deg"):
+        terms = [figures[load] for name, figures in smooth.items() if name not in sums]
+        assert smooth["worst_case"][load] == pytest.approx(sum(map(abs, terms)), rel=1e-12)
+        assert smooth["root_of_squares"][load] == pytest.approx(sum(term**2 for term in terms)**0.5, rel=1e-12)
+
+
 def test_drawn_units_are_within_the_sum(smooth: Mapping[str, Mapping[str, Any]]) -> None:
     for load in ("unloaded_deg", "loaded_deg"):
         assert smooth["root_of_squares"][load] < smooth["worst_case"][load]

@@ -76,11 +76,6 @@ def test_budget_of_play_and_spring_by_hand() -> None:
             assert figures["required"][load] == pytest.approx(0.2, abs=1e-12)
 
 
-def test_sums_of_a_budget() -> None:
-    assert metrics.combined([3.0, -4.0]) == {"worst_case": 7.0, "root_of_squares": 5.0}
-    assert metrics.combined([]) == {"worst_case": 0.0, "root_of_squares": 0.0}
-
-
 def test_smallest_encloses_a_known_threshold() -> None:
     tried: list[float] = []
 

@@ -29,7 +29,6 @@ from ...pages.terminal import table
 from ...parameters import load_parameters
 from ...parameters.schema import unknown
 from ...support.progress import Progress, silent
-from ...variables import Variable
 from . import accuracy, budget, mission, responses, stiffness
 from .outcome import Outcome, Quantity, Rig, Value, bound
 from .pictures import pictures
@@ -71,20 +70,6 @@ class Result:
                 for load, group in groupby(others, lambda other: other[0])]
         return (f"tests and mission have a load of {self.load:g} N.m, but requirements are judged under theirs, "
                 f"{'; '.join(each)}" if each else "")
-
-    @property
-    def entries(self) -> list[tuple[Variable, Any, str, str]]:
-        """Every parameter: variable, value, source of the value, and a note on it."""
-        return [(e.variable, self.parameters[e.variable.name], *(
-            ("the article's", "") if e.variable.name in self.about.differences else (e.source, e.note)))
-            for e in load_parameters(model=self.model).entries if e.variable.name in self.parameters]
-
-    @property
-    def conditions(self) -> list[tuple[str, str, Any, str]]:
-        """The conditions of the tests: words, the parameter or input, its value, and unit."""
-        homed = [("homing required where nothing homes it", "homing.required", False, "")]
-        return [*conditions(self.model, self.parameters), *(homed if "homing.required" in self.parameters else ()),
-                ("communication step", "", STEP, "s"), ("rated hinge moment", "", self.load, "N.m")]
 
     @property
     def stopped(self) -> Mapping[str, str]:
@@ -186,19 +171,12 @@ def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optio
                    beyond=bool(bound(key, value)))
 
 
-def _headlines(result: Result) -> Iterator[tuple[Outcome, bool, str, str, str]]:
-    """Yield test, whether it is the first row of the test, figure, value and a note."""
-    for outcome in result.outcomes.values():
-        for k, (label, value) in enumerate(outcome.headlines()):
-            yield outcome, not k, label, value, "estimate" * bool(outcome.estimate)
-
-
 def summary(result: Result) -> Iterator[RenderableType]:
     """Yield the requirements as a table, then the most important figures, notes and the verdict."""
     notes = [result.load_note] if result.load_note else []
     notes += [f"{outcome.title}: {note}" for outcome in result.outcomes.values() for note in outcome.remarks]
     figures = table(["test", "figure", ">measured", "note"], (
-        [outcome.title * first, *texts] for outcome, first, *texts in _headlines(result)), plain=True)
+        row for outcome in result.outcomes.values() for row in outcome.headlines()), plain=True)
     return verdict.summary(result.about, "requirement", result.judged, [figures], notes, result.passed,
                            "; ".join(result.verdict))
 
@@ -230,7 +208,13 @@ def write_junit(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path, date: str = "", document: str = "", revision: str = "") -> None:
     """Write the page, with number and revision of the document; the same result and date give the same bytes."""
+    homed = [("homing required where nothing homes it", "homing.required", False, "")]
+    hold = [*conditions(result.model, result.parameters), *(homed if "homing.required" in result.parameters else ()),
+            ("communication step", "", STEP, "s"), ("rated hinge moment", "", result.load, "N.m")]
+    entries = ((e.variable, result.parameters[e.variable.name], *(
+        ("the article's", "") if e.variable.name in result.about.differences else (e.source, e.note)))
+        for e in load_parameters(model=result.model).entries if e.variable.name in result.parameters)
     write_page(path, "studies/report/page.html.j2", [result.about.source], date, r=result, about=result.about,
                document=document, revision=revision, pictures=pictures(result.outcomes, result.judged),
-               headlines=list(_headlines(result)),
-               conditions=[(label, stated(value, unit, name)) for label, name, value, unit in result.conditions])
+               headlines=[(outcome, *row) for outcome in result.outcomes.values() for row in outcome.headlines()],
+               conditions=[(label, stated(value, unit, name)) for label, name, value, unit in hold], entries=entries)

@@ -8,7 +8,7 @@ between the sides, and the loop, the distance of their mean from the command.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import degrees
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from ...actuators import capabilities
 from ...actuators.as_built import IMPERFECTIONS
 from ...bench.conditions import resting_on
 from ...bench.excitation import COMMAND, HOLD, LOAD, Excitation
-from ...bench.metrics import ACCURACY, bidirectional, combined, hold_figures, shown
+from ...bench.metrics import ACCURACY, bidirectional, hold_figures, shown
 from ...bench.requirements import Requirement
 from ...bench.runs import StoppedError
 from ...motions import KINDS
@@ -173,18 +173,19 @@ def measure(rig: Rig) -> Outcome:
               **{term.name: term.label for term in (*own, *built)}}
     groups = {name: Group(labels[name], figures) for name, figures in found.items()}
 
-    def total(name: str, label: str, values: Sequence[float], headline: bool = False) -> None:
+    def total(name: str, label: str, values: Iterable[Any], headline: bool = False) -> None:
         figures = {q.key: float(value) for q, value in zip(QUANTITIES, values, strict=True)}
         groups[name] = Group(label, figures, QUANTITIES * headline)
 
-    sums = [combined([figures[q.key] for figures in found.values()]) for q in QUANTITIES]
-    total("worst_case", "worst case: sum", [each["worst_case"] for each in sums], True)
-    total("root_of_squares", "root of the sum of squares", [each["root_of_squares"] for each in sums], True)
+    sums = [[figures[q.key] for figures in found.values()] for q in QUANTITIES]
+    total("worst_case", "worst case: sum", [np.sum(np.abs(terms)) for terms in sums], True)
+    # Of limits of independent terms; a standard uncertainty combines standard deviations (JCGM 100:2008, 5.1.2).
+    total("root_of_squares", "root of the sum of squares", [np.linalg.norm(terms) for terms in sums], True)
     for share in QUANTILES:
         total(f"monte_carlo_{share}", f"Monte Carlo: {share} % of {UNITS} units",
-              np.degrees([percentiles(errors, (share,))[share] for errors in drawn]).tolist(), share == QUANTILES[0])
-    total("as_set", "as set: all imperfections, no tolerance", list(as_set.values()))
-    total("required", "required", np.degrees(limit).tolist())
+              np.degrees([percentiles(errors, (share,))[share] for errors in drawn]), share == QUANTILES[0])
+    total("as_set", "as set: all imperfections, no tolerance", as_set.values())
+    total("required", "required", np.degrees(limit))
     notes = [f"{q.label.capitalize()}, units within {degrees(most):g} deg "
              f"({f'{r.title or r.name}, {r.source}' if r else 'Table 2 of Yerlikaya (2016)'}): "
              f"{Chance(r, int(np.sum(errors <= most)), UNITS)}, of {UNITS} drawn."

@@ -31,7 +31,7 @@ QUANTITIES = (
     Quantity("tracking_error_rms_deg", "root mean square of command - angle", "RMS tracking error"),
     Quantity("limited_percent", "share of the outputs at which a limit is active", "limited", ("saturated",)),
     Quantity("duration_s", "of the profile", "duration"))
-_HEADLINE = ("rms_current", "peak_power", "energy_drawn", "energy_returned")
+_HEADLINE = tuple(_USAGE[name] for name in ("rms_current", "peak_power", "energy_drawn", "energy_returned"))
 
 
 def synthetic(limit: float, load: float) -> tuple[Array, Array]:
@@ -66,7 +66,11 @@ def measure(rig: Rig) -> Outcome:
         name, estimate = "synthetic", (
             "The mission profile is made up, as a plausible sequence of phases; currents, power and energy are "
             "estimates of the order of magnitude. Give the real one with --mission.")
-        method = f"Synthetic mission profile: {_PHASES}"
+        method = (
+            "Synthetic mission profile: launch (2 s, trim and roll correction), pitch-over (3 s of doublets to half "
+            "the range), midcourse (5 s, three sines about a trim), terminal (5 s, steps to 90 % of the range under a "
+            "weave at 3 Hz). Commands change by at most 150 deg/s; the hinge moment restores, in proportion to the "
+            "command 20 ms before, and at the end of the range is 10, 50, 60 and 100 % of the rated load.")
     else:
         profile, name, estimate = rig.mission, "file", ""
         method = f"Profile of {profile.title}, {profile.stop:g} s, inputs held over 1 ms."
@@ -82,14 +86,7 @@ def measure(rig: Rig) -> Outcome:
     if "saturated_share" in used:
         figures["limited_percent"] = 100.0 * used["saturated_share"]
     figures["duration_s"] = duration
-    return Outcome(f"{method} {_READ}", {name: Group(profile.title, figures, tuple(_USAGE[each] for each in _HEADLINE),
-                                                     data=replace(run, excitation=clipped))}, estimate=estimate)
-
-
-_PHASES = (
-    "launch (2 s, trim and roll correction), pitch-over (3 s of doublets to half the range), midcourse (5 s, three "
-    "sines about a trim), terminal (5 s, steps to 90 % of the range under a weave at 3 Hz). Commands change by at most "
-    "150 deg/s; the hinge moment restores, in proportion to the command 20 ms before, and at the end of the range is "
-    "10, 50, 60 and 100 % of the rated load.")
-_READ = ("Outputs are read every 1 ms: transients of the current loop are shorter, and their power can be higher. "
-         "Whether the supply can take what is fed back is not modelled.")
+    return Outcome(
+        f"{method} Outputs are read every 1 ms: transients of the current loop are shorter, and their power can be "
+        "higher. Whether the supply can take what is fed back is not modelled.",
+        {name: Group(profile.title, figures, _HEADLINE, data=replace(run, excitation=clipped))}, estimate=estimate)

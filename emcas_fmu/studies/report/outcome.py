@@ -60,11 +60,6 @@ class Quantity(NamedTuple):
     label: str
     needs: tuple[str, ...] = ()
 
-    @property
-    def unit(self) -> str:
-        """The figure's unit."""
-        return unit_of(self.key)
-
 
 def quantities(*names: str, **labels: str) -> tuple[Quantity, ...]:
     """Return figures of the bench, labelled by their `names` or by `labels`."""
@@ -101,7 +96,7 @@ class Group:
     def shown(self, q: Quantity) -> str:
         """Return a figure with its unit for people; empty where the group does not have it."""
         value = self.figures.get(q.key)
-        return "" if value is None else bound(q.key, value) + with_unit(value, q.unit)
+        return "" if value is None else bound(q.key, value) + with_unit(value, unit_of(q.key))
 
 
 @dataclass(frozen=True)
@@ -134,11 +129,12 @@ class Outcome:
         """The curves by group, of those that have one."""
         return {name: group.curve for name, group in self.groups.items() if group.curve}
 
-    def headlines(self) -> list[tuple[str, str]]:
-        """Return the headline figures that were measured, each in words and with its value."""
-        return [("not finished", "")] if self.stopped else [
+    def headlines(self) -> list[tuple[str, str, str, str]]:
+        """Return rows of the headline figures that were measured: the title once, the figure, its value and a note."""
+        rows = [("not finished", "")] if self.stopped else [
             (f"{group.label}: {q.label}", group.shown(q)) for group in self.groups.values() for q in group.headline
             if q.key in group.figures]
+        return [("" if k else self.title, *row, "estimate" * bool(self.estimate)) for k, row in enumerate(rows)]
 
     @property
     def remarks(self) -> list[str]:

@@ -20,9 +20,8 @@ LOCKED = 1e-8  # rad peak to peak, up to which the fin counts as friction-locked
 _UNPOWERED = {"enable": False}
 
 _SIZE = "magnitude of load over angle of the fundamentals"
-_MARKS = {1.0: Quantity("stiffness_1hz_n_m_per_rad", _SIZE, "|T/θ| at 1 Hz"),
-          10.0: Quantity("stiffness_10hz_n_m_per_rad", _SIZE, "|T/θ| at 10 Hz"),
-          20.0: Quantity("stiffness_20hz_n_m_per_rad", _SIZE, "|T/θ| at 20 Hz")}
+_MARKS = {frequency: Quantity(f"stiffness_{frequency:g}hz_n_m_per_rad", _SIZE, f"|T/θ| at {frequency:g} Hz")
+          for frequency in (1.0, 10.0, 20.0)}
 _LEAST = Quantity("least_stiffness_n_m_per_rad", f"least {_SIZE}", "least |T/θ|")
 _SIDES = tuple(
     Quantity(f"{side}_n_m", f"hinge moment, ramped from zero in the {side} direction, at which the fin first moves"
@@ -52,58 +51,45 @@ def sweep(rig: Rig, amplitude: float, powered: bool) -> tuple[Array, bool, list[
     return np.array(stiffness), locked, stops
 
 
-def _swept(rig: Rig, label: str, amplitude: float, powered: bool, headline: tuple[Quantity, ...]
-           ) -> tuple[Group, list[str]]:
-    """Return the figures under sines of the hinge moment [N.m], and notes on them."""
-    stiffness, locked, stops = sweep(rig, amplitude, powered)
-    size, at, notes = np.abs(stiffness), np.array(FREQUENCIES), list[str]()
-    figures: dict[str, Value] = {"load_amplitude_n_m": amplitude, "friction_locked": locked}
-    moved, curve = ~np.isnan(size), dict[str, Array]()
-    if moved.any():
-        least = int(np.nanargmin(size))
-        figures |= {_LEAST.key: float(size[least]), "least_stiffness_at_hz": float(at[least])}
-        figures |= {q.key: float(size[at == frequency][0]) for frequency, q in _MARKS.items()}
-        curve = {"frequency_hz": at[moved], "stiffness_n_m_per_rad": size[moved],
-                 "phase_deg": np.degrees(np.angle(stiffness[moved]))}
-    if locked:
-        notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin stands still at every frequency; where "
-                     "the drive line is rigid, its stiffness is then infinite.")
-    if stops:
-        notes.append(f"{label}, {amplitude:.3g} N.m: the fin meets a mechanical stop at "
-                     f"{', '.join(f'{f:g}' for f in stops)} Hz, which are left out.")
-    return Group(label, figures, headline, curve), notes
-
-
-def _breakaway(rig: Rig, sign: float) -> float:
-    ramp = load_ramp(sign * rig.load, RAMP)
-    return breakaway(ramp.columns[LOAD], rig.run(ramp.holding(_UNPOWERED)).columns["fin_angle"])
-
-
 def measure(rig: Rig) -> Outcome:
     """Measure the breakaway moment; then the stiffness powered, and unpowered below and above breakaway."""
     groups, notes = dict[str, Group](), list[str]()
-    loads: list[tuple[str, str, float, tuple[Quantity, ...]]] = [
-        ("powered", "Powered", 0.5 * rig.load, (_LEAST, _MARKS[10.0]))]
-    below, above = ("unpowered_below_breakaway", "Unpowered, below breakaway"), (
-        "unpowered_above_breakaway", "Unpowered, above breakaway")
+    loads: dict[str, tuple[float, tuple[Quantity, ...]]] = {"Powered": (0.5 * rig.load, (_LEAST, _MARKS[10.0]))}
     if "enable" in rig.subject.inputs:
-        broke = [_breakaway(rig, sign) for sign in (1.0, -1.0)]
+        ramps = [load_ramp(sign * rig.load, RAMP) for sign in (1.0, -1.0)]
+        broke = [breakaway(ramp.columns[LOAD], rig.run(ramp.holding(_UNPOWERED)).columns["fin_angle"])
+                 for ramp in ramps]
         groups["breakaway"] = Group("Breakaway moment, unpowered",
                                     {q.key: moment for q, moment in zip(_SIDES, broke, strict=True)}, _SIDES)
-        if np.isnan(broke).any():
-            loads.append((*below, rig.load, ()))
+        if stays := bool(np.isnan(broke).any()):
             notes.append(f"Unpowered, the rated load of {rig.load:g} N.m does not move the fin in both directions: "
                          "there is no unpowered stiffness above breakaway.")
-        else:
-            # Below a thousandth of the rated load, friction is too small for a load below breakaway to be informative.
-            if min(broke) > 1e-3 * rig.load:
-                loads.append((*below, BELOW * min(broke), ()))
-            loads.append((*above, max(ABOVE * max(broke), 0.01 * rig.load), (_MARKS[10.0],)))
+        # Below a thousandth of the rated load, friction is too small for a load below breakaway to be informative.
+        if stays or min(broke) > 1e-3 * rig.load:
+            loads["Unpowered, below breakaway"] = rig.load if stays else BELOW * min(broke), ()
+        if not stays:
+            loads["Unpowered, above breakaway"] = max(ABOVE * max(broke), 0.01 * rig.load), (_MARKS[10.0],)
     else:
         notes.append("Unpowered: not applicable, this actuator has no enable.")
-    for name, label, amplitude, headline in loads:
-        groups[name], more = _swept(rig, label, amplitude, name == "powered", headline)
-        notes += more
+    at = np.array(FREQUENCIES)
+    for label, (amplitude, headline) in loads.items():
+        stiffness, locked, stops = sweep(rig, amplitude, label == "Powered")
+        size = np.abs(stiffness)
+        moved, curve = ~np.isnan(size), dict[str, Array]()
+        figures: dict[str, Value] = {"load_amplitude_n_m": amplitude, "friction_locked": locked}
+        if moved.any():
+            least = int(np.nanargmin(size))
+            figures |= {_LEAST.key: float(size[least]), "least_stiffness_at_hz": float(at[least])}
+            figures |= {q.key: float(size[at == frequency][0]) for frequency, q in _MARKS.items()}
+            curve = {"frequency_hz": at[moved], "stiffness_n_m_per_rad": size[moved],
+                     "phase_deg": np.degrees(np.angle(stiffness[moved]))}
+        groups[label.lower().replace(", ", "_").replace(" ", "_")] = Group(label, figures, headline, curve)
+        if locked:
+            notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin stands still at every frequency; "
+                         "where the drive line is rigid, its stiffness is then infinite.")
+        if stops:
+            notes.append(f"{label}, {amplitude:.3g} N.m: the fin meets a mechanical stop at "
+                         f"{', '.join(f'{f:g}' for f in stops)} Hz, which are left out.")
     angle = rig.subject.values.get("fin.stop_angle")
     stop = "" if angle is None else f" at ±{degrees(angle):g} deg"
     return Outcome(
