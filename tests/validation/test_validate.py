@@ -104,7 +104,7 @@ def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:
     assert not any("figures" in case for case in document["cases"])
     assert document["cases"][0]["errors"]["fin_angle"]["unit"] == "deg"
     assert document["fmu"]["differences"] == []
-    unfinished = replace(whole, cases=(), requirements=(replace(whole.criteria[0], measured=float("nan")),))
+    unfinished = replace(whole, cases={}, requirements=(replace(whole.criteria[0], measured=float("nan")),))
     write_json(as_dict(unfinished), tmp_path / "nan.json")
     document = json.loads((tmp_path / "nan.json").read_text(encoding="utf-8"))
     assert (document["criteria"][0]["measured"], document["passed"]) == (None, False)
@@ -113,7 +113,8 @@ def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:
 def test_junit_has_a_test_case_for_each_criterion(whole: Validation, tmp_path: Path) -> None:
     changed = (replace(whole.criteria[0], measured=1.0),
                replace(whole.criteria[-1], measured=None, skipped=True, note="no motor"))
-    write_junit(replace(whole, cases=whole.cases[1:2], requirements=changed), tmp_path / "junit.xml")
+    one = dict(list(whole.cases.items())[1:2])
+    write_junit(replace(whole, cases=one, requirements=changed), tmp_path / "junit.xml")
     suites = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
     assert (suites.tests, suites.failures, suites.skipped) == (3, 1, 1)
     failed = [test for suite in suites for test in suite if test.result and not test.is_skipped]
@@ -169,7 +170,7 @@ def test_another_parameter_fails_by_the_defaults_references(tmp_path: Path) -> N
 def test_a_sag_is_of_the_subjects_own_supply(tmp_path: Path) -> None:
     defaults = load_parameters()
     result = validate(ParameterSubject(defaults.with_values({"drive.supply_voltage": 48.0})), ["sag"])
-    supply = result.series["sag"].run.excitation.columns["supply_voltage"]
+    supply = result.cases["sag"].run.excitation.columns["supply_voltage"]
     assert (supply[0], supply.min(), supply[-1]) == pytest.approx((48.0, 48.0 * 28.0 / 39.0, 48.0))
     write_report(result, tmp_path / "sag.html")
     page = (tmp_path / "sag.html").read_text(encoding="utf-8")
@@ -441,8 +442,8 @@ def test_binary_that_does_not_start_is_refused(fmu: Path, tmp_path: Path) -> Non
 
 
 def test_early_end_fails_the_criterion(whole: Validation) -> None:
-    excitation = whole.series["step"].run.excitation
-    columns = {name: column[:2] for name, column in whole.series["step"].run.columns.items()}
+    excitation = whole.cases["step"].run.excitation
+    columns = {name: column[:2] for name, column in whole.cases["step"].run.columns.items()}
     run = Run(excitation, columns, 0.1, ("error: too much",), 0.0)
     criterion = CaseResult(load(REFERENCE, ["step"])[0], run, run).trajectory
     assert not criterion.passed
@@ -517,9 +518,9 @@ def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     subject = ParameterSubject(load_parameters(model="second-order"))
     subject.inputs = {name: v for name, v in subject.inputs.items() if name != "supply_voltage"}
     found = validate(subject, ["sag", "step_plus5"])
-    assert [case.name for case in found.cases] == ["step_plus5"]
+    assert list(found.cases) == ["step_plus5"]
     assert "sag is left out: this actuator has no supply_voltage" in found.notes
-    assert found.cases[0].judged.stopped is None
+    assert found.cases["step_plus5"].judged.stopped is None
 
 
 def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
@@ -533,7 +534,7 @@ def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
 @pytest.mark.drawn
 def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     found = validate(Play(half=1e-6, there=FIN_PORT))
-    assert list(found.cases[0].errors) == ["fin_angle", "fin_rate"]
+    assert list(next(iter(found.cases.values())).errors) == ["fin_angle", "fin_rate"]
     # A play follows at once: it is as accurate as can be, and no trajectory of the nonlinear actuator.
     assert {j.name for j in found.judged if j.passed} >= {"range", "accuracy_20deg", "unloaded_rate", "loaded_rate"}
     assert not any(j.passed for j in found.trajectory)
@@ -561,7 +562,8 @@ def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
 def test_parameter_file_and_fmu_are_judged_alike(whole: Validation) -> None:
     here = validate(ParameterSubject(load_parameters()))
     assert [j.measured for j in here.criteria] == [j.measured for j in whole.criteria]
-    assert here.cases[0].errors == whole.cases[0].errors
+    assert {name: case.errors for name, case in here.cases.items()} == {
+        name: case.errors for name, case in whole.cases.items()}
 
 
 MINE = """

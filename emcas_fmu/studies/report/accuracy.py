@@ -7,7 +7,6 @@ fleet the actuators as built count. The tolerances are cases that change deviati
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
 from math import degrees, inf, nan, radians, sqrt, tan
 from typing import Any
 
@@ -56,12 +55,6 @@ _TICK = "solver.max_tick"
 STEPPING = (Quantity("fin_angle_deg", "largest difference of the fin angle at any row, every 1 ms", "fin angle"),)
 
 
-@cache
-def _of_study(kind: str) -> tuple[Case, ...]:
-    """Return the cases of the shipped tuning study of a kind."""
-    return tuple(shipped_cases(load_parameters(model=kind)))
-
-
 def tolerances(rig: Rig) -> tuple[list[Case], str]:
     """Return the cases that change only how the actuator as built deviates, and the file that has them.
 
@@ -69,8 +62,8 @@ def tolerances(rig: Rig) -> tuple[list[Case], str]:
     """
     kind = parts(rig.subject.model)[0]
     own = shipped_file("tuning", kind).stem == kind
-    files = {rig.requirements.file: rig.requirements.cases,
-             f"models/tuning{f'/{kind}' * own}.toml": _of_study(kind if own else NONLINEAR)}
+    files = {rig.requirements.file: rig.requirements.cases, f"models/tuning{f'/{kind}' * own}.toml": shipped_cases(
+        load_parameters(model=kind if own else NONLINEAR))}
     tolerances = {file: [case for case in cases if case.values and all(
         name.startswith("deviation.") for name in case.values)] for file, cases in files.items()}
     return next(((cases, file) for file, cases in tolerances.items() if cases), ([], ""))

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from math import log
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -131,9 +132,10 @@ class _File(_CasesOfFile):
     requirements: Requirements
 
 
-def shipped_cases(base: ParameterSet) -> list[Case]:
+@cache
+def shipped_cases(base: ParameterSet) -> tuple[Case, ...]:
     """Return the cases of the shipped study, even if its requirements cannot be measured."""
-    return list(_read(_CasesOfFile, shipped_file("tuning", base.model), base).cases.values())
+    return tuple(_read(_CasesOfFile, shipped_file("tuning", base.model), base).cases.values())
 
 
 def _read(kind: type[_Read], path: Path, base: ParameterSet) -> _Read:

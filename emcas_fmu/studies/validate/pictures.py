@@ -20,6 +20,7 @@ from ...reference.linear import LinearModel
 from .validation import TRAJECTORY_LIMIT, CaseResult, Result
 
 Look = Mapping[str, Any]
+Window = tuple[float, float]
 _DOTS: Look = {"color": plots.INK, "linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none",
                "markeredgewidth": 0.6}
 # Parameters a variable is limited by.
@@ -40,7 +41,7 @@ class View(NamedTuple):
     """
 
     title: str
-    columns: Sequence[tuple[tuple[float, float], Mapping[str, Look]]]
+    columns: Sequence[tuple[Window, Mapping[str, Look]]]
     panels: Sequence[str]
     dots: int
     caption: Callable[[Result], str]
@@ -49,33 +50,32 @@ class View(NamedTuple):
 
 def drawings(result: Result) -> Iterator[Drawing]:
     """Yield every picture for which the result has the runs."""
-    finished = {name: case for name, case in result.series.items() if case.judged.stopped is None}
+    finished = {name: case for name, case in result.cases.items() if case.judged.stopped is None}
     embedded = [_whole(name, "Inside the FMU", plots.BLUE, f"{case.case.title}.", 10)
                 for name, case in finished.items() if case.case.kind == EMBEDDED]
     for view in (*_VIEWS, *embedded):
-        columns = [(window, {name: look for name, look in cases.items() if name in finished})
+        columns = [(window, [(finished[name], look) for name, look in cases.items() if name in finished])
                    for window, cases in view.columns]
         if all(cases for _, cases in columns):
-            yield _over_time(result, view._replace(columns=columns))
-    if sweeps := [finished[name] for name in _SWEEPS if name in finished]:
+            yield _over_time(result, view, columns)
+    if sweeps := {look: finished[name] for name, look in _SWEEPS.items() if name in finished}:
         yield _bode(result, sweeps)
     if result.linear_series:
         yield _linear(result)
 
 
-def _over_time(result: Result, view: View) -> Drawing:
+def _over_time(result: Result, view: View, columns: Sequence[tuple[Window, Sequence[tuple[CaseResult, Look]]]]
+               ) -> Drawing:
     """Draw a view: outputs with reference, command and limits; shaded where a limit is active."""
-    series = result.series
-    shown = [series[name] for _, cases in view.columns for name in cases]
-    names = [name for name in view.panels if name in shown[0].judged.columns]
-    error = "error" in view.panels and any(case.reference for case in shown)
-    label, unit = plots.time_axis(max(min(window[1], series[name].judged.columns["time"][-1])
-                                      for window, cases in view.columns for name in cases))
-    figure, grid = traces.panels([*names, *["error"] * error], len(view.columns),
+    shown = [(window, case) for window, cases in columns for case, _ in cases]
+    names = [name for name in view.panels if name in shown[0][1].judged.columns]
+    error = "error" in view.panels and any(case.reference for _, case in shown)
+    label, unit = plots.time_axis(max(min(window[1], case.judged.columns["time"][-1]) for window, case in shown))
+    figure, grid = traces.panels([*names, *["error"] * error], len(columns),
                                  height={1: 2.8, 2: 2.0}.get(len(names) + error, 1.6), x=label, sharex="col",
                                  height_ratios=[2.1] * len(names) + [1.0] * error)
-    for panels, (window, cases) in zip(grid, view.columns, strict=True):
-        for case, look in ((series[name], look) for name, look in cases.items()):
+    for panels, (window, cases) in zip(grid, columns, strict=True):
+        for case, look in cases:
             for name in names:
                 _output(panels[name], name, result, case, window, view.dots, unit, look)
                 if len(cases) == 1:
@@ -95,7 +95,7 @@ def _over_time(result: Result, view: View) -> Drawing:
     return Drawing(view.title, figure, view.caption(result) + _BELOW * error)
 
 
-def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: tuple[float, float], dots: int,
+def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: Window, dots: int,
             unit: float, look: Look) -> None:
     """Plot an output of a case with its reference, its command or its limits; see `traces.trace`."""
     excitation = case.run.excitation
@@ -114,11 +114,10 @@ def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: tup
         plots.limits(axes, result.parameters[parameter], sides=True, label="limit")
 
 
-def _bode(result: Result, cases: Sequence[CaseResult]) -> Drawing:
+def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawing:
     """Draw gain and phase of the sweeps beside the linear model's, where there is one."""
     curves: list[tuple[FrequencyResponse, dict[str, Any]]] = [
-        (sweep_response(case.run), {"label": label, "color": color})
-        for case in cases for label, color in [_SWEEPS[case.name]]]
+        (sweep_response(case.run), {"label": label, "color": color}) for (label, color), case in cases.items()]
     if result.linear_series:
         frequency = np.geomspace(*SWEPT, 300)
         curves.insert(0, (of_ratio(frequency, LinearModel(result.parameters).frequency_response(frequency)),
@@ -153,14 +152,14 @@ def _linear(result: Result) -> Drawing:
 
 
 def _slew_caption(result: Result) -> str:
-    rate = metrics.motion(result.series["step_plus20"].run)
+    rate = metrics.motion(result.cases["step_plus20"].run)
     return (f"A step to 20 deg: {degrees(rate['peak_rate']):.0f} deg/s at the peak, "
             f"{degrees(rate['sustained_rate']):.0f} deg/s in the mean over the middle 60 % of the travel. A limit that "
             "is active while what is plotted is within its limits is that of the speed reference.")
 
 
 def _loaded_caption(result: Result) -> str:
-    against, along = (degrees(metrics.motion(result.series[name].run, 1)["sustained_rate"])
+    against, along = (degrees(metrics.motion(result.cases[name].run, 1)["sustained_rate"])
                       for name in ("load_opposing", "load_aiding"))
     return ("From -20 to +20 deg at 350 ms while 100 N.m come on within 20 ms. Mean rate over the middle 60 % of the "
             f"travel: {against:.0f} deg/s against the load, {along:.0f} deg/s with it. The error the load leaves "
@@ -168,7 +167,7 @@ def _loaded_caption(result: Result) -> str:
 
 
 def _sag_caption(result: Result) -> str:
-    supply = result.series["sag"].run.excitation.columns["supply_voltage"]
+    supply = result.cases["sag"].run.excitation.columns["supply_voltage"]
     shipped = result.of_thesis and not result.differences
     brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" * shipped
     return ("A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply is down from "

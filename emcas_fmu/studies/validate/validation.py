@@ -48,11 +48,6 @@ class CaseResult:
     exact: Run | None
 
     @property
-    def name(self) -> str:
-        """The case's name."""
-        return self.case.name
-
-    @property
     def judged(self) -> Run:
         """The run that is compared with the reference, otherwise that of the subject as it is."""
         return self.exact or self.run
@@ -79,7 +74,7 @@ class CaseResult:
     def trajectory(self) -> Judged:
         """The fin angle's largest error [deg], judged."""
         reason = self.exact.reason if self.exact else ""
-        return Judged("1 % of the accuracy of Table 2 of Yerlikaya (2016)", self.name, self.case.title,
+        return Judged("1 % of the accuracy of Table 2 of Yerlikaya (2016)", self.case.name, self.case.title,
                       None if reason else self.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
 
 
@@ -88,9 +83,9 @@ class CaseResult:
 class Result:
     """The result of a validation.
 
-    `folder` is that of the references, or the FMU where they are `inside` it. `linear_series` has by amplitude [deg]
-    the run of a step and the linear model's angles [rad]. `origin` is the source of the actuator's equations, empty
-    where it does not say.
+    `folder` is that of the references, or the FMU where they are `inside` it. `cases` are by name. `linear_series` has
+    by amplitude [deg] the run of a step and the linear model's angles [rad]. `origin` is the source of the actuator's
+    equations, empty where it does not say.
     """
 
     about: Identification
@@ -98,21 +93,16 @@ class Result:
     differences: tuple[Mapping[str, Any], ...]
     folder: str
     inside: bool
-    cases: tuple[CaseResult, ...]
+    cases: Mapping[str, CaseResult]
     requirements: tuple[Judged, ...]
     linear_series: Mapping[float, tuple[Run, Any]] = field(repr=False)
     origin: str = ""
     notes: tuple[str, ...] = ()
 
     @property
-    def series(self) -> Mapping[str, CaseResult]:
-        """The cases by name."""
-        return {case.name: case for case in self.cases}
-
-    @property
     def compared(self) -> list[stored.Stored]:
         """The cases that are compared with their references."""
-        return [result.case for result in self.cases if result.exact]
+        return [result.case for result in self.cases.values() if result.exact]
 
     @property
     def independent(self) -> bool:
@@ -123,12 +113,12 @@ class Result:
     def foreign(self) -> bool:
         """Whether the references of the actuator are of other parameters, so that nothing was compared with them."""
         return not self.compared and any(result.case.model == self.about.model and result.case.reference
-                                         for result in self.cases)
+                                         for result in self.cases.values())
 
     @property
     def trajectory(self) -> tuple[Judged, ...]:
         """The trajectories, judged by the references."""
-        return tuple(case.trajectory for case in self.cases if case.errors)
+        return tuple(case.trajectory for case in self.cases.values() if case.errors)
 
     @cached_property
     def comparisons(self) -> list[dict[str, float]]:
@@ -169,7 +159,7 @@ class Result:
     @property
     def short(self) -> list[str]:
         """The names of the cases that did not run to their end."""
-        return [case.name for case in self.cases if case.judged.stopped is not None]
+        return [name for name, case in self.cases.items() if case.judged.stopped is not None]
 
     @property
     def outcome(self) -> bool | None:
@@ -226,11 +216,11 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
             notes.append(f"The comparison with the linear model is left out: {why}")
         else:
             steps = claims.steps(subject.values)
-    total, results, linear = len(cases) + len(steps), list[CaseResult](), dict[float, tuple[Run, Any]]()
+    total, results, linear = len(cases) + len(steps), dict[str, CaseResult](), dict[float, tuple[Run, Any]]()
     outputs = [name for name in RECORDED if name in subject.outputs]
     for case in cases:
         progress(case.name, len(results), total)
-        results.append(_run(subject, case, inside or directory is not None, outputs))
+        results[case.name] = _run(subject, case, inside or directory is not None, outputs)
     for amplitude, step in steps.items():
         progress(_step_name(amplitude), len(results) + len(linear), total)
         linear[amplitude] = subject.run(step, outputs=outputs), LinearModel(subject.values).simulate(step.command)
@@ -242,7 +232,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     differences = tuple({"name": name, "value": subject.values[name], "default": defaults[name].value,
                          "unit": defaults[name].variable.unit} for name in subject.identification.differences)
     result = Result(subject.identification, dict(subject.values), differences,
-                    subject.identification.file if inside else str(folder), inside, tuple(results), tuple(required),
+                    subject.identification.file if inside else str(folder), inside, results, tuple(required),
                     linear, subject.actuator.origin)
     return replace(result, notes=tuple(_notes(subject, result, notes)))
 
@@ -298,7 +288,7 @@ def _made_of(subject: Subject, case: stored.Stored) -> bool:
 
 def _notes(subject: Subject, result: Result, further: Sequence[str]) -> Iterator[str]:
     """Yield notes: on the origin of references that are not those of a folder, `further` ones, and on the runs."""
-    compared, runs = result.compared, {case.name: case.run for case in result.cases}
+    compared, runs = result.compared, {name: case.run for name, case in result.cases.items()}
     if result.foreign:
         yield (f"Trajectories are not compared: the references in {result.folder} are of other parameters than the "
                f"subject's; {_REMEDY}")

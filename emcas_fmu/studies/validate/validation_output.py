@@ -28,10 +28,10 @@ def _cases(result: Result) -> Table:
     """Return the largest errors of the cases that were compared as a table."""
     units = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
              "motor_voltage": "voltage [V]"}
-    compared = [case for case in result.cases if case.errors]
-    shown = {name: title for name, title in units.items() if any(name in case.errors for case in compared)}
-    rows = ([case.name, *(case.errors[name].maximum if name in case.errors else None for name in shown)]
-            for case in compared)
+    compared = {name: case for name, case in result.cases.items() if case.errors}
+    shown = {name: title for name, title in units.items() if any(name in case.errors for case in compared.values())}
+    rows = ([key, *(case.errors[name].maximum if name in case.errors else None for name in shown)]
+            for key, case in compared.items())
     return table(["case", *(f">{each}" for each in shown.values())], rows,
                  f"largest error to {result.compared_with}", range(1 + len(shown)), plain=True)
 
@@ -56,10 +56,11 @@ def as_dict(result: Result) -> dict[str, Any]:
                 **{field: getattr(about, field) for field in fields}},
         "reference": result.folder if compared else "", "reference_inside": result.inside,
         "reference_independent": result.independent if compared else None, "notes": result.notes,
-        "cases": [{"name": each.name, "title": each.case.title, "kind": each.case.kind,
+        "cases": [{"name": key, "title": each.case.title, "kind": each.case.kind,
                    "stop_time": each.case.stop_time, "stopped": each.judged.stopped,
                    "wall_time": each.judged.wall_time, "messages": each.judged.messages,
-                   "errors": {name: asdict(errors) for name, errors in each.errors.items()}} for each in result.cases],
+                   "errors": {name: asdict(errors) for name, errors in each.errors.items()}}
+                  for key, each in result.cases.items()],
         "comparisons": result.comparisons, "findings": result.findings,
         "criteria": [{"group": group, **j.as_dict()} for group in ("trajectory", "requirements")
                      for j in getattr(result, group)]}
@@ -67,7 +68,7 @@ def as_dict(result: Result) -> dict[str, Any]:
 
 def write_junit(result: Result, path: Path) -> None:
     """Write one test case per criterion."""
-    wall = {case.name: case.judged.wall_time for case in result.cases}
+    wall = {name: case.judged.wall_time for name, case in result.cases.items()}
     writers.write_junit("emcas validate", {
         f"trajectory against {result.compared_with}": [
             j.junit_case("emcas.trajectory", wall[j.name]) for j in result.trajectory],
