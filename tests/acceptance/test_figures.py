@@ -236,8 +236,8 @@ def test_steps_and_slew_of_a_second_order_system() -> None:
 
 def test_sizes_stay_within_the_range_of_commands(values: Mapping[str, Any]) -> None:
     small = Rig(Play(values={**values, "command.limit": radians(7.5)}))
-    assert responses.step_sizes(small.limit) == [1.0, 5.0, 7.5]
-    assert "plus_7p5deg" in responses.steps(small).figures
+    assert list(responses.steps(small).figures) == [f"{sign}_{size}deg" for size in ("1", "5", "7p5")
+                                                    for sign in ("plus", "minus")]
 
 
 def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:

@@ -7,7 +7,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from math import copysign, degrees, inf, isnan
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -121,20 +121,12 @@ class Row:
         return self.share <= 1.0 + 1e-9
 
 
-class Changed(NamedTuple):
-    """A parameter, or another mark of the recorded subject, that differs from the approved one."""
-
-    name: str
-    approved: str
-    now: str
-
-
 @dataclass(frozen=True)
 class Comparison:
     """The response of a subject `now` compared with a baseline: `rows` in the order of the baseline's cases.
 
     `titles` are those of the cases, `stopped` the reasons why runs ended early, both by case. `parameters` and `marks`
-    are those that are not those approved.
+    are those of the recorded subject that are not those approved: their names, the `approved` value and that `now`.
     """
 
     baseline: Baseline
@@ -143,8 +135,8 @@ class Comparison:
     titles: Mapping[str, str]
     stopped: Mapping[str, str]
     rows: tuple[Row, ...]
-    parameters: tuple[Changed, ...]
-    marks: tuple[Changed, ...]
+    parameters: tuple[Mapping[str, str], ...]
+    marks: tuple[Mapping[str, str], ...]
     notes: tuple[str, ...]
 
     @property
@@ -199,10 +191,10 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
     was, now = baseline.recorded, present.recorded
     if "fin" in was and "fin" in now and was["fin"] != now["fin"]:
         notes.append(f"the baseline is of fin {was['fin']}, compared is fin {now['fin']}; see --fin")
-    marks = (Changed(key, was.get(key, "-"), now.get(key, "-")) for key in dict.fromkeys((*now, *was))
-             if key != "command" and was.get(key) != now.get(key))
-    parameters = (Changed(v.name, *(_quantity(each.parameters.get(v.name), v.unit)
-                                    for each in (baseline, present)))
+    marks = ({"name": key, "approved": was.get(key, "-"), "now": now.get(key, "-")}
+             for key in dict.fromkeys((*now, *was)) if key != "command" and was.get(key) != now.get(key))
+    parameters = ({"name": v.name, "approved": _quantity(baseline.parameters.get(v.name), v.unit),
+                   "now": _quantity(present.parameters[v.name], v.unit)}
                   for v in start_entries(baseline.model).values()
                   if baseline.parameters.get(v.name) != present.parameters[v.name])
     return Comparison(baseline, present, subject.identification, titles, stopped, tuple(rows), tuple(parameters),

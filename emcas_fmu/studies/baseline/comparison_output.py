@@ -65,7 +65,7 @@ def tables(comparison: Comparison, everything: bool) -> Iterator[tuple[Sequence[
     """Yield the selected rows, and the changed parameters if there are any: a header and rows of cells."""
     yield HEADER, [cells(row) for row in selected(comparison, everything)]
     if comparison.parameters:
-        yield ("changed parameter", ">approved", ">now"), comparison.parameters
+        yield ("changed parameter", ">approved", ">now"), [[*each.values()] for each in comparison.parameters]
 
 
 def summary(comparison: Comparison, everything: bool = False) -> Iterator[RenderableType]:
@@ -92,8 +92,7 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
     return {"schema": SCHEMA, "baseline_schema": BASELINE, "tool": f"emcas {__version__}",
             "passed": comparison.passed, "article": asdict(about), "fin": about.fin,
             "recorded": dict(comparison.baseline.recorded), "comparisons": rows, "stopped": comparison.stopped,
-            "changed_parameters": [changed._asdict() for changed in comparison.parameters],
-            "changed_marks": [changed._asdict() for changed in comparison.marks], "notes": comparison.notes}
+            "changed_parameters": comparison.parameters, "changed_marks": comparison.marks, "notes": comparison.notes}
 
 
 def write_junit(comparison: Comparison, path: Path) -> None:

@@ -118,13 +118,10 @@ def _sections(baseline: Baseline) -> Iterator[str]:
     name, variables = get(baseline.model).name, start_entries(baseline.model)
     shipped, present = load_parameters(model=baseline.model).values, baseline.parameters
 
-    def quantity(key: str, values: Mapping[str, Any]) -> Any:
-        pure = isinstance(values[key], bool) or variables[key].unit == "1"
-        return values[key] if pure else f"{values[key]!r} {variables[key].unit}"
-
     def line(key: str) -> str:
-        remark = f"  # default: {toml.value(quantity(key, shipped))}" if shipped[key] != present[key] else ""
-        return toml.entry(key, quantity(key, present)) + remark
+        now, default = (values[key] if isinstance(values[key], bool) or variables[key].unit == "1" else
+                        f"{values[key]!r} {variables[key].unit}" for values in (present, shipped))
+        return toml.entry(key, now) + f"  # default: {toml.value(default)}" * bool(shipped[key] != present[key])
 
     model = "" if name == NONLINEAR else f"\n{toml.entry('model', name)}"
     yield f"{_HEAD}{toml.entry('schema', SCHEMA)}{model}"

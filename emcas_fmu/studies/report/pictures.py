@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import degrees, inf
 from typing import Any
 
@@ -19,9 +19,6 @@ from ...pages.numbers import with_unit
 from .outcome import Outcome
 
 _ACCURACY = round(degrees(ACCURACY) * 1e3, 6)  # mdeg
-# Figures whose requirements are in a test's picture, and the unit of those that are lines; others are in the caption.
-_LIMITED = {"step_response": (("settling_time", "overshoot"), "ms"), "static_accuracy": (("held_error",), "deg"),
-            "slew_rate": (("sustained_rate",), "deg/s"), "frequency_response": (("bandwidth_3db",), "Hz")}
 
 
 def pictures(outcomes: Mapping[str, Outcome], judged: Sequence[Judged]) -> dict[str, Picture]:
@@ -33,9 +30,9 @@ def pictures(outcomes: Mapping[str, Outcome], judged: Sequence[Judged]) -> dict[
 
 def _drawing(outcome: Outcome, judged: Sequence[Judged]) -> Drawing:
     """Return the picture of a test; limits without a line in its panels are written in the caption."""
-    names, unit = _LIMITED.get(outcome.name, ((), ""))
+    draw, unit, *names = _DRAWINGS[outcome.name]
     limits = [j for j in judged if not j.skipped and j.figure in names]
-    figure, caption = _DRAWINGS[outcome.name](outcome, sorted({j.limit for j in limits if j.unit == unit}))
+    figure, caption = draw(outcome, sorted({j.limit for j in limits if j.unit == unit}))
     words = "; ".join(f"{j.title} {'≥' if j.sense == '>=' else '≤'} {with_unit(j.limit, j.unit)}" for j in limits
                       if j.unit != unit)
     return Drawing(outcome.title, figure, f"{caption} Required, and not drawn: {words}." if words else caption)
@@ -161,7 +158,8 @@ def _mission(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     return figure, "Power below zero is fed back to the supply."
 
 
-_DRAWINGS: Mapping[str, Callable[[Outcome, Sequence[float]], tuple[Figure, str]]] = {
-    "step_response": _steps, "frequency_response": _bode, "slew_rate": _slew, "static_accuracy": _grid,
-    "accuracy_budget": _budget, "dynamic_stiffness": _stiffness, "mission": _mission,
-}
+# Of each test the function, the unit of required values that are lines, and the figures whose requirements are shown.
+_DRAWINGS: Mapping[str, tuple[Any, ...]] = {
+    "step_response": (_steps, "ms", "settling_time", "overshoot"), "frequency_response": (_bode, "Hz", "bandwidth_3db"),
+    "slew_rate": (_slew, "deg/s", "sustained_rate"), "static_accuracy": (_grid, "deg", "held_error"),
+    "accuracy_budget": (_budget, ""), "dynamic_stiffness": (_stiffness, ""), "mission": (_mission, "")}

@@ -23,15 +23,10 @@ FREQUENCY = quantities(bandwidth_3db="-3 dB", bandwidth_90deg="-90 deg", peak_ga
 SLEW = quantities("sustained_rate", "peak_rate", time_to_90_percent="time to 90 %")
 
 
-def step_sizes(limit: float) -> list[float]:
-    """Return the SIZES [deg] within the `limit` of the command [deg], and the limit."""
-    limit = round(limit, 9)
-    return [size for size in SIZES if size < limit - _TINY] + [limit]
-
-
 def steps(rig: Rig) -> Outcome:
     """Measure steps from rest at zero to each size, both signs, no load."""
-    sizes = step_sizes(rig.limit)
+    limit = round(rig.limit, 9)
+    sizes = [*(size for size in SIZES if size < limit - _TINY), limit]
     headlines = {1.0: STEP[:2], sizes[-1]: STEP[:3]}
     return Outcome(
         f"From rest at 0 deg the command jumps to each size and stays there for {HOLD:g} s; no load. Outputs are "

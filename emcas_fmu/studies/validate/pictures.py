@@ -26,6 +26,7 @@ _DOTS: Look = {"color": plots.INK, "linestyle": "none", "marker": "o", "markersi
 # Parameters a variable is limited by.
 _LIMITED = {"drive_reference": "drive.reference_limit", "motor_current": "drive.current_limit",
             "motor_voltage": "drive.supply_voltage"}
+_WHOLE = 0.0, inf
 _ANGLE = ("fin_angle", "error")
 _BELOW = (" Below, fin angle minus reference in thousandths of a degree; the green band is what the trajectory "
           "criterion allows.")
@@ -44,14 +45,14 @@ class View(NamedTuple):
     columns: Sequence[tuple[Window, Mapping[str, Look]]]
     panels: Sequence[str]
     dots: int
-    caption: Callable[[Result], str]
+    caption: str | Callable[[Result], str]
     rate: str = ""
 
 
 def drawings(result: Result) -> Iterator[Drawing]:
     """Yield every picture for which the result has the runs."""
     finished = {name: case for name, case in result.cases.items() if case.judged.stopped is None}
-    embedded = [_whole(name, "Inside the FMU", plots.BLUE, f"{case.case.title}.", 10)
+    embedded = [View("Inside the FMU", [(_WHOLE, _fin(name, plots.BLUE))], _ANGLE, 10, f"{case.case.title}.")
                 for name, case in finished.items() if case.case.kind == EMBEDDED]
     for view in (*_VIEWS, *embedded):
         columns = [(window, [(finished[name], look) for name, look in cases.items() if name in finished])
@@ -92,7 +93,8 @@ def _over_time(result: Result, view: View, columns: Sequence[tuple[Window, Seque
         for axes in panels.values():
             axes.margins(x=0.0)
     plots.legend_above(figure)
-    return Drawing(view.title, figure, view.caption(result) + _BELOW * error)
+    caption = view.caption if isinstance(view.caption, str) else view.caption(result)
+    return Drawing(view.title, figure, caption + _BELOW * error)
 
 
 def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: Window, dots: int,
@@ -179,20 +181,15 @@ def _fin(name: str, color: str, **more: Any) -> dict[str, Look]:
     return {name: {"color": color, "label": "fin", **more}}
 
 
-def _whole(name: str, title: str, color: str, caption: str, dots: int) -> View:
-    """Return a view of the fin angle of a case from its beginning to its end."""
-    return View(title, [((0.0, inf), _fin(name, color))], _ANGLE, dots, lambda _: caption)
-
-
 _VIEWS = (
     View("Steps", [((0.0, 0.5), {
         f"step_{sign}{size}": {"color": color, "linestyle": line, "label": f"±{size} deg"}
         for size, color in zip((20, 10, 5, 1), plots.COLORS[3::-1], strict=True)
         for sign, line in (("plus", "-"), ("minus", (0, (5, 1.2))))})],
-        _ANGLE, 12, lambda _: "Steps of up to ±20 deg at 50 ms, negative ones dashed."),
+        _ANGLE, 12, "Steps of up to ±20 deg at 50 ms, negative ones dashed."),
     *(View(f"Sine sweep of {label}", [((0.0, 12.0), _fin(name, color, linewidth=0.5)), ((4.0, 5.2), _fin(name, color)),
                                       ((9.0, 9.4), _fin(name, color))],
-           _ANGLE, 0, lambda _: "Logarithmic sweep from 0.5 to 30 Hz; on the right about 2 to 3 Hz, and 11 Hz.")
+           _ANGLE, 0, "Logarithmic sweep from 0.5 to 30 Hz; on the right about 2 to 3 Hz, and 11 Hz.")
       for name, (label, color) in _SWEEPS.items()),
     View("Rate and saturation", [((0.04, 0.2), _fin("step_plus20", plots.BLUE))],
          ("fin_angle", "fin_rate", "drive_reference", "motor_current", "motor_voltage"), 4, _slew_caption,
@@ -200,7 +197,8 @@ _VIEWS = (
     View("Loaded slews", [((0.3, 0.75), _fin("load_opposing", plots.BLUE, label="against 100 N.m")),
                           ((0.3, 0.75), _fin("load_aiding", plots.VERMILLION, label="with 100 N.m"))],
          _LOADED, 12, _loaded_caption, "loaded_rate"),
-    _whole("square", "Modified square wave", plots.BLUE, "Levels of 5, 10, 15 and 20 deg, edges at 400 deg/s.", 30),
-    _whole("cold", "Cold", plots.SKY, "Steps at -6 degC, where friction is higher than the controller compensates for.",
-           15),
+    View("Modified square wave", [(_WHOLE, _fin("square", plots.BLUE))], _ANGLE, 30,
+         "Levels of 5, 10, 15 and 20 deg, edges at 400 deg/s."),
+    View("Cold", [(_WHOLE, _fin("cold", plots.SKY))], _ANGLE, 15,
+         "Steps at -6 degC, where friction is higher than the controller compensates for."),
     View("Supply sag", [((0.3, 0.699), _fin("sag", plots.ORANGE))], _LOADED, 8, _sag_caption))
