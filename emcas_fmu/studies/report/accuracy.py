@@ -6,14 +6,14 @@ fleet the actuators as built count. The tolerances are cases that change deviati
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import degrees, inf, nan, radians, sqrt, tan
-from typing import Any
 
 import numpy as np
 
 from ...actuators import NONLINEAR, capabilities, parts
 from ...bench.excitation import HOLD, of_case, staircase
+from ...bench.measure import columns
 from ...bench.metrics import ACCURACY, bidirectional
 from ...bench.requirements import Case
 from ...bench.subject import Subject
@@ -69,43 +69,34 @@ def tolerances(rig: Rig) -> tuple[list[Case], str]:
     return next(((cases, file) for file, cases in tolerances.items() if cases), ([], ""))
 
 
-def _errors(rig: Rig, targets: Array, values: Mapping[str, Any]) -> Array:
-    """Return the errors [deg] (side, target, cycle) of every hold; nan where no approach is from that side.
-
-    Each cycle goes up from the lowest target, which is therefore approached from above only, and down again.
-    """
-    count, hold, last = len(targets), round(HOLD / GRID_STEP), round(LAST / GRID_STEP)
-    visited = targets[np.tile([*range(1, count), *range(count - 2, -1, -1)], CYCLES)]
-    levels = np.radians([targets[0], *visited])
-    grid = staircase(levels.tolist(), (HOLD,) * len(levels), step=GRID_STEP).with_start_values(values)
-    angle = np.degrees(rig.run(grid).columns["fin_angle"])[1:].reshape(len(levels), hold)
-    up, down = (np.mean(angle[1:, -last:], axis=1) - visited).reshape(CYCLES, 2, count - 1).swapaxes(0, 1)
-    errors = np.full((2, count, CYCLES), nan)
-    errors[0, 1:], errors[1, :-1] = up.T, down[:, ::-1].T
-    return errors
-
-
 def static(rig: Rig) -> Outcome:
-    """Measure the errors on the grid, `CYCLES` times up and down."""
-    targets = np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
-
-    def group(label: str, headline: int, values: Mapping[str, Any]) -> Group:
-        errors = _errors(rig, targets, values)
+    """Measure the errors on the grid, `CYCLES` times up and down, also with each tolerance."""
+    (cases, file), targets = tolerances(rig), np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
+    variants = {"grid": {}, **{
+        case.name: case.values for case in cases if case.values.keys() <= rig.subject.values.keys()}}
+    # Each cycle goes up from the lowest target, which is therefore approached from above only, and down again.
+    levels = targets[[0, *[*range(1, INTERVALS + 1), *range(INTERVALS - 1, -1, -1)] * CYCLES]]
+    grid = staircase(np.radians(levels).tolist(), (HOLD,) * len(levels), step=GRID_STEP)
+    runs = rig.subject.run_all(grid, columns(rig.subject, list(variants.values())), ["fin_angle"])
+    groups = dict[str, Group]()
+    for k, name in enumerate(variants):
+        angle = np.degrees(runs[k].finished()["fin_angle"])[1:].reshape(len(levels), -1)
+        means = np.mean(angle[:, -round(LAST / GRID_STEP):], axis=1)
+        up, down = (means - levels)[1:].reshape(CYCLES, 2, INTERVALS).swapaxes(0, 1)
+        errors = np.full((2, len(targets), CYCLES), nan)  # side, target, cycle; nan: not approached from this side
+        errors[0, 1:], errors[1, :-1] = up.T, down[:, ::-1].T
         measured = bidirectional(*errors)
         below, above = measured["means"]
-        return Group(label, {q.key: measured[q.key.removesuffix("_deg")] for q in STATIC}, STATIC[:headline],
-                     {"command_deg": targets, "error_from_below_deg": below, "error_from_above_deg": above,
-                      "reversal_deg": measured["reversal"]}, errors)
-
-    cases, file = tolerances(rig)
-    deviations = {case.name: case.values for case in cases if case.values.keys() <= rig.subject.values.keys()}
+        groups[name] = Group(
+            f"{name.replace('_', ' ')} (estimates)" if k else f"{len(targets)} angles",
+            {q.key: measured[q.key.removesuffix("_deg")] for q in STATIC}, STATIC[:1 if k else 3],
+            {"command_deg": targets, "error_from_below_deg": below, "error_from_above_deg": above,
+             "reversal_deg": measured["reversal"]}, errors)
     return Outcome(
         f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
         f"for {HOLD:g} s; its angle is the mean of the last {LAST:g} s. The ends of the range can be approached "
         "from one side only and are no part of the hysteresis. With tolerances the actuator as built deviates from the "
-        f"parameters in its controllers, by the estimates of {file}.",
-        {"grid": group(f"{len(targets)} angles", 3, {}),
-         **{name: group(f"{name.replace('_', ' ')} (estimates)", 1, values) for name, values in deviations.items()}})
+        f"parameters in its controllers, by the estimates of {file}.", groups)
 
 
 def count(subject: Subject) -> float:

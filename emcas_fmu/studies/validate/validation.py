@@ -27,11 +27,8 @@ from ...support.progress import Progress, silent
 from . import claims
 
 TRAJECTORY_LIMIT = round(degrees(TOLERANCE), 9)  # deg
-# Units of the errors, and the factors from SI.
-DISPLAY: Mapping[str, tuple[float, str]] = {
-    "fin_angle": (degrees(1.0), "deg"), "fin_rate": (degrees(1.0), "deg/s"), "motor_current": (1.0, "A"),
-    "motor_voltage": (1.0, "V"), "drive_reference": (1.0, "V")}
-RECORDED = (*DISPLAY, "saturated")
+COMPARED = {"fin_angle": "rad", "fin_rate": "rad/s", "motor_current": "A", "motor_voltage": "V", "drive_reference": "V"}
+RECORDED = (*COMPARED, "saturated")
 _REMEDY = "make its own with `emcas reference --parameters FILE --directory DIR` and validate with this directory"
 
 
@@ -67,8 +64,8 @@ class CaseResult:
     def errors(self) -> Mapping[str, metrics.Errors]:
         """The errors of the outputs that the reference has; empty without a reference."""
         return {name: metrics.errors(response * scale, reference * scale, unit)
-                for name, (scale, unit) in DISPLAY.items() if name in self.judged.columns and name in self.reference
-                for response, reference in [self.compared(name)]}
+                for name, si in COMPARED.items() if name in self.judged.columns and name in self.reference
+                for (response, reference), (unit, scale) in [(self.compared(name), metrics.shown(si))]}
 
     @property
     def trajectory(self) -> Judged:
@@ -224,13 +221,12 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     for amplitude, step in steps.items():
         progress(_step_name(amplitude), len(results) + len(linear), total)
         linear[amplitude] = subject.run(step, outputs=outputs), LinearModel(subject.values).simulate(step.command)
-    required: list[Judged] = []
-    if not names:
-        required = verdict.judge(subject, specification or load_requirements(None, subject.parameters), progress)
+    required = () if names else verdict.judge(
+        subject, specification or load_requirements(None, subject.parameters), progress)
     progress("done", total, total)
-    defaults = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
-    differences = tuple({"name": name, "value": subject.values[name], "default": defaults[name].value,
-                         "unit": defaults[name].variable.unit} for name in subject.identification.differences)
+    differences = tuple({"name": name, "value": subject.values[name], "default": e.value, "unit": e.variable.unit}
+                        for e in load_parameters(model=subject.model).entries
+                        if (name := e.variable.name) in subject.identification.differences)
     result = Result(subject.identification, dict(subject.values), differences,
                     subject.identification.file if inside else str(folder), inside, results, tuple(required),
                     linear, subject.actuator.origin)
