@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from math import copysign, isfinite, nan, radians
+from math import isfinite, nan, radians
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -197,8 +197,7 @@ class Motion(Case):
     def made(self, folder: Path, subject: Subject) -> Excitation:
         torque = getattr(self, "torque", 0.0)
         if self.kind == "slew":  # from the first row on at its starting end
-            sign = copysign(1.0, self.command)
-            return tested(Test("slew", abs(radians(self.command)), self.duration, sign * torque), sign, subject)
+            return tested(Test("slew", radians(self.command), self.duration, torque), 1.0, subject)
         return motion(self.kind, radians(self.command), self.duration, torque)
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:

@@ -18,6 +18,7 @@ from ...actuators import capabilities
 from ...actuators.as_built import IMPERFECTIONS
 from ...bench.conditions import resting_on
 from ...bench.excitation import COMMAND, HOLD, LOAD, Excitation
+from ...bench.measure import columns
 from ...bench.metrics import ACCURACY, bidirectional, hold_figures, shown
 from ...bench.requirements import Requirement
 from ...bench.runs import StoppedError
@@ -121,15 +122,13 @@ def _measured(rig: Rig, terms: Sequence[Term], load: float) -> dict[str, dict[st
     """Return the terms by name, with those of the actuator without imperfections, and last the error `as_set`."""
     ideal = {key: value for without in rig.subject.actuator.imperfections.values() for key, value in without.items()}
     variants = [{}, ideal, *({**ideal, **values} for term in terms for values in term.values)]
-    names = dict.fromkeys(name for variant in variants for name in variant)
     limit, loads = rig.subject.command_limit, np.array([0.0, load, -load])
     targets, moved = np.linspace(-limit, limit, TARGETS), np.radians(min(MOVED_TO, 0.5 * rig.limit))
     index = np.arange(1, 2 * TARGETS - 1) // 2  # the ends are approached from one side only
     side = np.tile([1, 0], TARGETS - 1)  # 0: from below, 1: from above
     target = targets[index]
     angle = _held(rig, target + moved * (2 * side - 1), target, np.tile(loads, len(variants)), {
-        name: np.repeat([variant.get(name, rig.subject.values[name]) for variant in variants], len(loads))
-        for name in names})
+        name: np.repeat(values, len(loads)) for name, values in columns(rig.subject, variants).items()})
     as_set, alone, *others = angle.reshape(len(variants), len(loads), *angle.shape[1:])
     error = hold_figures(GRID_STEP * np.arange(angle.shape[-1]), alone, target)["steady_error"]
     of_sides = np.full((len(loads), 2, TARGETS, 1), np.nan)
