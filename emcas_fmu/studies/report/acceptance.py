@@ -13,7 +13,6 @@ import numpy as np
 from rich.console import RenderableType
 
 from ... import __version__
-from ...actuators import NONLINEAR
 from ...bench import verdict, writers
 from ...bench.conditions import conditions
 from ...bench.excitation import Excitation
@@ -59,8 +58,8 @@ class Result:
     outcomes: Mapping[str, Outcome]
     judged: tuple[Judged, ...]
     parameters: Mapping[str, Any] = field(repr=False)
-    model: str = NONLINEAR
-    loads: Mapping[str, float] = field(default_factory=dict)
+    model: str
+    loads: Mapping[str, float]
 
     @property
     def load_note(self) -> str:
