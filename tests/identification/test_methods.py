@@ -129,12 +129,12 @@ def test_descent_ends_where_it_has_settled_and_says_where_it_has_not() -> None:
         return np.stack([10.0 * (y - x**2), 1.0 - x, np.full_like(x, 0.1)], axis=1)
 
     bounds = np.full(2, -10.0), np.full(2, 10.0)
-    x, _, left = descend(line, np.ones(2), None, bounds, 100)
+    x, _, left = descend(line, np.ones(2), bounds, 100)
     np.testing.assert_allclose(x, [3.0, 2.0], rtol=1e-9)  # rounding
     assert np.all(left < SETTLED)
     assert len(calls) < 30
-    assert np.any(descend(valley, np.array([-1.2, 1.0]), None, bounds, 2)[2] > SETTLED)
-    x, _, left = descend(valley, np.array([-1.2, 1.0]), None, bounds, 100)
+    assert np.any(descend(valley, np.array([-1.2, 1.0]), bounds, 2)[2] > SETTLED)
+    x, _, left = descend(valley, np.array([-1.2, 1.0]), bounds, 100)
     assert np.all(left < SETTLED)
     np.testing.assert_allclose(x, 1.0, atol=0.02)  # 0.2 sigma of 0.1
 

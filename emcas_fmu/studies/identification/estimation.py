@@ -106,16 +106,14 @@ def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: Array |
     return jacobian
 
 
-def solve(residuals: Callable[[Array], Array], start: Array, smooth: Callable[[Array], Array] | None = None,
-          **options: Any) -> tuple[Array, Array]:
+def solve(residuals: Callable[[Array], Array], start: Array, **options: Any) -> tuple[Array, Array]:
     """Return the least-squares parameters and the Jacobian there, for parameters of the order of one.
 
     `residuals` maps points [points, parameters] to residuals [points, residuals]; it is called with all points of the
-    central differences at once. If they are a rough function of the parameters, `smooth` is one of nearly the same
-    derivatives, that of a simulation. `options` are those of SciPy's least_squares, by default Levenberg and
-    Marquardt's method (MINPACK). Raises RecordError if the iteration leads to numbers that are not finite.
+    central differences at once. `options` are those of SciPy's least_squares, by default Levenberg and Marquardt's
+    method (MINPACK). Raises RecordError if the iteration leads to numbers that are not finite.
     """
-    slopes = partial(_jacobian, smooth or residuals, difference=_SMOOTH_DIFFERENCE if smooth else _DIFFERENCE)
+    slopes = partial(_jacobian, residuals, difference=_DIFFERENCE)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             x = least_squares(lambda x: residuals(x[None])[0], start, jac=slopes, x_scale="jac", **{
@@ -126,14 +124,16 @@ def solve(residuals: Callable[[Array], Array], start: Array, smooth: Callable[[A
                           "the columns belong together") from error
 
 
-def descend(residuals: Callable[[Array], Array], start: Array, smooth: Callable[[Array], Array] | None,
-            bounds: tuple[Array, Array], steps: int, ratios: Array | float = 0.0) -> tuple[Array, Array, Array]:
+def descend(residuals: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array], steps: int,
+            smooth: Callable[[Array], Array] | None = None,
+            ratios: Array | float = 0.0) -> tuple[Array, Array, Array]:
     """Return the least-squares parameters, the Jacobian there, and the last step in sigmas, by Gauss and Newton.
 
     Where residuals are a rough function of the parameters, their sum of squares has many minima, and differences of
-    them are noise. With the derivatives Z of `smooth` as instruments, the steps lead to where Z'r = 0, which roughness
-    of a share of the noise moves by that share of 1 sigma; the Jacobian is that of the residuals, projected on Z, whose
-    covariance is that of instrumental variables (Soderstrom and Stoica 1983, section 4). A step that makes the squares
+    them are noise; `smooth` is a function of nearly the same derivatives, that of a simulation. With these derivatives
+    Z as instruments, the steps lead to where Z'r = 0, which roughness of a share of the noise moves by that share of
+    1 sigma; the Jacobian is that of the residuals, projected on Z, whose covariance is that of instrumental variables
+    (Soderstrom and Stoica 1983, section 4). A step that makes the squares
     larger is halved; after at most `steps` of them, or once they are short, their end is the mean of the last ones.
     `ratios` are those of a residual over its noise to its value in `residuals`: where they are not 0, large residuals
     count in proportion, as by soft L1 (Triggs et al. 2000, section 4). Other arguments are those of `solve`.
@@ -181,17 +181,6 @@ def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
     return times
 
 
-def _deviations(records: Sequence[Sequence[Array]], leverages: Sequence[Sequence[Array]]) -> Array:
-    """Return each record's noise: its residuals over its degrees of freedom, from the diagonal of the hat matrix.
-
-    A record that alone determines a parameter bends the fit towards itself, and its residuals shrink.
-    """
-    powers = [sum(float(r @ r) for r in stretches) for stretches in records]
-    freedom = [max(sum(float(np.sum(1.0 - h)) for h in stretches), 1.0) for stretches in leverages]
-    deviations: Array = np.sqrt(np.array(powers) / np.array(freedom))
-    return deviations
-
-
 def _common(influences: Array, time: float) -> Array:
     """Return the correlation of simultaneous residuals [outputs, rows], over longer than their correlation `time`.
 
@@ -216,34 +205,38 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
     `owners` has the index of each stretch's record: a record's stretches have the same noise. `least_time` [samples] is
     the correlation time of the residuals of white noise. A `prior` has each parameter's mean and 1 sigma, which is
     finite. `minimise` is `solve` or has its arguments and result. The noise is that of the rms residual, or of the
-    median if the fit is to be `robust`, as of `descend`. `smooth` is as of `solve`. Stretches with the same number in
+    median if the fit is to be `robust`; that and `smooth` are as of `descend`. Stretches with the same number in
     `together`, each of its own record, are simultaneous, and their noise may be common: outputs of one unit repeat each
     other. Raises RecordError if the parameters cannot be determined.
     """
-    count = max(owners) + 1
+    count, values = max(owners) + 1, start / scale
     weights, times = np.ones(count), np.ones(count)
-    values = start / scale
-
     mean, sigma = prior or (start, np.full(len(start), np.inf))
+    lengths = [len(r) for r in residuals(values[None] * scale)[0]]
+    ends, record_of = np.cumsum(lengths), np.repeat(owners, lengths)
 
     def weighted(points: Array, by: Callable[[Array], Sequence[Stretches]] = residuals) -> Array:
-        return np.array([np.concatenate([*(r * weights[owner] for r, owner in zip(stretches, owners, strict=True)),
-                                         (point * scale - mean) / sigma])
+        return np.array([np.append(np.concatenate(stretches) * weights[record_of], (point * scale - mean) / sigma)
                          for point, stretches in zip(points, by(points * scale), strict=True)])
 
     def by_record(stretches: Stretches) -> list[list[Array]]:
         return [[each for each, owner in zip(stretches, owners, strict=True) if owner == k] for k in range(count)]
 
-    lengths = [len(r) for r in residuals(values[None] * scale)[0]]
+    options: dict[str, Any] = {"smooth": partial(weighted, by=smooth)} if smooth else {}
     for _ in range(_PASSES):
-        ratios = np.append(np.repeat(np.sqrt(times)[list(owners)], lengths), np.zeros(len(start)))
-        values, jacobian = minimise(weighted, values, smooth=partial(weighted, by=smooth) if smooth else None,
-                                    **({"ratios": ratios} if robust else {}))
+        if robust:
+            options["ratios"] = np.append(np.sqrt(times)[record_of], np.zeros(len(start)))
+        values, jacobian = minimise(weighted, values, **options)
         stretches = residuals(values[None] * scale)[0]
-        leverages = np.split(np.sum(np.linalg.qr(jacobian)[0] ** 2, axis=1), np.cumsum(lengths))[:-1]
-        deviations = (_deviations(by_record(stretches), by_record(leverages)) if not robust else
-                      np.array([median_abs_deviation(np.concatenate(of_one), scale="normal")
-                                for of_one in by_record(stretches)]))
+        if robust:
+            deviations = np.array([median_abs_deviation(np.concatenate(of_one), scale="normal")
+                                   for of_one in by_record(stretches)])
+        else:
+            # Degrees of freedom by the diagonal of the hat matrix: a record that alone determines a parameter bends the
+            # fit towards itself, and its residuals shrink.
+            free = np.split(1.0 - np.sum(np.linalg.qr(jacobian)[0] ** 2, axis=1), ends)[:-1]
+            power, freedom = (np.bincount(owners, each) for each in ([r @ r for r in stretches], [*map(np.sum, free)]))
+            deviations = np.sqrt(power / np.maximum(freedom, 1.0))
         least = _QUIETEST * float(np.median(deviations)) or 1.0
         counted = np.maximum(deviations, least)
         influences, slopes = [r / counted[k] for r, k in zip(stretches, owners, strict=True)], np.ones(count)
@@ -254,7 +247,7 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
                            _times(by_record(stretches), deviations), least_time)
         before, weights = weights, 1.0 / (counted * np.sqrt(times))
     # With the final weights, and the mean slopes of influences.
-    jacobian[:sum(lengths)] *= np.repeat((weights / before * np.sqrt(slopes))[list(owners)], lengths)[:, None]
+    jacobian[:len(record_of)] *= (weights / before * np.sqrt(slopes))[record_of, None]
     # By singular values: the normal equations would square the condition number of a sixth-order polynomial.
     left, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
     require(prior or singular.min() > _SINGULAR * singular.max(), "the records leave some combination of the "
@@ -262,7 +255,7 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
             "range more")
     inverse = rows.T / singular
     covariance = inverse @ inverse.T
-    parts = np.split(inverse @ left.T, np.cumsum(lengths), axis=1)
+    parts = np.split(inverse @ left.T, ends, axis=1)
     for group in set(together):
         members = [k for k, each in enumerate(together) if each == group]
         sizes = np.sqrt([np.mean(influences[k] ** 2) / slopes[owners[k]] if robust else 1.0 for k in members])

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ...bench.excitation import Excitation
+from ...bench.subject import ParameterSubject
 from ...errors import EmcasError, hint
 from ...fmi.units import display
 from ...parameters import ParameterSet
-from ...runtime.compiled import parameter_row
-from ...simulation import respond_all
 from ...units import factor
 from ...variables import Variable
 from .estimation import Stretches
@@ -142,7 +142,7 @@ class Replay:
 
     def __init__(self, base: ParameterSet, free: Sequence[Unknown], records: Sequence[Record],
                  outputs: Sequence[Variable], delays: bool) -> None:
-        self.base, self.records, self.outputs, self._delays = base, records, outputs, delays
+        self.records, self.outputs, self._delays = records, outputs, delays
         self.free = len(free)
         starts = records if any(v.name == _ANGLE for v in outputs) else ()
         self.unknowns = [*free, *(nuisance(f"start of {r.name}", "rad", float(r[_ANGLE][0]), 0.01, pi)
@@ -150,15 +150,8 @@ class Replay:
                          *(nuisance(f"delay of {v.name}", "s", 0.0, 1e-3, _LATEST) for v in outputs if delays)]
         self.owners = list(product(range(len(records)), range(len(outputs))))
         self._free_start = {r.sha256: self.free + i for i, r in enumerate(starts)}
-        index = {v.name: i for i, v in enumerate(base.actuator.parameters)}
-        self._columns = [(k, index[name]) for k, f in enumerate(free) for name in (f.name, f.follower)
-                         if name in index]
-        self._start = index[_START]
-        self._inputs = [(v.name, float(v.initial(base.values)),
-                         next((k for k, f in enumerate(free) if f.name == v.key), None)) for v in base.actuator.inputs]
-        self._row = parameter_row(base.values, base.model)
-        self._smooth = parameter_row({**base.values, **base.having(_SMOOTH)}, base.model)
-        self.rough = bool((self._smooth != self._row).any())
+        self._subject, self._smooth = ParameterSubject(base), base.having(_SMOOTH)
+        self.rough = any(base.values[name] != value for name, value in self._smooth.items())
         self._offsets = (_SPREAD * float(base.values["command.limit"]) * np.linspace(-0.5, 0.5, _COPIES) if self.rough
                          else np.zeros(1))
 
@@ -168,26 +161,26 @@ class Replay:
         Quantisation of measured angles makes a response a rough function of the parameters: where there is any, these
         are means of responses from several starts close together, or, if `smooth`, responses without quantisation.
         """
-        row, offsets = (self._smooth, np.zeros(1)) if smooth else (self._row, self._offsets)
-        names = [v.name for v in self.outputs]
-        parts = []
+        names, columns = [v.name for v in self.outputs], []
         for record in self.records:
-            parts.append([simulated - record[name] for name, simulated in zip(
-                names, self._simulated(record, points, names, row, offsets), strict=True)])
-            for name, errors in zip(names, parts[-1], strict=True):
+            for name, simulated in zip(names, self._simulated(record, points, names, smooth, not smooth), strict=True):
+                errors = simulated - record[name]
                 errors[~np.isfinite(errors)] = _FAILED * (np.std(record[name]) or 1.0)
-        return [[parts[i][j][k] for i, j in self.owners] for k in range(len(points))]
+                columns.append(errors)
+        return list(zip(*columns, strict=True))
 
-    def _simulated(self, record: Record, points: Array, names: Sequence[str], row: Array,
-                   offsets: Array) -> list[Array]:
-        """Return outputs of a record at points, arrays [points, rows], from the parameters of `row`."""
-        start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns else row[self._start])
+    def _simulated(self, record: Record, points: Array, names: Sequence[str], smooth: bool = False,
+                   mean: bool = False) -> list[Array]:
+        """Return outputs of a record at points, arrays [points, rows]; if wanted, the `mean` over several starts."""
+        start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns
+                        else self._subject.values[_START])
         if record.sha256 in self._free_start:
             start = points[:, self._free_start[record.sha256]]
         # A point that differs in another record's start needs no run of this one.
         different, run_of = np.unique(np.column_stack([points[:, :self.free], start]), axis=0, return_inverse=True)
+        offsets = self._offsets if mean else np.zeros(1)
         most = max(_MOST // (len(offsets) * len(record) * len(names)), 1)  # at once
-        parts = [self._means(record, part, names, row, offsets)
+        parts = [self._means(record, part, names, self._smooth if smooth else {}, offsets)
                  for part in np.split(different, range(most, len(different), most))]
         simulated = [np.concatenate(of_name)[run_of.ravel()] for of_name in zip(*parts, strict=True)]
         if self._delays:
@@ -196,17 +189,16 @@ class Replay:
                          if name in delays else of_name for name, of_name in zip(names, simulated, strict=True)]
         return simulated
 
-    def _means(self, record: Record, points: Array, names: Sequence[str], row: Array, offsets: Array) -> list[Array]:
+    def _means(self, record: Record, points: Array, names: Sequence[str], others: Mapping[str, Any],
+               offsets: Array) -> list[Array]:
         """Return means of outputs over `offsets` of the start; points are free parameters and the start."""
-        different, copies = np.repeat(points, len(offsets), axis=0), len(offsets)
-        sets = np.repeat(row[None], len(different), axis=0)
-        for k, column in self._columns:
-            sets[:, column] = different[:, k]
-        sets[:, self._start] = different[:, -1] + np.tile(offsets, len(points))
-        inputs = [record.columns.get(name, np.array(start)) if key is None else different[:, [key]]
-                  for name, start, key in self._inputs]
-        columns = respond_all(sets, inputs, record.step, names, model=self.base.model).columns
-        return [columns[name].reshape(-1, copies, len(record)).mean(axis=1) for name in names]
+        columns = np.repeat(points, len(offsets), axis=0).T
+        changes = {name: column for u, column in zip(self.unknowns, columns[:-1], strict=False)
+                   for name in (u.name, u.follower) if name}
+        inputs = {v.name: record[v.name] for v in self._subject.inputs.values() if v.name in record.columns}
+        runs = self._subject.run_all(Excitation(record.name, inputs, step=record.step), {
+            **changes, _START: columns[-1] + np.tile(offsets, len(points)), **others}, names)
+        return [runs.columns[name].reshape(-1, len(offsets), len(record)).mean(axis=1) for name in names]
 
     def comparisons(self, values: Array, others: Sequence[Record]) -> Iterator[Comparison]:
         """Yield the outputs of all records and of `others`, held out, which start at the first measured angle.
@@ -214,7 +206,7 @@ class Replay:
         They are simulated with the `values` of the unknowns, quantisation included.
         """
         for record in (*self.records, *others):
-            simulated = self._simulated(record, values[None], [v.name for v in self.outputs], self._row, np.zeros(1))
+            simulated = self._simulated(record, values[None], [v.name for v in self.outputs])
             for v, (of_output,) in zip(self.outputs, simulated, strict=True):
                 record.require(np.isfinite(of_output).all(), f"cannot be simulated to its end with the values found: "
                                f"{v.name} is not finite; give narrower bounds")
@@ -228,7 +220,7 @@ class Replay:
         """
         for record in (*self.records, *others):
             if _ANGLE in record.columns:
-                ((simulated,),) = self._simulated(record, values[None], [_ANGLE], self._row, np.zeros(1))
+                ((simulated,),) = self._simulated(record, values[None], [_ANGLE])
                 measured, time = record[_ANGLE], record.step * np.arange(_FIRST)
                 rate = float(np.polyfit(time, measured[:_FIRST], 1)[0])
                 (error, _), covariance = np.polyfit(time, (measured - simulated)[:_FIRST], 1, cov=True)
