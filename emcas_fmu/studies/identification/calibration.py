@@ -13,18 +13,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import degrees, inf, sqrt
+from itertools import groupby
+from math import inf, sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
 
+from ...figures.plots import Drawing, column, legend, time_axis
 from ...parameters import MeasuredRecord, ParameterSet
 from ...support.progress import Progress, silent
 from . import pictures
 from .estimation import SETTLED, Fit, Stretches, descend, solve, weighted_fit
-from .records import Array, Record, require, runs
+from .records import Array, Record, longest, require
 from .replay import Comparison, misspelt, read, use
 from .replay import Replay as Replay
 from .result import Estimate, Experiment, Identification
@@ -141,12 +143,16 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     comparisons = list(replay.comparisons(fit.values, others))
     at_bound = [u.name for u, x in zip(unknown, fit.values)
                 if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
-    notes = [*use([*records, *others], base, outputs), *_notes(fit, comparisons)]
-    faults = [*search.unsettled(), *_contradicted(fit, unknown), *_moving(replay, fit, others), *_poor(comparisons),
-              *_faults(replay, fit), *misspelt([*records, *others], base)]
+    notes = [*use([*records, *others], base, outputs),
+             f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; white noise has "
+             f"1. Without white noise they are up to {100.0 * max(c.unexplained for c in comparisons):.2g} % of a "
+             "measured deviation. Longer times and larger shares show what the model lacks; the uncertainties account "
+             "for it, but not for parameters that are wrong and not free."]
+    faults = [*search.unsettled(), *_contradicted(fit, unknown), *replay.moving(fit.values, others),
+              *_poor(comparisons), *_faults(replay, fit), *misspelt([*records, *others], base)]
     return Calibration(
         Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
-        notes, lambda: pictures.comparisons(comparisons, fit), calibrated, comparisons, _undetermined(fit, unknown),
+        notes, lambda: _drawings(comparisons, fit), calibrated, comparisons, _undetermined(fit, unknown),
         at_bound, search.stopped, faults)
 
 
@@ -284,13 +290,6 @@ def _contradicted(fit: Fit, free: Sequence[Unknown]) -> Iterator[str]:
                    f"{u.mean:.6g}, which the records contradict: correct the prior, or look for what the model lacks")
 
 
-def _moving(replay: Replay, fit: Fit, others: Sequence[Record]) -> Iterator[str]:
-    """Yield records that do not begin at rest."""
-    for record, rate in replay.moving(fit.values, others):
-        yield (f"{record.name}: does not begin at rest, as the simulation does: the fin moves at {degrees(rate):.3g} "
-               "deg/s; cut the file so that it begins at rest")
-
-
 def _poor(comparisons: Sequence[Comparison]) -> Iterator[str]:
     """Yield outputs that differ from the simulation by more than their noise and a small share of their deviation."""
     for c in comparisons:
@@ -308,7 +307,7 @@ def _faults(replay: Replay, fit: Fit) -> Iterator[str]:
         for extreme, sign in ((measured.max(), 1.0), (measured.min(), -1.0)):
             at = measured == extreme
             beyond = sign * float(np.mean(r[at]))
-            flat = not at.all() and int(np.diff(runs(at)).max(initial=0)) >= _FLAT
+            flat = not at.all() and longest(at) >= _FLAT
             if flat and beyond > _BEYOND * float(np.std(r[~at])):
                 yield (f"{record.name}: {v.name} is clipped at {extreme:.6g} {v.unit}, which the simulation exceeds by "
                        f"{beyond:.3g}: widen the range of the measurement, or cut the file")
@@ -332,8 +331,21 @@ def _drift(simulated: Array, error: Array, step: float, time: float) -> tuple[fl
     return float(found[0]), float(np.std(left)) * sqrt(time) * float(np.linalg.norm(inverse[0]))
 
 
-def _notes(fit: Fit, comparisons: Sequence[Comparison]) -> list[str]:
-    return [f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; white noise has 1. "
-            f"Without white noise they are up to {100.0 * max(c.unexplained for c in comparisons):.2g} % of a measured "
-            "deviation. Longer times and larger shares show what the model lacks; the uncertainties account for it, "
-            "but not for parameters that are wrong and not free."]
+def _drawings(compared: Sequence[Comparison], fit: Fit) -> Iterator[Drawing]:
+    """Yield a picture of each record, measured and simulated, and one of the residuals of those that were fitted."""
+    for (name, purpose), group in groupby(compared, key=lambda c: (c.record.name, c.use)):
+        panels_of = list(group)
+        elapsed = panels_of[0].record["time"] - panels_of[0].record["time"][0]
+        label, unit_of_time = time_axis(float(elapsed[-1]))
+        plot, axes = column(*(f"{c.variable.name} [{c.unit}]" for c in panels_of), x=label, height=2.4)
+        for panel, c in zip(axes, panels_of, strict=True):
+            time, measured, simulated = pictures.thinned(elapsed * unit_of_time, c.measured, c.simulated)
+            panel.plot(time, measured, ".", markersize=3, label="measured")
+            panel.plot(time, simulated, label="simulated")
+        legend(axes[0], loc="best")
+        yield Drawing(f"{name}, {purpose}", plot, "Measured and simulated: " + "; ".join(
+            f"{c.variable.name} {c.figures['rms']:.3g} {c.unit} rms, {'constant' if c.constant else f'fit {c.fit} %'}"
+            for c in panels_of) + ".")
+    series = [(f"{c.record.name} {c.variable.name}", c.record["time"]) for c in compared if not c.held_out]
+    relative = tuple(r / (s or 1.0) for r, s in zip(fit.residuals, fit.deviations, strict=True))
+    yield pictures.residuals(series, replace(fit, residuals=relative), "time [s]", "residual / 1 sigma")

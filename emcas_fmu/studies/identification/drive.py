@@ -261,8 +261,7 @@ def _require_rate(delay: float, step: float) -> None:
             f"{delay / step:.2g} samples of the fastest record; log at {FAST / max(delay, 1e-4):.3g} Hz or more")
 
 
-def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Run],
-                    values: Mapping[str, Any]) -> None:
+def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Run], values: Mapping[str, Any]) -> None:
     """Raise RecordError for estimates that are too uncertain or that follow from a limited voltage."""
     gain, _, delay, kp, ki = parameters
     identified = {**values, **{e.name: e.value for e in parameters}}

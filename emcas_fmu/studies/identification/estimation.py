@@ -125,8 +125,7 @@ def solve(residuals: Callable[[Array], Array], start: Array, **options: Any) -> 
 
 
 def descend(residuals: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array], steps: int,
-            smooth: Callable[[Array], Array] | None = None,
-            ratios: Array | float = 0.0) -> tuple[Array, Array, Array]:
+            smooth: Callable[[Array], Array] | None = None, ratios: Array | float = 0.0) -> tuple[Array, Array, Array]:
     """Return the least-squares parameters, the Jacobian there, and the last step in sigmas, by Gauss and Newton.
 
     Where residuals are a rough function of the parameters, their sum of squares has many minima, and differences of

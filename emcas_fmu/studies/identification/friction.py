@@ -230,8 +230,7 @@ def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> I
         "2-sigma band, per direction of motion.")
     yield Drawing(
         "Friction against speed",
-        pictures.panels([("", _against_speed(sweeps, values))], "motor speed [rpm]",
-                        "friction at fin angle 0 [N.m]"),
+        pictures.panels([("", _against_speed(sweeps, values))], "motor speed [rpm]", "friction at fin angle 0 [N.m]"),
         "Mean of each sweep at constant speed, reduced to fin angle 0 with the fitted polynomials, and the fitted "
         "line: its slope is the viscous coefficient.")
     yield pictures.residuals([(f"{s.direction * s.speed * RPM:+.3g} rpm", np.degrees(s.fin)) for s in sweeps], fit,

@@ -44,7 +44,10 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     parts, owners = divided(records, lambda record: _moving(record, base.values))
     _require(parts, base)
-    fit = _fit(parts, owners, base)
+    start, torque = np.array([float(base.values[n]) for n in _NAMES]), _torques(parts, base.values)
+    level, fastest = float(np.mean(torque)), max(float(np.abs(a.speed).max()) for a in parts)
+    scale = np.array([start[0], *[1e-2 * level / (fastest / 10.0)] * 2, *[level] * 14])
+    fit = motion.fit_motion(base.values, _NAMES, parts, [motion.WARM] * len(parts), start, scale, owners)
     rotor = estimates(fit, base)[0]
     assert rotor.base is not None
     total = _total({**base.values, MOTOR: rotor.value})
@@ -56,7 +59,6 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     require(1.0 / 30.0 < rotor.value / rotor.base < 30.0, f"inertia.motor comes out as {rotor.value:.4g} kg.m2, "
             f"{rotor.value / rotor.base:.3g} times that of the base parameters: check the units of motor_current, "
             "motor_angle and time in the headers")
-    torque = _torques(parts, base.values)
     notes = [
         f"{len(parts)} stretches of motion; torques from {torque.min():.3g} to {torque.max():.3g} N.m.",
         f"Friction estimated as well, positive and negative direction: Coulomb {fit.values[3]:.3g} and "
@@ -86,19 +88,8 @@ def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:
     stretches = [a.at(inside) for inside in motion.stretches(sliding, 4)]
     record.require(stretches, f"no motion is long enough to show an acceleration: fewer than 4 windows of {width} "
                    "samples; log faster, or with a smaller current")
-    _require_scale(record, stretches, values)
-    return stretches
-
-
-def _torques(parts: Sequence[motion.Averages], values: Mapping[str, Any]) -> Array:
-    """Return the mean motor torque [N.m] of each stretch."""
-    return np.array([np.mean(np.abs(a.current)) for a in parts]) * float(values["motor.torque_constant"])
-
-
-def _require_scale(record: Record, stretches: Sequence[motion.Averages], values: Mapping[str, Any]) -> None:
-    """Raise RecordError if torque and acceleration do not fit: one file's wrong unit would distort the fit of all."""
-    expected = _total(values)
-    torque = float(np.mean(_torques(stretches, values)))
+    # One file's wrong unit would distort the fit of all.
+    expected, torque = _total(values), float(np.mean(_torques(stretches, values)))
     implied = torque / float(np.mean(np.abs(np.concatenate([a.acceleration for a in stretches]))))
     # Friction adds to the torque, most in a spin-up that hardly overcomes it.
     record.require(1.0 / _SCALE < implied / expected < 10.0 * _SCALE, "torque and acceleration do not belong together: "
@@ -106,6 +97,12 @@ def _require_scale(record: Record, stretches: Sequence[motion.Averages], values:
                    f"{implied:.3g} kg.m2, {implied / expected:.2g} times the inertia of the base parameters; check the "
                    f"units in the header (motor_current was read as {record.units['motor_current']}, motor_angle as "
                    f"{record.units['motor_angle']}, time as {record.units['time']})")
+    return stretches
+
+
+def _torques(parts: Sequence[motion.Averages], values: Mapping[str, Any]) -> Array:
+    """Return the mean motor torque [N.m] of each stretch."""
+    return np.array([np.mean(np.abs(a.current)) for a in parts]) * float(values["motor.torque_constant"])
 
 
 def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
@@ -120,14 +117,6 @@ def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
         require(torque.max() >= SPREAD * torque.min() or braking, f"the spin-ups in the {word} direction are at one "
                 f"level of torque ({', '.join(f'{t:.3g}' for t in torque)} N.m): inertia and friction look alike; spin "
                 f"up at levels at least {SPREAD:g} times apart")
-
-
-def _fit(parts: Sequence[motion.Averages], owners: Sequence[int], base: ParameterSet) -> Fit:
-    start = np.array([float(base.values[n]) for n in _NAMES])
-    level = float(np.mean(_torques(parts, base.values)))
-    fastest = max(float(np.abs(a.speed).max()) for a in parts)
-    scale = np.array([start[0], *[1e-2 * level / (fastest / 10.0)] * 2, *[level] * 14])
-    return motion.fit_motion(base.values, _NAMES, parts, [motion.WARM] * len(parts), start, scale, owners)
 
 
 def _drawings(parts: Sequence[motion.Averages], records: Sequence[Record], fit: Fit,

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from itertools import groupby
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from ...figures.plots import COLORS, GRAY, Drawing, column, figure, legend, time_axis
+from ...figures.plots import COLORS, GRAY, Drawing, figure, legend
 from .estimation import Fit
 from .records import Array
-
-if TYPE_CHECKING:
-    from .replay import Comparison
 
 MOST_POINTS = 800  # of a series: more only make the page larger
 
@@ -32,7 +27,7 @@ class Series(NamedTuple):
     band: Array | None = None
 
 
-def _thinned(*columns: Array) -> tuple[Array, ...]:
+def thinned(*columns: Array) -> tuple[Array, ...]:
     """Return at most `MOST_POINTS` rows of columns, at equal distances."""
     step = max(-(-len(columns[0]) // MOST_POINTS), 1)
     return tuple(c[::step] for c in columns)
@@ -44,10 +39,10 @@ def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label:
     plot, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
     for axes, (title, series) in zip(grid[0], parts, strict=True):
         for color, s in zip(COLORS * 4, series):
-            x, y = _thinned(s.x, s.y)
+            x, y = thinned(s.x, s.y)
             size, alpha = (3.0, 0.45) if len(x) > 60 else (6.0, 1.0)
             # In one colour, the model of a single series would be hard to see among its points.
-            axes.plot(*_thinned(s.model_x, s.model_y), color=COLORS[1] if len(series) == 1 else color, label=s.label)
+            axes.plot(*thinned(s.model_x, s.model_y), color=COLORS[1] if len(series) == 1 else color, label=s.label)
             axes.plot(x, y, ".", color=color, markersize=size, alpha=alpha, linewidth=0, zorder=1.9,
                       label=s.label if len(series) > 1 else None)
             if s.band is not None:
@@ -68,7 +63,7 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
                                               y=[y_label])
     colors = dict(zip(dict.fromkeys(label for label, _ in series), COLORS * 9))
     for (label, x), y in zip(series, fit.residuals, strict=True):
-        first.plot(*_thinned(x, y * factor), ".", color=colors[label], label=label, markersize=2.5, alpha=0.5,
+        first.plot(*thinned(x, y * factor), ".", color=colors[label], label=label, markersize=2.5, alpha=0.5,
                    linewidth=0)
     if 1 < len(colors) <= 3:
         legend(first, loc="lower right", markerscale=3, ncols=len(colors))
@@ -92,23 +87,3 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
     return Drawing("Residuals", plot, "What the fitted model does not explain. Left: there should be no trend. "
                    "Middle: their distribution should be near the normal one. Right: the uncertainties account for "
                    "their autocorrelation (grey: 2 sigma of white noise).")
-
-
-def comparisons(compared: Sequence[Comparison], fit: Fit) -> Iterator[Drawing]:
-    """Yield a picture of each record, measured and simulated, and one of the residuals of those that were fitted."""
-    for (name, use), group in groupby(compared, key=lambda c: (c.record.name, c.use)):
-        panels_of = list(group)
-        label, unit_of_time = time_axis(float(np.ptp(panels_of[0].record["time"])))
-        plot, axes = column(*(f"{c.variable.name} [{c.unit}]" for c in panels_of), x=label, height=2.4)
-        for panel, c in zip(axes, panels_of, strict=True):
-            time, measured, simulated = _thinned(c.record["time"] - c.record["time"][0], c.measured, c.simulated)
-            time = time * unit_of_time
-            panel.plot(time, measured, ".", markersize=3, label="measured")
-            panel.plot(time, simulated, label="simulated")
-        legend(axes[0], loc="best")
-        yield Drawing(f"{name}, {use}", plot, "Measured and simulated: " + "; ".join(
-            f"{c.variable.name} {c.figures['rms']:.3g} {c.unit} rms, {'constant' if c.constant else f'fit {c.fit} %'}"
-            for c in panels_of) + ".")
-    series = [(f"{c.record.name} {c.variable.name}", c.record["time"]) for c in compared if not c.held_out]
-    relative = tuple(r / (s or 1.0) for r, s in zip(fit.residuals, fit.deviations, strict=True))
-    yield residuals(series, replace(fit, residuals=relative), "time [s]", "residual / 1 sigma")

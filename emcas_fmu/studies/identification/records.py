@@ -197,7 +197,7 @@ def refuse_clipped(record: Record, name: str) -> None:
     if len(levels) < 3:
         return
     for extreme, pile, neighbours in ((levels[-1], counts[-1], counts[-3:-1]), (levels[0], counts[0], counts[1:3])):
-        flat, others = _longest(values == extreme), _longest(equal & (values[1:] != extreme))
+        flat, others = longest(values == extreme), longest(equal & (values[1:] != extreme))
         rests = flat >= _FLAT and flat > 4 * (others + 1)
         piles = noisy and pile >= 2 * _FLAT and pile > 4 * (int(neighbours.max()) + 1)
         record.require(not (rests or piles), f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} "
@@ -228,5 +228,6 @@ def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     return edges.reshape(-1, 2)
 
 
-def _longest(mask: NDArray[np.bool_]) -> int:
+def longest(mask: NDArray[np.bool_]) -> int:
+    """Return the length of the longest run of True."""
     return int(np.diff(runs(mask)).max(initial=0))

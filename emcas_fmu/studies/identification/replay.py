@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import product
-from math import pi, sqrt
+from math import degrees, pi, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -85,8 +85,7 @@ class Comparison:
         return "constant" if self.constant else f"{self.figures['fit_percent']:.1f}"
 
 
-def read(paths: Sequence[Path], base: ParameterSet,
-         compare: Sequence[str] = ()) -> tuple[list[Record], list[Variable]]:
+def read(paths: Sequence[Path], base: ParameterSet, compare: Sequence[str] = ()) -> tuple[list[Record], list[Variable]]:
     """Read records of the actuator's inputs and outputs; return them, and the outputs to compare, which all have.
 
     Raises RecordError for a record without an input or output, EmcasError for an unknown output.
@@ -145,8 +144,7 @@ class Replay:
         self.records, self.outputs, self._delays = records, outputs, delays
         self.free = len(free)
         starts = records if any(v.name == _ANGLE for v in outputs) else ()
-        self.unknowns = [*free, *(nuisance(f"start of {r.name}", "rad", float(r[_ANGLE][0]), 0.01, pi)
-                                 for r in starts),
+        self.unknowns = [*free, *(nuisance(f"start of {r.name}", "rad", float(r[_ANGLE][0]), 0.01, pi) for r in starts),
                          *(nuisance(f"delay of {v.name}", "s", 0.0, 1e-3, _LATEST) for v in outputs if delays)]
         self.owners = list(product(range(len(records)), range(len(outputs))))
         self._free_start = {r.sha256: self.free + i for i, r in enumerate(starts)}
@@ -172,8 +170,7 @@ class Replay:
     def _simulated(self, record: Record, points: Array, names: Sequence[str], smooth: bool = False,
                    mean: bool = False) -> list[Array]:
         """Return outputs of a record at points, arrays [points, rows]; if wanted, the `mean` over several starts."""
-        start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns
-                        else self._subject.values[_START])
+        start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns else self._subject.values[_START])
         if record.sha256 in self._free_start:
             start = points[:, self._free_start[record.sha256]]
         # A point that differs in another record's start needs no run of this one.
@@ -213,8 +210,8 @@ class Replay:
                 scale = factor(v.unit, display(v)) if display(v) else 1.0
                 yield Comparison(record, v, record in others, record[v.name] * scale, of_output * scale)
 
-    def moving(self, values: Array, others: Sequence[Record]) -> Iterator[tuple[Record, float]]:
-        """Yield records that do not begin at rest, as the simulation does, and their fin rate [rad/s] there.
+    def moving(self, values: Array, others: Sequence[Record]) -> Iterator[str]:
+        """Yield records that do not begin at rest, as the simulation does, with their fin rate there.
 
         It is that over the first rows, where the slope of the error shows that a start at rest does not explain it.
         """
@@ -226,7 +223,8 @@ class Replay:
                 (error, _), covariance = np.polyfit(time, (measured - simulated)[:_FIRST], 1, cov=True)
                 fastest = float(np.abs(np.diff(simulated)).max()) / record.step
                 if min(abs(rate), abs(error)) > max(_CERTAIN * sqrt(covariance[0, 0]), _MOVING * fastest):
-                    yield record, rate
+                    yield (f"{record.name}: does not begin at rest, as the simulation does: the fin moves at "
+                           f"{degrees(rate):.3g} deg/s; cut the file so that it begins at rest")
 
 
 def _delayed(simulated: Array, delay: float, record: Record) -> Array:
