@@ -219,7 +219,7 @@ def test_findings_on_rows_with_known_answers(write: Write) -> None:
     counts = extension_outputs.tallies(plan, table)
     assert counts["fly.status_last"] == {"failed": 5, "operational": 2}
     assert counts["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
-    assert extension_outputs.findings(load_study(write(SMALL)), table) == ()
+    assert [*extension_outputs.findings(load_study(write(SMALL)), table)] == []
     without = load_study(write(FAULTS), model="second-order+faults")  # neither motor nor bus to monitor
     assert [list(f.monitors) for f in extension_outputs.findings(without, table)] == [["tracking", "command"]] * 3
 

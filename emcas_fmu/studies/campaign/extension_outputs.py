@@ -116,36 +116,27 @@ class Finding:
 def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
     """Return, for every observed column, how many samples have each value or each bit of a word; most frequent first.
     """
-    return {name: dict(Counter(_values(output, table[name].to_pylist())).most_common())
-            for name, output in observed(study).items()}
+    return {name: dict(Counter(
+        word for value in table[name].to_pylist()
+        for word in (output.in_words(value).split() if output.bits else [in_words(output, value)])).most_common())
+        for name, output in observed(study).items()}
 
 
-def _values(output: Variable, column: list[Any]) -> Iterator[str]:
-    for value in column:
-        yield from (output.flags(value) or ("none",)) if output.bits else (in_words(output, value),)
-
-
-def findings(study: Study, table: Any) -> tuple[Finding, ...]:
-    """Return the findings of each experiment, for each fault that was injected alone; none if the model has no faults.
+def findings(study: Study, table: Any) -> Iterator[Finding]:
+    """Yield the findings of each experiment, for each fault that was injected alone; none if the model has no faults.
     """
     words = {v.name: v for v in study.actuator.outputs if v.name in (FAULT_WORD, BUILT_IN_TEST.name)}
-    return tuple(finding for e in study.experiments for finding in _findings(e.name, words[FAULT_WORD], study, table)
-                 ) if len(words) == 2 else ()
-
-
-def _findings(experiment: str, faults: Variable, study: Study, table: Any) -> Iterator[Finding]:
-    injected, tripped = ([word.flags(value) for value in table[f"{experiment}.{word.name}_ever"].to_pylist()]
-                         for word in (faults, BUILT_IN_TEST))
-    begin, first = (table[f"{experiment}.{word.name}_first"].to_numpy() for word in (faults, BUILT_IN_TEST))
-    groups = [NONE if not those else those[0] if len(those) == 1 else SEVERAL for those in injected]
-    for fault in (NONE, *faults.bits, SEVERAL):
-        rows = [i for i, group in enumerate(groups) if group == fault]
-        if not rows:
-            continue
-        delays = first[rows] - begin[rows]
-        late = delays[delays >= 0.0].tolist()
-        counts = Counter(name for i in rows for name in tripped[i])
-        yield Finding(
-            experiment, fault, len(rows), sum(bool(tripped[i]) for i in rows) if fault == NONE else len(late),
-            int(np.sum(delays < 0.0)), {monitor.name: counts[monitor.name] for monitor in possible(study.actuator)},
-            float(np.median(late)) if late else nan, max(late, default=nan))
+    for experiment in (e.name for e in study.experiments if len(words) == 2):
+        injected, tripped = ([word.flags(value) for value in table[f"{experiment}.{word.name}_ever"].to_pylist()]
+                             for word in (words[FAULT_WORD], BUILT_IN_TEST))
+        begin, first = (table[f"{experiment}.{name}_first"].to_numpy() for name in (FAULT_WORD, BUILT_IN_TEST.name))
+        groups = [NONE if not those else those[0] if len(those) == 1 else SEVERAL for those in injected]
+        for fault in (each for each in (NONE, *words[FAULT_WORD].bits, SEVERAL) if each in groups):
+            rows = [i for i, group in enumerate(groups) if group == fault]
+            delays = first[rows] - begin[rows]
+            late = delays[delays >= 0.0].tolist()
+            counts = Counter(name for i in rows for name in tripped[i])
+            yield Finding(
+                experiment, fault, len(rows), sum(bool(tripped[i]) for i in rows) if fault == NONE else len(late),
+                int(np.sum(delays < 0.0)), {monitor.name: counts[monitor.name] for monitor in possible(study.actuator)},
+                float(np.median(late)) if late else nan, max(late, default=nan))

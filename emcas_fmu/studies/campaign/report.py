@@ -145,22 +145,19 @@ def write_report(summary: Summary, path: Path, command: str) -> None:
 
 def tables(summary: Summary) -> Iterator[Table]:
     """Yield the percentiles of every figure, the requirements and the faults as tables for the terminal."""
-    yield _percentiles(summary)
+    yield table(["figure", "unit", *(f">{p} %" for p in _SHOWN), "depends most on"], (
+        [s.name, shown(s.figure.unit)[0], *(text(s.figure, s.percentiles[p]) for p in _SHOWN),
+         *(f"{_short(e.factor)} ({e.rank_correlation:+.2f})" if e.sure else "" for e in s.effects[:1])]
+        for s in summary.spreads if not s.name.startswith(f"{REQUIREMENT}.")),
+        "Percentiles over the samples", whole=[0])
     if summary.chances:
         yield _requirements(summary)
-    if summary.findings:
-        yield _faults(summary)
-
-
-def _percentiles(summary: Summary) -> Table:
-    def row(s: Spread) -> list[str]:
-        first = s.effects[0] if s.effects else None
-        return [s.name, shown(s.figure.unit)[0], *(text(s.figure, s.percentiles[p]) for p in _SHOWN),
-                f"{_short(first.factor)} ({first.rank_correlation:+.2f})" if first and first.sure else ""]
-
-    return table(["figure", "unit", *(f">{p} %" for p in _SHOWN), "depends most on"],
-                 (row(s) for s in summary.spreads if not s.name.startswith(f"{REQUIREMENT}.")),
-                 "Percentiles over the samples", whole=[0])
+    if found := summary.findings:
+        several = len({f.experiment for f in found}) > 1
+        yield table(["fault, alone", "samples", "detected", "after", "before", "by"], (
+            [f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found), seconds(f.delay),
+             str(f.before), ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n)] for f in found),
+            "Faults, and what the built-in test detected", whole=[0])
 
 
 def _requirements(summary: Summary) -> Table:
@@ -180,14 +177,6 @@ def _requirements(summary: Summary) -> Table:
     rows += None, [last, "", "", "", f"{together.met} of {together.samples}", str(together)]
     return table(["requirement", ">required", f">{median} %", f">worst {low} %", ">met by", ">probability (95 %)"],
                  rows, "Samples that meet the requirements", whole=[0], plain=True)
-
-
-def _faults(summary: Summary) -> Table:
-    several = len({f.experiment for f in summary.findings}) > 1
-    return table(["fault, alone", "samples", "detected", "after", "before", "by"], (
-        [f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found), seconds(f.delay),
-         str(f.before), ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n)] for f in summary.findings),
-        "Faults, and what the built-in test detected", whole=[0])
 
 
 def _short(factor: str) -> str:

@@ -90,7 +90,7 @@ class Summary:
     """Message, number of samples and index of the first."""
     tallies: Mapping[str, Mapping[str, int]]
     findings: tuple[Finding, ...]
-    chances: tuple[Chance, ...] = ()
+    chances: tuple[Chance, ...]
     """One for each requirement, and at the end one for all together."""
 
     @property
@@ -117,17 +117,12 @@ def summarise(study: Study, table: pa.Table) -> Summary:
     spreads = tuple(_spread(name, figure, good[name].to_numpy(), index,
                             parameters if name.startswith(f"{REQUIREMENT}.") else factors)
                     for name, figure in columns(study).items()) if good.num_rows else ()
-    return Summary(study, table.num_rows, spreads, _failures(table), tallies(study, good), findings(study, good),
-                   _chances(study, table))
-
-
-def _chances(study: Study, table: pa.Table) -> tuple[Chance, ...]:
-    requirements = study.specification.requirements
-    if not requirements or not table.num_rows:
-        return ()
+    requirements = study.specification.requirements if table.num_rows else ()
     kept = [r.kept(table[f"{REQUIREMENT}.{r.name}"].to_numpy()) for r in requirements]
-    return tuple(Chance(r, int(np.sum(met)), table.num_rows)
-                 for r, met in zip((*requirements, None), (*kept, np.all(kept, axis=0)), strict=True))
+    chances = tuple(Chance(r, int(np.sum(met)), table.num_rows) for r, met in zip(
+        (*requirements, None), (*kept, np.all(kept, axis=0)), strict=True)) if requirements else ()
+    return Summary(study, table.num_rows, spreads, _failures(table), tallies(study, good),
+                   tuple(findings(study, good)), chances)
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
