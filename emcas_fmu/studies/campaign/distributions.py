@@ -60,11 +60,6 @@ class Distribution:
     levels: tuple[Value, ...] = ()
     cumulated: tuple[float, ...] = ()
 
-    @property
-    def bounded(self) -> bool:
-        """Whether the distribution has no tails."""
-        return self.kind == "choice" or "low" in self.numbers
-
     def at(self, share: Array | float) -> Array:
         """Return the quantiles for shares between 0 and 1, in their shape."""
         if self.kind == "choice":
@@ -169,15 +164,14 @@ def _checked(made: Distribution, unit: In) -> Distribution:
             raise ValueError(f"{key} = {n[key]:g}: a {kind} needs a {key} above 0")
     if made.kind == "truncated-normal" and np.isnan(made.at(0.5)):
         raise ValueError("low and high are too far from the mean for a normal distribution")
-    if made.bounded:
-        low, high = made.limits()
-        share = float(low < unit.minimum or high > unit.maximum)
-    else:
+    low, high = made.limits()
+    if "low" in n or made.kind == "choice":
+        share, remedy = float(low < unit.minimum or high > unit.maximum), ""
+    else:  # with tails
         law = _frozen(made.kind, *n.values())
         share = float(law.cdf(unit.minimum) + law.sf(unit.maximum))
+        remedy = f": {share:.2g} of the samples are not; truncate it (distribution = \"truncated-normal\")"
     if share > MOST_OUTSIDE:
-        remedy = "" if made.bounded else (
-            f": {share:.2g} of the samples are not; truncate it (distribution = \"truncated-normal\")")
         raise ValueError(f"must stay {unit.limits}{remedy}")
     return made
 

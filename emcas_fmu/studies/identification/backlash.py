@@ -95,10 +95,9 @@ def _turns(angle: Array) -> list[int]:
     return [0, *sorted(np.concatenate([*peaks]).tolist()), len(angle) - 1]
 
 
-def _sweeps(record: Record, indirect: Array) -> list[Sweep]:
-    """Return the sweeps of a record. Raises RecordError if one has too few samples."""
+def _sweeps(record: Record, indirect: Array) -> Iterator[Sweep]:
+    """Yield the sweeps of a record. Raises RecordError if one has too few samples."""
     difference = record["fin_angle"] - indirect
-    sweeps = []
     for begin, end in pairwise(_turns(indirect)):
         travel = indirect[end] - indirect[begin]
         if abs(travel) < _RANGE:
@@ -111,8 +110,7 @@ def _sweeps(record: Record, indirect: Array) -> list[Sweep]:
                        f"samples; at least {2 * _BLOCKS} are needed for the counts of the encoders to average out: log "
                        "faster or sweep slower")
         blocks = np.array_split(inside, _BLOCKS)
-        sweeps.append(Sweep(direction, *(np.array([x[b].mean() for b in blocks]) for x in (indirect, difference))))
-    return sweeps
+        yield Sweep(direction, *(np.array([x[b].mean() for b in blocks]) for x in (indirect, difference)))
 
 
 def _model(x: Array, direction: int, fin: Array, reach: float) -> Array:
@@ -136,11 +134,9 @@ def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[Record, Array]], f
         pictures.panels([("", series)], "fin angle [deg]", "direct less indirect fin angle [deg]"),
         "Their difference in blocks of each sweep, by direction, and the fitted curves: "
         f"{degrees(float(fit.values[0])):.3g} deg apart, the backlash.")
-    parts = []
-    for record, indirect in traces:
-        time, difference = record["time"] - record["time"][0], np.degrees(record["fin_angle"] - indirect)
-        parts.append((record.name, [pictures.Series("direct less indirect", time, difference, time[:1],
-                                                    difference[:1])]))
+    measured = [(record.name, record["time"] - record["time"][0], np.degrees(record["fin_angle"] - indirect))
+                for record, indirect in traces]
+    parts = [(name, [pictures.Series("direct less indirect", time, y, time[:1], y[:1])]) for name, time, y in measured]
     yield Drawing("Difference against time", pictures.panels(parts, "time [s]", "difference [deg]", height=2.6),
                   "As measured, with the encoders' counts.")
     words = dict(DIRECTIONS)

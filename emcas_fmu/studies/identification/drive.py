@@ -178,13 +178,6 @@ def _used(record: Record, delay: float) -> NDArray[np.bool_]:
     return used
 
 
-def _late_reference(record: Record, delay: float) -> Array:
-    """Return the reference [V] that has arrived after a delay [s] at each row."""
-    time = np.arange(len(record)) * record.step
-    late: Array = np.interp(time - delay, time, record["drive_reference"])
-    return late
-
-
 def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
     """Return an initial delay [s]: the shift of the reference that explains the current best, over the fast records."""
     step = min(r.step for r in fast)
@@ -193,7 +186,7 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
     for r in fast:
         current = r["motor_current"]
         for k, shift in enumerate(shifts):
-            line = np.column_stack([_late_reference(r, shift), np.ones(len(r))])
+            line = np.column_stack([r.late(r["drive_reference"], shift), np.ones(len(r))])
             residuals = current - line @ np.linalg.lstsq(line, current, rcond=None)[0]
             unexplained[k] += float(np.sum(residuals**2) / np.var(current))
     best = int(np.argmin(unexplained))
@@ -212,7 +205,7 @@ def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> N
             f"need at least {FEWEST_LEVELS}, of both signs")
     slopes: list[float] = []
     for run in runs:
-        late = _late_reference(run.record, delay + _rise(values))
+        late = run.record.late(run.reference, delay + _rise(values))
         slope = float(np.polyfit(late[run.used], run.current[run.used], 1)[0])
         slopes.append(slope)
         rises = f"motor_current rises by {slope:.4g} A per volt of drive_reference"
@@ -276,7 +269,7 @@ def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Ru
     p, x = nonlinear.ACTUATOR.namespace(identified), fit.values
     supply = float(values["drive.supply_voltage"])
     for run in (r for r in runs if r.fast):
-        i_ref = drive.current_reference(ARRAYS, p, _late_reference(run.record, delay.value))
+        i_ref = drive.current_reference(ARRAYS, p, run.record.late(run.reference, delay.value))
         demand = np.abs(drive.voltage_demand(p, i_ref, run.modelled(x, values), x[run.integral_index]))
         run.record.require(demand.max() <= supply, "the drive's voltage is saturated: the steps demand "
                            f"{demand.max():.3g} V of a supply of {supply:g} V, so that their rise depends on the "

@@ -9,6 +9,7 @@ determine Coulomb friction against the fin angle, fast ones viscous friction.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from math import degrees
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -70,7 +71,14 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     sweeps, owners = divided(records, lambda record: _sweeps(record, base.values))
     _require(sweeps, base, keep_ratios)
-    fit = _fit(sweeps, owners, base, NAMES[:-2] if keep_ratios else NAMES)
+    names = NAMES[:-2] if keep_ratios else NAMES
+    level = max(float(np.mean(np.abs(np.concatenate([s.torque for s in sweeps])))), 1e-12)
+    fastest = max(s.speed for s in sweeps)
+    flat = [level, *[0.0] * 6]  # initial polynomials: those of the base set may be far off
+    start = np.array([*[0.1 * level / fastest] * 2, *flat, *flat, 1.0, 1.0])[:len(names)]
+    scale = np.array([*[level / fastest] * 2, *[level] * 14, 1.0, 1.0])[:len(names)]
+    fit = motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps], start,
+                            scale, owners)
     values = {**base.values, **dict(zip(fit.names, fit.values, strict=True))}
     _require_plausible(values, base)
     parameters = estimates(fit, base)
@@ -163,21 +171,11 @@ def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
     return ", ".join(f"{x:.3g}" for x in distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
 
 
-def _fit(sweeps: Sequence[Sweep], owners: Sequence[int], base: ParameterSet, names: Sequence[str]) -> Fit:
-    level = max(float(np.mean(np.abs(np.concatenate([s.torque for s in sweeps])))), 1e-12)
-    fastest = max(s.speed for s in sweeps)
-    flat = [level, *[0.0] * 6]  # initial polynomials: those of the base set may be far off
-    start = np.array([*[0.1 * level / fastest] * 2, *flat, *flat, 1.0, 1.0])[:len(names)]
-    scale = np.array([*[level / fastest] * 2, *[level] * 14, 1.0, 1.0])[:len(names)]
-    return motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps], start,
-                             scale, owners)
-
-
 def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
     """Raise RecordError for friction that drives the motion, falls with speed, or is far from the base set's."""
-    p, q = nonlinear.ACTUATOR.namespace(values), base.nested()
+    p = nonlinear.ACTUATOR.namespace(values)
     for side, direction in DIRECTIONS:
-        level, expected = (float(_coulomb(getattr(each.friction.coulomb, direction), 0.0)) for each in (p, q))
+        level, expected = (float(each[COULOMB[direction][0]]) for each in (values, base.values))  # at fin angle 0
         require(level > 0.0, f"the Coulomb friction in the {direction} direction comes out as {level:.3g} N.m: the "
                 "current does not resist the motion; check the signs of motor_current and motor_angle, and the zero of "
                 "the current sensor")
@@ -207,15 +205,10 @@ def _require_certain(parameters: Sequence[Estimate], fit: Fit, base: ParameterSe
     return bands
 
 
-def _coulomb(coefficients: Any, fin: Any) -> Any:
-    """Return a direction's Coulomb polynomial [N.m] at fin angles [rad], warm."""
-    return friction.coulomb_polynomial(coefficients, fin) + 0.0 * fin
-
-
 def _band(fit: Fit, direction: str, fin: Array) -> Array:
     """Return 1 sigma [N.m] of a direction's Coulomb polynomial at fin angles [rad]."""
     # The polynomial is linear in its coefficients: its gradient has the polynomials of unit coefficients.
-    rows = np.array([_coulomb(unit, fin) for unit in np.eye(7)]).T
+    rows = np.array([friction.coulomb_polynomial(unit, fin) for unit in np.eye(7)]).T
     at = [fit.names.index(n) for n in COULOMB[direction]]
     band: Array = np.sqrt(np.einsum("ij,jk,ik->i", rows, fit.covariance[np.ix_(at, at)], rows))
     return band
@@ -224,13 +217,14 @@ def _band(fit: Fit, direction: str, fin: Array) -> Array:
 def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
     yield Drawing(
         "Coulomb friction against fin angle",
-        pictures.panels([(f"{word} direction", _against_fin(direction, word, sweeps, fit, values))
+        pictures.panels([(f"{word} direction", [*_against_fin(direction, word, sweeps, fit, values)])
                          for direction, word in DIRECTIONS], "fin angle [deg]", "Coulomb friction at the motor [N.m]"),
         "Windows of the slowest sweeps less the viscous friction, and the fitted sixth-order polynomials with their "
         "2-sigma band, per direction of motion.")
     yield Drawing(
         "Friction against speed",
-        pictures.panels([("", _against_speed(sweeps, values))], "motor speed [rpm]", "friction at fin angle 0 [N.m]"),
+        pictures.panels([("", [*_against_speed(sweeps, values)])], "motor speed [rpm]",
+                        "friction at fin angle 0 [N.m]"),
         "Mean of each sweep at constant speed, reduced to fin angle 0 with the fitted polynomials, and the fitted "
         "line: its slope is the viscous coefficient.")
     yield pictures.residuals([(f"{s.direction * s.speed * RPM:+.3g} rpm", np.degrees(s.fin)) for s in sweeps], fit,
@@ -238,9 +232,8 @@ def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> I
 
 
 def _against_fin(direction: int, word: str, sweeps: Sequence[Sweep], fit: Fit,
-                 values: Mapping[str, Any]) -> list[pictures.Series]:
-    """Return the friction of the slowest sweeps in a direction, warm and cold, less viscous friction."""
-    series = []
+                 values: Mapping[str, Any]) -> Iterator[pictures.Series]:
+    """Yield the friction of the slowest sweeps in a direction, warm and cold, less viscous friction."""
     slow = min(s.speed for s in sweeps if s.direction == direction)
     for s in sweeps:
         if s.direction != direction or s.speed > 1.15 * slow:
@@ -249,28 +242,22 @@ def _against_fin(direction: int, word: str, sweeps: Sequence[Sweep], fit: Fit,
         grid = np.linspace(s.fin.min(), s.fin.max(), 200)
         viscous = float(friction.viscous(FLOATS, p, direction)) * s.speed
         model = friction.coulomb(ARRAYS, p, float(direction), grid)
-        warm = np.maximum(_coulomb(getattr(p.friction.coulomb, word), grid), 1e-12)
-        series.append(pictures.Series(f"{s.temperature:.3g} degC", np.degrees(s.fin), direction * s.torque - viscous,
-                                      np.degrees(grid), model, 2.0 * _band(fit, word, grid) * model / warm))
-    return series
+        warm = np.maximum(friction.coulomb_polynomial(getattr(p.friction.coulomb, word), grid), 1e-12)
+        yield pictures.Series(f"{s.temperature:.3g} degC", np.degrees(s.fin), direction * s.torque - viscous,
+                              np.degrees(grid), model, 2.0 * _band(fit, word, grid) * model / warm)
 
 
-def _against_speed(sweeps: Sequence[Sweep], values: Mapping[str, Any]) -> list[pictures.Series]:
-    """Return the mean friction of each sweep over speed, by direction and temperature, reduced to fin angle 0."""
-    series = []
-    temperatures = distinct([s.temperature for s in sweeps], 5.0)
-    for direction, word in DIRECTIONS:
-        for t in temperatures:
-            alike = [s for s in sweeps if s.direction == direction and abs(s.temperature - t) < 5.0]
-            if not alike:
-                continue
-            p = motion.namespace(values, float(np.mean([s.temperature for s in alike])))
-            # Coulomb friction at each fin angle is replaced by that at fin angle 0.
-            centre = float(friction.coulomb(FLOATS, p, float(direction), 0.0))
-            torque = np.array([np.mean(direction * s.torque - friction.coulomb(ARRAYS, p, float(direction), s.fin))
-                               + centre for s in alike])
-            speed = np.array([s.speed for s in alike])
-            grid = np.linspace(0.0, speed.max(), 2)
-            line = centre + float(friction.viscous(FLOATS, p, direction)) * grid
-            series.append(pictures.Series(f"{word}, {t:.3g} degC", speed * RPM, torque, grid * RPM, line))
-    return series
+def _against_speed(sweeps: Sequence[Sweep], values: Mapping[str, Any]) -> Iterator[pictures.Series]:
+    """Yield the mean friction of each sweep over speed, by direction and temperature, reduced to fin angle 0."""
+    for (direction, word), t in product(DIRECTIONS, distinct([s.temperature for s in sweeps], 5.0)):
+        if not (alike := [s for s in sweeps if s.direction == direction and abs(s.temperature - t) < 5.0]):
+            continue
+        p = motion.namespace(values, float(np.mean([s.temperature for s in alike])))
+        # Coulomb friction at each fin angle is replaced by that at fin angle 0.
+        centre = float(friction.coulomb(FLOATS, p, float(direction), 0.0))
+        torque = np.array([np.mean(direction * s.torque - friction.coulomb(ARRAYS, p, float(direction), s.fin))
+                           + centre for s in alike])
+        speed = np.array([s.speed for s in alike])
+        grid = np.linspace(0.0, speed.max(), 2)
+        line = centre + float(friction.viscous(FLOATS, p, direction)) * grid
+        yield pictures.Series(f"{word}, {t:.3g} degC", speed * RPM, torque, grid * RPM, line)

@@ -81,6 +81,11 @@ class Record:
         """File name without its folder, for notes and reports."""
         return self.path.name
 
+    def late(self, column: Array, delay: float) -> Array:
+        """Return a column with this record's rows as a channel with a delay [s] records it."""
+        at = np.arange(len(self)) * self.step
+        return column if delay == 0.0 else np.interp(at - delay, at, column)
+
     def require(self, condition: object, problem: str) -> None:
         """Raise RecordError with this file and the problem unless the condition holds."""
         require(condition, f"{self.path}: {problem}")
@@ -102,7 +107,7 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
     return records
 
 
-def divided(records: Sequence[Record], stretches: Callable[[Record], Sequence[T]]) -> tuple[list[T], list[int]]:
+def divided(records: Sequence[Record], stretches: Callable[[Record], Iterable[T]]) -> tuple[list[T], list[int]]:
     """Return the stretches of all records, and for each the index of its record."""
     pairs = [(stretch, i) for i, record in enumerate(records) for stretch in stretches(record)]
     return [stretch for stretch, _ in pairs], [i for _, i in pairs]

@@ -182,7 +182,7 @@ class Replay:
         simulated = [np.concatenate(of_name)[run_of.ravel()] for of_name in zip(*parts, strict=True)]
         if self._delays:
             delays = dict(zip((v.name for v in self.outputs), points[:, -len(self.outputs):].T, strict=True))
-            simulated = [np.array([_delayed(y, delay, record) for y, delay in zip(of_name, delays[name], strict=True)])
+            simulated = [np.array([record.late(y, delay) for y, delay in zip(of_name, delays[name], strict=True)])
                          if name in delays else of_name for name, of_name in zip(names, simulated, strict=True)]
         return simulated
 
@@ -225,9 +225,3 @@ class Replay:
                 if min(abs(rate), abs(error)) > max(_CERTAIN * sqrt(covariance[0, 0]), _MOVING * fastest):
                     yield (f"{record.name}: does not begin at rest, as the simulation does: the fin moves at "
                            f"{degrees(rate):.3g} deg/s; cut the file so that it begins at rest")
-
-
-def _delayed(simulated: Array, delay: float, record: Record) -> Array:
-    """Return an output as a channel with a delay [s] records it."""
-    at = np.arange(len(record)) * record.step
-    return simulated if delay == 0.0 else np.interp(at - delay, at, simulated)
