@@ -129,16 +129,15 @@ def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[Record, Array]], f
         grid = np.linspace(fin.min(), fin.max(), 100)
         series.append(pictures.Series(f"{word} direction", np.degrees(fin), np.degrees(difference), np.degrees(grid),
                                       np.degrees(_model(fit.values, direction, grid, reach))))
-    yield Drawing(
-        "Direct and indirect fin angle",
-        pictures.panels([("", series)], "fin angle [deg]", "direct less indirect fin angle [deg]"),
+    yield pictures.panels(
+        "Direct and indirect fin angle", [("", series)], "fin angle [deg]", "direct less indirect fin angle [deg]",
         "Their difference in blocks of each sweep, by direction, and the fitted curves: "
         f"{degrees(float(fit.values[0])):.3g} deg apart, the backlash.")
     measured = [(record.name, record["time"] - record["time"][0], np.degrees(record["fin_angle"] - indirect))
                 for record, indirect in traces]
     parts = [(name, [pictures.Series("direct less indirect", time, y, time[:1], y[:1])]) for name, time, y in measured]
-    yield Drawing("Difference against time", pictures.panels(parts, "time [s]", "difference [deg]", height=2.6),
-                  "As measured, with the encoders' counts.")
+    yield pictures.panels("Difference against time", parts, "time [s]", "difference [deg]",
+                          "As measured, with the encoders' counts.", height=2.6)
     words = dict(DIRECTIONS)
     yield pictures.residuals([(words[s.direction], np.degrees(s.fin)) for s in sweeps], fit, "fin angle [deg]",
                              "residual [deg]", degrees(1.0))

@@ -152,12 +152,12 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
               *_poor(comparisons), *_faults(replay, fit), *misspelt([*records, *others], base)]
     return Calibration(
         Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
-        notes, lambda: _drawings(comparisons, fit), calibrated, comparisons, _undetermined(fit, unknown),
+        notes, lambda: _drawings(comparisons, fit), calibrated, comparisons, [*_undetermined(fit, unknown)],
         at_bound, search.stopped, faults)
 
 
-def _undetermined(fit: Fit, free: Sequence[Unknown]) -> list[tuple[str, ...]]:
-    """Return combinations of parameters of which the records say little, by the names that have a share in them.
+def _undetermined(fit: Fit, free: Sequence[Unknown]) -> Iterator[tuple[str, ...]]:
+    """Yield combinations of parameters of which the records say little, by the names that have a share in them.
 
     They are eigenvectors of the covariance relative to that of the priors. A parameter's share is its effect on the
     simulation along the eigenvector: parameters that the records cannot tell apart have equal shares, whatever their
@@ -166,11 +166,9 @@ def _undetermined(fit: Fit, free: Sequence[Unknown]) -> list[tuple[str, ...]]:
     count, spread = len(free), np.array([u.sigma for u in free])
     shares, directions = np.linalg.eigh(fit.covariance[:count, :count] / np.outer(spread, spread))
     effects = np.sqrt(np.maximum(np.diag(np.linalg.inv(fit.covariance))[:count] * spread**2 - 1.0, 1e-12))
-    found = []
     for direction in directions.T[shares > _OPEN]:
         parts = np.abs(direction) * effects
-        found.append(tuple(u.name for u, part in zip(free, parts, strict=True) if part > _PART * parts.max()))
-    return found
+        yield tuple(u.name for u, part in zip(free, parts, strict=True) if part > _PART * parts.max())
 
 
 class _Search:

@@ -85,7 +85,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     fit = _fit(runs, start, values)
     parameters = estimates(fit, base)
     _require_answer(parameters, fit, runs, values)
-    return Identification(EXPERIMENT, records, base, fit, parameters, _notes(runs, fit, values),
+    return Identification(EXPERIMENT, records, base, fit, parameters, [*_notes(runs, fit, values)],
                           lambda: _drawings(runs, fit, values))
 
 
@@ -203,11 +203,9 @@ def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> N
     require(len(levels) >= FEWEST_LEVELS and min(levels) < 0.0 < max(levels),
             f"the reference has {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): gain and offset "
             f"need at least {FEWEST_LEVELS}, of both signs")
-    slopes: list[float] = []
-    for run in runs:
-        late = run.record.late(run.reference, delay + _rise(values))
-        slope = float(np.polyfit(late[run.used], run.current[run.used], 1)[0])
-        slopes.append(slope)
+    late = [run.record.late(run.reference, delay + _rise(values)) for run in runs]
+    slopes = [float(np.polyfit(x[run.used], run.current[run.used], 1)[0]) for x, run in zip(late, runs, strict=True)]
+    for run, slope in zip(runs, slopes, strict=True):
         rises = f"motor_current rises by {slope:.4g} A per volt of drive_reference"
         run.record.require(slope > 0.0, f"motor_current falls with drive_reference ({slope:.3g} A/V): one of them has "
                            "the wrong sign")
@@ -276,23 +274,19 @@ def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Ru
                            f"supply and not on Kp; use steps below {0.9 * supply / (kp.value * gain.value):.2g} V")
 
 
-def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> list[str]:
+def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iterator[str]:
     _, _, delay, kp, ki = fit.values[:5]
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
     slow = f"then {(resistance + kp) / ki:.3g} s for the integral" if ki > 0.0 else "without an integral"
-    lines = [
-        f"The delay is {delay / min(r.record.step for r in runs):.2f} samples of the fastest record; it includes "
-        "any delay between the two channels of the logger, and counts from the first row of a new reference.",
-        f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, {slow}; right after "
-        f"a step {kp / (resistance + kp):.1%} of the current demanded flow.",
-        "Kp scales with motor.inductance and motor.resistance, whose uncertainty is not included.",
-    ]
+    yield (f"The delay is {delay / min(r.record.step for r in runs):.2f} samples of the fastest record; it includes "
+           "any delay between the two channels of the logger, and counts from the first row of a new reference.")
+    yield (f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, {slow}; right after a step "
+           f"{kp / (resistance + kp):.1%} of the current demanded flow.")
+    yield "Kp scales with motor.inductance and motor.resistance, whose uncertainty is not included."
     if fit.sigmas[KI] > 0.3 * abs(ki):
-        lines.append("drive.ki is poorly known: hold the reference for a good part of the integral's time, slowly "
-                     "logged.")
+        yield "drive.ki is poorly known: hold the reference for a good part of the integral's time, slowly logged."
     if not any("motor_speed" in r.record.columns for r in runs):
-        lines.append("No record has motor_speed: the rotor was assumed clamped.")
-    return lines
+        yield "No record has motor_speed: the rotor was assumed clamped."
 
 
 def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
@@ -307,17 +301,17 @@ def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iter
             order = np.argsort(r.reference[r.used])
             u, i = r.reference[r.used][order], r.current[r.used][order]
             lines.append(pictures.Series(r.record.name, u, i, u, x[GAIN] * u + x[OFFSET]))
-    yield Drawing("Current against time", pictures.panels(parts, "time [s]", "motor current [A]", sharey=False),
-                  "Measured current and the fitted current loop; of fast records the first 30 ms.")
+    yield pictures.panels(
+        "Current against time", parts, "time [s]", "motor current [A]",
+        "Measured current and the fitted current loop; of fast records the first 30 ms.", sharey=False)
     steps = [(r.record.name, [series]) for r in runs if r.fast and (series := _steps(r, x, values)) is not None]
-    yield Drawing(
-        "Steps of the reference",
-        pictures.panels(steps or [("no single steps", [])], "time since the step of the reference [ms]",
-                        "share of the step"),
+    yield pictures.panels(
+        "Steps of the reference", steps or [("no single steps", [])], "time since the step of the reference [ms]",
+        "share of the step",
         "The larger steps of the fast records, scaled and laid over each other: the rise begins after the delay; its "
         "time constant is L/(R + Kp).")
-    yield Drawing(
-        "Steady current against reference", pictures.panels([("", lines)], "reference [V]", "motor current [A]"),
+    yield pictures.panels(
+        "Steady current against reference", [("", lines)], "reference [V]", "motor current [A]",
         "Slow records without transients; the line has the identified gain and offset. Points are off the line by the "
         "part that the integral has not yet corrected.")
     # Records of a tenth of a second and of a minute share one axis.

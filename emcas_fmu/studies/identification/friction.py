@@ -215,16 +215,15 @@ def _band(fit: Fit, direction: str, fin: Array) -> Array:
 
 
 def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
-    yield Drawing(
-        "Coulomb friction against fin angle",
-        pictures.panels([(f"{word} direction", [*_against_fin(direction, word, sweeps, fit, values)])
-                         for direction, word in DIRECTIONS], "fin angle [deg]", "Coulomb friction at the motor [N.m]"),
+    yield pictures.panels(
+        "Coulomb friction against fin angle", (
+            (f"{word} direction", _against_fin(direction, word, sweeps, fit, values))
+            for direction, word in DIRECTIONS), "fin angle [deg]", "Coulomb friction at the motor [N.m]",
         "Windows of the slowest sweeps less the viscous friction, and the fitted sixth-order polynomials with their "
         "2-sigma band, per direction of motion.")
-    yield Drawing(
-        "Friction against speed",
-        pictures.panels([("", [*_against_speed(sweeps, values)])], "motor speed [rpm]",
-                        "friction at fin angle 0 [N.m]"),
+    yield pictures.panels(
+        "Friction against speed", [("", _against_speed(sweeps, values))], "motor speed [rpm]",
+        "friction at fin angle 0 [N.m]",
         "Mean of each sweep at constant speed, reduced to fin angle 0 with the fitted polynomials, and the fitted "
         "line: its slope is the viscous coefficient.")
     yield pictures.residuals([(f"{s.direction * s.speed * RPM:+.3g} rpm", np.degrees(s.fin)) for s in sweeps], fit,

@@ -129,9 +129,8 @@ def _drawings(parts: Sequence[motion.Averages], records: Sequence[Record], fit: 
         order = np.argsort(a.acceleration)
         series.append(pictures.Series(name, a.acceleration, inertial + residuals, a.acceleration[order],
                                       inertial[order]))
-    yield Drawing(
-        "Torque against acceleration",
-        pictures.panels([("", series)], "motor acceleration [rad/s²]", "torque less friction [N.m]"),
+    yield pictures.panels(
+        "Torque against acceleration", [("", series)], "motor acceleration [rad/s²]", "torque less friction [N.m]",
         "Windows of all spin-ups less the estimated friction; the slope of the lines is the inertia; the fin's share "
         f"of it varies over +-{degrees(values['command.limit']):.3g} deg.")
     yield pictures.residuals([(name, np.degrees(motion.fin_angle(p, a.angle))) for name, a in zip(names, parts)], fit,

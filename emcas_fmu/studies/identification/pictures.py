@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from ...figures.plots import COLORS, GRAY, Drawing, figure, legend
@@ -33,11 +32,12 @@ def thinned(*columns: Array) -> tuple[Array, ...]:
     return tuple(c[::step] for c in columns)
 
 
-def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label: str, height: float = 3.4,
-           sharey: bool = True) -> Figure:
+def panels(title: str, parts: Iterable[tuple[str, Iterable[Series]]], x_label: str, y_label: str, caption: str,
+           height: float = 3.4, sharey: bool = True) -> Drawing:
     """Draw panels side by side, each with a title and the points and models of its series; `height` is in inches."""
-    plot, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
-    for axes, (title, series) in zip(grid[0], parts, strict=True):
+    drawn = [(name, list(series)) for name, series in parts]
+    plot, grid = figure(1, len(drawn), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
+    for axes, (name, series) in zip(grid[0], drawn, strict=True):
         for color, s in zip(COLORS * 4, series):
             x, y = thinned(s.x, s.y)
             size, alpha = (3.0, 0.45) if len(x) > 60 else (6.0, 1.0)
@@ -48,9 +48,9 @@ def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label:
             if s.band is not None:
                 axes.fill_between(s.model_x, s.model_y - s.band, s.model_y + s.band, color=color, alpha=0.3,
                                   linewidth=0)
-        axes.set_title(title)
+        axes.set_title(name)
         legend(axes, loc="best")
-    return plot
+    return Drawing(title, plot, caption)
 
 
 def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_label: str,
