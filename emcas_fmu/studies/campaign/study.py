@@ -208,9 +208,10 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
         model_sha256=source_sha256(base.model), specification=replace(specification, requirements=able),
         left_out=tuple(judged(r, (), subject) for r in specification.requirements if r not in able))
     # If the parameters contradict each other at the medians, few samples could be run.
-    if problems := _problems(study, study.varied(_medians(study))[0]):
+    medians = [float(f.distribution.at(0.5)) for f in study.factors]
+    if problems := check_parameters(study.varied(medians)[0], study.model):
         raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")
-    return replace(study, warnings=tuple(_warnings(base, study)))
+    return replace(study, warnings=tuple(_warnings(base, study, medians)))
 
 
 def source_sha256(model: str) -> str:
@@ -219,24 +220,15 @@ def source_sha256(model: str) -> str:
     return "" if source is None else hashlib.sha256(source.read_bytes()).hexdigest()
 
 
-def _medians(study: Study) -> list[float]:
-    return [float(f.distribution.at(0.5)) for f in study.factors]
-
-
-def _problems(study: Study, values: Mapping[str, Any]) -> list[str]:
-    return check_parameters({v.name: values[v.name] for v in study.actuator.parameters}, study.model)
-
-
-def _warnings(base: ParameterSet, study: Study) -> Iterator[str]:
-    """Yield the first warning of each rule: at the medians, or with one factor at an end."""
+def _warnings(base: ParameterSet, study: Study, medians: list[float]) -> Iterator[str]:
+    """Yield the first warning of each rule: at the medians of the factors, or with one factor at an end."""
     varied = check_combinations(base.values, base.actuator, warnings=True)
     yield from (warning for warning in base.warnings if warning not in varied)
-    medians = _medians(study)
     points = [medians, *([*medians[:k], end, *medians[k + 1:]] for k, factor in enumerate(study.factors)
                          for end in factor.distribution.limits(MOST_OUTSIDE))]
     first: dict[Rule, str] = {}
     for values, _ in map(study.varied, points):
-        if not _problems(study, values):  # other samples fail with an error
+        if not check_parameters(values, study.model):  # other samples fail with an error
             first = {**broken_rules(values, study.actuator, warnings=True), **first}
     yield from (first[rule] for rule in study.actuator.all_rules if rule in first)
 

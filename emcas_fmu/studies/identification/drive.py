@@ -323,21 +323,17 @@ def _steps(run: _Run, x: Array, values: Mapping[str, Any]) -> pictures.Series | 
     """Return all larger steps of a fast record over each other, as shares of the step against time [ms]."""
     model, h, delay = run.modelled(x, values), run.record.step, x[DELAY] * 1e3
     before, after = int(0.3e-3 / h) + 1, int(1.2e-3 / h) + 1
-    times, shares = [], []
-    for change in _changes(run.reference):
-        at = change + int(x[DELAY] / h)
-        if at - before < 0 or at + after > len(model):
-            continue
-        size = model[at + after - 1] - model[at - 1]
-        if abs(size) < 0.3 * np.ptp(run.current) / 2.0:
-            continue
-        rows = np.arange(at - before, at + after)
-        times.append((rows - change) * h * 1e3)
-        shares.append((run.current[rows] - model[at - 1]) / size)
-    if not times:
+    lag = int(x[DELAY] / h)
+    at = lag + _changes(run.reference)
+    at = at[(at >= before) & (at + after <= len(model)), None]
+    size = model[at + after - 1] - model[at - 1]
+    large = np.abs(size[:, 0]) >= 0.3 * np.ptp(run.current) / 2.0
+    if not large.any():
         return None
-    t = np.concatenate(times)
+    at, size, around = at[large], size[large], np.arange(-before, after)
+    t = np.tile((lag + around) * h * 1e3, len(at))
+    shares = ((run.current[at + around] - model[at - 1]) / size).ravel()
     grid = np.linspace(t.min(), t.max(), 300)
     rise = values["motor.inductance"] / (values["motor.resistance"] + x[KP]) * 1e3
     curve = np.where(grid > delay, 1.0 - np.exp(-np.maximum(grid - delay, 0.0) / rise), 0.0)
-    return pictures.Series("model", t, np.concatenate(shares), grid, curve)
+    return pictures.Series("model", t, shares, grid, curve)
