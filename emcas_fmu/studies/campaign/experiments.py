@@ -181,10 +181,9 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
         measures |= moved(rows)
         measures["steady_error"] = np.abs(measures["steady_error"])
     if KINDS[experiment.kind].sweeps:
-        low, high = (numbers[f"{experiment.prefix}.{side}"] for side in ("low", "high"))
         count = len(columns["fin_angle"])
-        low, high = (np.broadcast_to(side, count).tolist() for side in (low, high))
-        each = [_bandwidths(swept(sweep_response(rows.of(k), low[k], high[k]))) for k in range(count)]
+        ends = [np.broadcast_to(numbers[f"{experiment.prefix}.{side}"], count).tolist() for side in ("low", "high")]
+        each = [_bandwidths(swept(sweep_response(rows.of(k), *band))) for k, band in enumerate(zip(*ends, strict=True))]
         measures |= {name: np.array([one[name] for one in each]) for name in each[0]}
     return measures
 

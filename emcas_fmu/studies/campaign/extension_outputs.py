@@ -74,9 +74,8 @@ def _first(column: Array, time: Array) -> Array:
 
 def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Array]:
     """Return figures and observations of finished runs by column name."""
-    time, *columns = since(run.excitation.begin, *run.columns.values())
-    at = dict(zip([*run.columns][1:], columns, strict=True))
-    return {f"{experiment.name}.{name}": reduction.value(at[reduction.output.name], time - run.excitation.begin)
+    at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
+    return {f"{experiment.name}.{name}": reduction.value(at[reduction.output.name], at["time"] - run.excitation.begin)
             for name, reduction in reductions(model).items()}
 
 

@@ -37,13 +37,11 @@ _MOST_LEVELS = 8
 def drawings(summary: Summary) -> Iterator[Drawing]:
     """Yield the pictures of each experiment."""
     for experiment in summary.study.experiments:
-        spreads = [s for s in summary.spreads_of(experiment.name) if isfinite(s.mean) and s.varies]
-        if spreads:
+        if spreads := [s for s in summary.spreads_of(experiment.name) if isfinite(s.mean) and s.varies]:
             yield histograms(experiment.name, spreads)
-        if dependent := [s for s in spreads if s.effects]:
-            yield dependence(experiment.name, dependent)
-        if drawing := worst(summary, experiment, spreads):
-            yield drawing
+            if dependent := [s for s in spreads if s.effects]:
+                yield dependence(experiment.name, dependent)
+            yield worst(summary, experiment, spreads)
 
 
 def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
@@ -73,11 +71,10 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
     drawn, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=height, sharex=True, sharey=True)
     for axes, s in zip(grid, spreads, strict=True):
         effects = {e.factor: e for e in s.effects}
-        for position, factor in enumerate(factors):
-            if factor in effects:
-                e = effects[factor]
-                axes.barh(position, e.rank_correlation, color=BLUE if e.sure else GRAY, height=0.7)
-                axes.plot([e.low, e.high], [position, position], color=INK, linewidth=0.9)
+        for position, effect in enumerate(map(effects.get, factors)):
+            if effect:
+                axes.barh(position, effect.rank_correlation, color=BLUE if effect.sure else GRAY, height=0.7)
+                axes.plot([effect.low, effect.high], [position, position], color=INK, linewidth=0.9)
         axes.axvline(0.0, color=INK, linewidth=0.6)
         axes.set(title=s.name.partition(".")[2], xlim=(-1.0, 1.0))
         axes.set_yticks(range(len(factors)), factors, fontsize=7.0)
@@ -89,14 +86,11 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
         "the factors without any effect, one in twenty is coloured by chance.")
 
 
-def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -> Drawing | None:
-    """Plot over each other, run again, the samples that are the worst in a figure; None if there are none."""
+def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -> Drawing:
+    """Plot over each other, run again, the samples that are the worst in a figure."""
     by_sample: dict[int, list[str]] = {}
     for s in spreads:
-        for index, _ in s.worst[:1]:
-            by_sample.setdefault(index, []).append(s.name.partition(".")[2])
-    if not by_sample:
-        return None
+        by_sample.setdefault(s.worst[0][0], []).append(s.name.partition(".")[2])
     ranked = sorted(by_sample.items(), key=lambda item: -len(item[1]))[:_MOST_WORST]
     responses = [history(summary.study, experiment, index) for index, _ in ranked]
     label, unit_of_time = plots.time_axis(max(each.time[-1] for each in responses))

@@ -75,8 +75,7 @@ class Fit:
     @property
     def counts(self) -> list[int]:
         """Number of residuals of each record."""
-        lengths = [len(r) for r in self.residuals]
-        return [int(count) for count in np.bincount(self.owners, lengths)]
+        return [int(count) for count in np.bincount(self.owners, [len(r) for r in self.residuals])]
 
 
 def correlation_time(residuals: Sequence[Array]) -> float:

@@ -10,6 +10,7 @@ import csv
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from decimal import Decimal
 from difflib import get_close_matches
@@ -160,12 +161,10 @@ def _values(path: Path, name: str, unit: str, si: str, cells: Sequence[str], hea
         zero, one = (convert(Decimal(x), unit, si) for x in (0, 1))
     except UnitError as error:
         raise RecordError(f"{path}: column {head.strip()}: {error}") from error
-    values = np.empty(len(cells))
+    values = np.full(len(cells), np.nan)
     for i, cell in enumerate(cells):
-        try:
+        with suppress(ValueError):
             values[i] = float(cell)
-        except ValueError:
-            values[i] = np.nan
         if not np.isfinite(values[i]):
             raise RecordError(f"{path}: {name}, data row {i + 1}: {cell.strip() or '(empty)'} is not a finite number; "
                               "remove the measurements up to this gap or those after it")
