@@ -84,6 +84,7 @@ def fullest(name: str) -> str:
 def models() -> list[str]:
     """Return every actuator, the default one with each extension, and one of each kind with faults and the others."""
     return list(dict.fromkeys([*NAMES, *(f"{NONLINEAR}+{extension}" for extension in EXTENSIONS), "elastic+homing",
+                               "elastic+efficiency",
                                *(f"{name}+faults" for name in KINDS), *map(fullest, KINDS)]))
 
 

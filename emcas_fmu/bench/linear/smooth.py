@@ -57,8 +57,9 @@ class Traced:
         self._start = ca.Function("start", [opened], [ca.vertcat(*begun)])
         self.states, self.sampled = tuple(equations.states), tuple(equations.sampled)
         count, sampled = len(self.states), len(self.sampled)
-        self.plant = Linearised(equations.plant, count + 2 + sampled, opened)
-        self._unlimited = partial(Linearised, partial(equations.plant, ops=UNLIMITED), count + 2 + sampled, opened)
+        arguments = count + 2 + sampled, opened
+        self.plant = Linearised(equations.plant, *arguments)
+        self._unlimited = partial(Linearised, partial(equations.plant, ops=UNLIMITED), *arguments)
         self.controllers = Linearised(equations.controllers, len(equations.kept) + count + 1, opened)
         of_plant = ca.SX(ca.vertcat(*begun[:count], *begun[len(begun) - sampled:]))
         self.plant_varies = self.plant.varies or bool(ca.depends_on(of_plant, opened))
