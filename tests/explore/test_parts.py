@@ -172,10 +172,11 @@ def check_mesh(wheel: str, worm: str, teeth: int, fin_angle: float) -> None:
 def test_a_worm_and_its_wheel_move_together(opened: Browser) -> None:
     """A positive fin angle moves the bottom of the wheel to the right, as the lever's end of other drives."""
     for fin_angle in (0.0, 0.02, -0.3):
-        wheel, worm = opened.run("(drive => { drive.show({fin_angle: arguments[0], motor_angle: 30 * arguments[0]}, "
-                                 "{'worm.teeth': 60, 'worm.starts': 2}); return [drive.wheel, drive.threads].map("
-                                 "path => path.getAttribute('d')); })(new Worm())", fin_angle)
-        check_mesh(wheel, worm, 60, fin_angle)
+        wheel, screw = opened.run("(part => { part.show({fin_angle: arguments[0], motor_angle: 30 * arguments[0]}, "
+                                  "{'worm.teeth': 60, 'worm.starts': 2}); return ['nut wheel', 'worm'].map(name => "
+                                  "part.shapes.find(shape => shape.getAttribute('class') === name)"
+                                  ".getAttribute('d')); })(worm())", fin_angle)
+        check_mesh(wheel, screw, 60, fin_angle)
 
 
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once

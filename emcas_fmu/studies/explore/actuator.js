@@ -33,21 +33,28 @@ class Actuator {
         this.code = code;
         code._initialize();
         this.top = code.__heap_base.value;
-        this.parameters = this.reserve(8 * DATA.parameters.length);
-        this.numbers = this.reserve(8 * DATA.most_numbers);
-        this.result = this.reserve(8);
-        this.constants = this.reserve(8 * (code.at_rest_prepare?.(this.parameters, 0) ?? 0));
-        this.point = this.reserve(8 * MOST_ARGUMENTS);
-        this.values = this.reserve(8 * MOST_ARGUMENTS);
+        this.parameters = this.reserve(DATA.parameters.length);
+        this.numbers = this.reserve(DATA.most_numbers);
+        this.result = this.reserve(1);
+        this.constants = this.reserve(code.at_rest_prepare?.(this.parameters, 0) ?? 0);
+        this.point = this.reserve(MOST_ARGUMENTS);
+        this.values = this.reserve(MOST_ARGUMENTS);
     }
 
-    /** Reserves memory [bytes]; returns its address. */
-    reserve(size) {
+    /** Reserves memory for doubles; returns its address. */
+    reserve(count) {
         const address = (this.top + 15) & ~15;
-        this.top = address + size;
+        this.top = address + 8 * count;
         const missing = this.top - this.code.memory.buffer.byteLength;
         if (missing > 0) this.code.memory.grow(Math.ceil(missing / 65536));
         return address;
+    }
+
+    /** The addresses of memory for so many doubles each, until the next call. */
+    scratch(...counts) {
+        const {top} = this, addresses = counts.map(count => this.reserve(count));
+        this.top = top;
+        return addresses;
     }
 
     doubles(address, count) {
@@ -81,8 +88,7 @@ class Actuator {
     /** The largest steady motor torques [N.m] at motor speeds [rad/s] and a supply [V]; the smallest are -T(-w). */
     limitTorques(values, supply, speeds) {
         this.put(values);
-        const before = this.top, count = speeds.length, [from, to] = [this.reserve(8 * count), this.reserve(8 * count)];
-        this.top = before;
+        const count = speeds.length, [from, to] = this.scratch(count, count);
         this.doubles(from, count).set(speeds);
         this.code.limit_torques(this.parameters, supply, from, count, to);
         return this.doubles(to, count).slice();
@@ -110,22 +116,16 @@ class Actuator {
     run(setting, excitation, names = DATA.outputs, changes = {}) {
         const inputs = setting.inputs(excitation), rows = excitation.time.length;
         this.put({...setting.parameters, ...changes});
-        const before = this.top, width = DATA.inputs.length, wide = DATA.outputs.length;
-        const table = this.reserve(8 * rows * width), out = this.reserve(8 * rows * wide);
-        this.top = before;
-        const cells = this.doubles(table, rows * width);
+        const [given, made] = this.scratch(rows * DATA.inputs.length, rows * DATA.outputs.length);
+        const column = (table, index) => this.doubles(table + 8 * rows * index, rows);
         DATA.inputs.forEach(({name}, index) => {
-            const column = inputs[name], held = typeof column === "object" ? null : Number(column);
-            for (let k = 0; k < rows; ++k) cells[k * width + index] = held ?? column[k];
+            if (typeof inputs[name] === "object") column(given, index).set(inputs[name]);
+            else column(given, index).fill(Number(inputs[name]));
         });
-        const reached = this.code.simulate_rows(this.parameters, rows, STEP, table, out, this.result);
+        const reached = this.code.simulate_rows(this.parameters, rows, STEP, given, made, this.result);
         const reason = new Int32Array(this.code.memory.buffer, this.result, 1)[0];
         if (reached < rows) throw new Error(`at ${general(reached * STEP, 6)} s: ${DATA.reasons[reason]}`);
-        const computed = this.doubles(out, rows * wide);
-        return {excitation, outputs: Object.fromEntries(names.map(name => {
-            const column = new Float64Array(rows), index = DATA.outputs.indexOf(name);
-            for (let k = 0; k < rows; ++k) column[k] = computed[k * wide + index];
-            return [name, column];
-        }))};
+        return {excitation, outputs: Object.fromEntries(names.map(name =>
+            [name, column(made, DATA.outputs.indexOf(name)).slice()]))};
     }
 }

@@ -11,8 +11,8 @@ API int rule_broken(size_t number, const double *parameters, double *numbers)
     return rules_broken(&RULE[number], parameters, constants, numbers);
 }
 
-/* Simulates an actuator from the start: all outputs at the rows of the table `in`. Returns how many rows were reached,
- * and writes why no more (run_tables). */
+/* Simulates an actuator from the start: all outputs at `rows` points of time, column by column as the inputs `in`.
+ * Returns how many rows were reached, and writes why no more (run_tables). */
 API size_t simulate_rows(const double *parameters, size_t rows, double step, const double *in, double *out, int *result)
 {
     const size_t run = 0;
@@ -24,8 +24,8 @@ API size_t simulate_rows(const double *parameters, size_t rows, double step, con
     if (!rules_hold(parameters)) return 0;
     memcpy(values, parameters, MODEL_PARAMETERS * sizeof *values);
     kernel_prepare(values, values + MODEL_PARAMETERS);
-    for (size_t i = 0; i < MODEL_INPUTS; ++i) inputs[i] = (input_column){in + i, 0, MODEL_INPUTS};
-    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) columns[i] = (output_column){out + i, 0, MODEL_OUTPUTS, i, 1};
+    for (size_t i = 0; i < MODEL_INPUTS; ++i) inputs[i] = (input_column){in + i * rows, 0, 1};
+    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) columns[i] = (output_column){out + i * rows, 0, 1, i, 1};
     simulate(values, LANES_ALL, &run,
              &(run_tables){rows, 1, 0, MODEL_OUTPUTS, step, inputs, columns, NULL, &reached, result});
     return (size_t)reached;

@@ -11,8 +11,8 @@ class Mechanism {
         this.time = Infinity;
         this.fin = shape("path", {class: "fin", d: "M-9 0 L-5 -88 L5 -88 L9 0 Z"});
         this.command = shape("path", {class: "thin", d: "M0 0 V-94"});
-        this.drive = driveOf();
-        this.picture = shape("svg", {viewBox: "-110 -100 220 178", role: "img"}, ...this.drive?.shapes ?? [],
+        this.drive = drive();
+        this.picture = shape("svg", {viewBox: "-110 -100 220 178", role: "img"}, ...this.drive.flatMap(part => part.shapes),
             this.command, this.fin, shape("circle", {class: "nut", r: 4}));
         this.slider = element("input", {type: "range", "aria-label": "Time at which the mechanism is shown", min: 0});
         this.button = element("button", {type: "button"}, "Play");
@@ -57,8 +57,8 @@ class Mechanism {
         /* Positive angles turn the lever's end to the right; angles of the drawing are clockwise. */
         set(this.fin, {transform: `rotate(${-degrees(fin)})`});
         set(this.command, {transform: `rotate(${-degrees(command?.[k] ?? 0)})`});
-        this.drive?.show(Object.fromEntries(Object.entries(outputs).map(([name, column]) => [name, column[k]])),
-            parameters, this.highest);
+        const row = Object.fromEntries(Object.entries(outputs).map(([name, column]) => [name, column[k]]));
+        for (const part of this.drive) part.show(row, parameters, this.highest);
         const shown = `${shownNumber(k * STEP)} s`, angle = `fin angle ${withUnit(degrees(fin), "°")}`;
         this.slider.value = k * STEP;
         this.slider.setAttribute("aria-valuetext", `${shown}, ${angle}`);
