@@ -128,7 +128,6 @@ function loopAt(opened, closed, z) {
 
 /** The growth of a response over a sample: the largest magnitude of a pole z. */
 const growthOf = poles => largest(poles.map(z => Math.hypot(...z)));
-const isStable = poles => growthOf(poles) < DECAYS;
 
 /** The frequency [Hz] between two at which a function changes its sign, by bisection to the last bit. */
 function signChange(f, low, high) {
@@ -150,12 +149,16 @@ function turning(at, low, high, depth = 16) {
     return [...turning(at, low, middle, depth - 1), middle, ...turning(at, middle, high, depth - 1)];
 }
 
-/** Frequency [Hz], also those of resonances, gain [dB] and unwrapped phase [°] of a loop, and the figures of its
-    margins, with the frequencies [Hz] of those of gain and phase; NaN if it is unstable when closed. */
-function openLoop({open, closed, period}) {
-    const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants, highest = 0.499 / period;
+/** The loop of a setting with changed parameters: frequency [Hz], also those of resonances, gain [dB], unwrapped
+    phase [°], and the figures of its margins, with the frequencies [Hz] of those of gain and phase; NaN if it is
+    unstable when closed. Null if the actuator cannot rest at 0. */
+function loopOf(actuator, setting, changes) {
+    const loop = linearised(actuator, setting, changes);
+    if (!loop) return null;
+    const {open, closed, period} = loop, highest = 0.499 / period;
+    const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants;
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
-    const [opened, poles] = [open, closed].map(eigenvalues), stable = isStable(poles);
+    const [opened, poles] = [open, closed].map(eigenvalues), stable = growthOf(poles) < DECAYS;
     /* At an undamped pole there is no response: the points about it do. */
     const damped = opened.filter(([x, y]) => Math.abs(1 - Math.hypot(x, y)) > AT_A_POLE);
     const peaks = damped.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
@@ -190,10 +193,4 @@ function openLoop({open, closed, period}) {
         ({frequency: f, gain: read(gain, f), phase: read(phase, f)}));
     return {period, frequency, gain, phase, poles, stable, marks, phaseCrossover, gainCrossover,
         gain_margin: gainMargin, phase_margin: phaseMargin, delay_margin: least(phases, row => row[2])[2]};
-}
-
-/** The loop of a setting with changed parameters, as of openLoop; null if the actuator cannot rest at 0. */
-function loopOf(actuator, setting, changes) {
-    const loop = linearised(actuator, setting, changes);
-    return loop && openLoop(loop);
 }

@@ -22,13 +22,9 @@ class LoopPlots {
         if (!loops.length) return;
         drawBode(this.bode, [[0, "0 dB"], [-180, "−180°"]], loops.map(loop =>
             ({...loop, phase: loop.phase.map(value => value < -360 ? null : value)})), words);
-        this.drawNichols(loops);
         this.poles.draw(loops.map(loop => ({...loop, poles: upperPoles(loop)})));
         this.nichols.describe(words);
-    }
-
-    /** Draws gain over phase near the point at which the closed loop oscillates, with it. */
-    drawNichols(loops) {
+        /* Near the point at which the closed loop oscillates. */
         this.nichols.over = u => {
             rule(u, "x", -180, "−180°");
             rule(u, "y", 0, "0 dB");

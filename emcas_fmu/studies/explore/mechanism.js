@@ -12,8 +12,8 @@ class Mechanism {
         this.fin = shape("path", {class: "fin", d: "M-9 0 L-5 -88 L5 -88 L9 0 Z"});
         this.command = shape("path", {class: "thin", d: "M0 0 V-94"});
         this.drive = drive();
-        this.picture = shape("svg", {viewBox: "-110 -100 220 178", role: "img"}, ...this.drive.flatMap(part => part.shapes),
-            this.command, this.fin, shape("circle", {class: "nut", r: 4}));
+        this.picture = shape("svg", {viewBox: "-110 -100 220 178", role: "img"},
+            ...this.drive.flatMap(part => part.shapes), this.command, this.fin, shape("circle", {class: "nut", r: 4}));
         this.slider = element("input", {type: "range", "aria-label": "Time at which the mechanism is shown", min: 0});
         this.button = element("button", {type: "button"}, "Play");
         this.text = element("span", {class: "quiet"});

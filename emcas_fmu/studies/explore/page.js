@@ -233,12 +233,18 @@ class Page {
 
     /** Judges the requirements, and computes the Bode plot. Throws an Error. */
     async judge() {
-        for (const [, each] of this.cases) each.verdicts ??= verdictsOf(await this.worked.ask("measured", each.setting));
+        for (const [, each] of this.cases) each.verdicts ??= await this.verdicts(each.setting);
         drawStrip($("verdicts"), $("verdict"), this.cases);
         drawRequirements($("requirements"), this.cases);
         for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
         drawResponses(this.bode, this.cases);
         $("bode-summary").textContent = bodeSummary(this.cases);
+    }
+
+    /** The verdicts on a setting by requirement. */
+    async verdicts(setting) {
+        const measured = await this.worked.ask("measured", setting);
+        return new Map(ABLE.map(requirement => [requirement.name, judged(requirement, measured)]));
     }
 
     /** The frequency responses of a setting with their labels. */

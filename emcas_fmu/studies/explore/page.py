@@ -123,11 +123,13 @@ def document(subject: ParameterSubject, inputs: Mapping[str, float], specificati
     shipped = load_parameters(model=model).values
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
+    tested = [x for name, x in parameters.values.items() if name.startswith("friction.table.temperature[")]
     described: dict[str, Any] = {
         "tool": f"emcas {__version__}",
         "model": "+".join((Path(parts(model)[0]).name, *parts(model)[1])),  # without the folder of a user's file
         "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name],
-                        "range": _tested(v, parameters.values)} for v in actuator.parameters],
+                        "range": (min(tested), max(tested)) if tested and v.name == "friction.temperature" else None}
+                       for v in actuator.parameters],
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
         "outputs": [v.name for v in actuator.outputs],
@@ -226,12 +228,6 @@ def _parameter(entry: Entry) -> dict[str, Any]:
     return {**_quantity(v), "value": entry.value, "source": entry.source, "shown": shown}
 
 
-def _tested(v: Variable, values: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return the range [degC] of the ambient temperature's slider: that of the friction table."""
-    table = [value for name, value in values.items() if name.startswith("friction.table.temperature[")]
-    return (min(table), max(table)) if table and v.name == "friction.temperature" else None
-
-
 def _first(parameters: ParameterSet) -> dict[str, list[str]]:
     """Return the names with sliders by legend: supply and further inputs, temperatures, gains or parameters."""
     actuator = parameters.actuator
@@ -257,10 +253,9 @@ def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
 
 def _lines(v: Variable, specification: Specification) -> list[tuple[float, str]]:
     """Return the required rates as lines in the panel of the fin rate: value [deg/s] and text."""
-    rates = [(r.limit * r.shown[1], r.test) for r in specification.requirements
-             if r.test and r.test.supply == 1.0 and r.figure in ("sustained_rate", "peak_rate")]
-    return list(dict.fromkeys((round(limit, 9), f"required {limit:.6g} °/s{', loaded' if test.torque else ''}")
-                              for limit, test in rates)) if v == port.FIN_RATE else []
+    return list(dict.fromkeys((r.shown_limit, f"required {r.shown_limit:.6g} °/s{', loaded' * bool(r.test.torque)}")
+                              for r in specification.requirements if r.test and r.test.supply == 1.0
+                              if r.figure in ("sustained_rate", "peak_rate") and v == port.FIN_RATE))
 
 
 def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
@@ -278,7 +273,7 @@ def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
             index = list(tests).index(r.test)
         listed.append({
             "name": r.name, "title": r.title or r.name, "figure": r.figure, "sense": SENSES[r.sense],
-            "limit": round(r.limit * size, 9), "unit": typeset(unit), "factor": size, "how": r.how,
+            "limit": r.shown_limit, "unit": typeset(unit), "factor": size, "how": r.how,
             "reason": r.reason or r.source, "cases": r.cases, "test": index, "left_out": left_out})
     return {"requirements": listed, "tests": [_test(test, by, subject) for test, by in tests.items()],
             "at_start": subject.at_start,
@@ -296,14 +291,10 @@ def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> di
             runs = [run.holding({subject.supply or "": test.supply}) for run in runs]
     figures = list(dict.fromkeys(r.figure for r in by))
     return {"kind": test.kind, "amplitude": test.amplitude, "figures": figures, "outputs": measure.recorded(figures),
-            "cases": list(dict.fromkeys(name for r in by for name in r.cases)), "runs": [_counted(run) for run in runs]}
-
-
-def _counted(run: Excitation) -> dict[str, Any]:
-    """Return an excitation whose columns are values with their counts."""
-    return {"stop": run.stop, "begin": run.begin,
-            "columns": {name: [(float(value), len(list(rows))) for value, rows in groupby(column)]
-                        for name, column in run.columns.items()}}
+            "cases": list(dict.fromkeys(name for r in by for name in r.cases)),
+            "runs": [{"stop": run.stop, "begin": run.begin, "columns": {  # values with their counts
+                name: [(float(value), len(list(rows))) for value, rows in groupby(column)]
+                for name, column in run.columns.items()}} for run in runs]}
 
 
 def _embedded(value: Any) -> str:

@@ -140,7 +140,7 @@ class Plot {
 
     shown(inView) {
         this.inView = inView;
-        if (inView && this.waiting) this.draw(this.waiting);
+        if (inView) this.chart;
     }
 
     resize() {
@@ -183,7 +183,9 @@ class Plot {
             cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
             scales: {x: {time: false, distr: log ? 3 : 1, range: (_, least, most) => [least, most]},
                 y: {range}},
-            axes: [{...axis(x, 26), ...(turns === "x" ? TURNS : {})}, this.ticks.length ? this.axisOfNames() :
+            axes: [{...axis(x, 26), ...(turns === "x" ? TURNS : {})}, this.ticks.length ?
+                {...axis("", 110), labelSize: 0, splits: () => this.ticks.map(([at]) => at),
+                    values: () => this.ticks.map(([, name]) => name)} :
                 {...axis(y, 58), ...(turns === "y" ? TURNS : {})}],
             series: [{label: x.replace(/ .*/, ""), value: number},
                 ...curves.map(({label, stroke, dash, step, width = 1.6, value = number}) => ({
@@ -196,11 +198,6 @@ class Plot {
                 }],
                 drawAxes: [u => this.under(u)], draw: [u => this.over(u), u => this.sketch(u)]},
         };
-    }
-
-    axisOfNames() {
-        return {...axis("", 110), labelSize: 0, splits: () => this.ticks.map(([at]) => at),
-            values: () => this.ticks.map(([, name]) => name)};
     }
 
     /** The values along x and y under a pointer. */

@@ -106,11 +106,10 @@ function drawFigures(table, cases) {
         element("td", {class: "how"}, title)]));
 }
 
-/** Judges all requirements, by name. */
-function verdictsOf(measured) {
-    const able = DATA.requirements.filter(requirement => !requirement.left_out);
-    return new Map(able.map(requirement => [requirement.name, judged(requirement, measured)]));
-}
+/* The requirements that are judged. */
+const ABLE = DATA.requirements.filter(({left_out: leftOut}) => !leftOut);
+
+const required = ({sense, limit, unit}) => `${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`;
 
 /** The mark, value and worst case of a verdict in words. */
 function inWords({unit, cases}, {value, case: worst, beyond, passed}) {
@@ -127,25 +126,24 @@ function marginInWords({unit}, {margin, percent}) {
 
 /** Fills the strip beside the sliders with the verdicts of the live case, and a line that counts those of all. */
 function drawStrip(list, line, cases) {
-    const [, {verdicts}] = cases.at(-1), able = DATA.requirements.filter(({left_out: out}) => !out);
-    list.replaceChildren(...able.map(requirement => {
-        const {title, name, sense, limit, unit} = requirement, verdict = verdicts?.get(name);
-        const required = `${title}: required ${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`;
-        return element("li", {title: required, class: verdict ? verdict.passed ? "pass" : "fail" : "quiet"},
-            element("span", {class: "what"}, title),
+    const [, {verdicts}] = cases.at(-1);
+    list.replaceChildren(...ABLE.map(requirement => {
+        const {title, name} = requirement, verdict = verdicts?.get(name);
+        return element("li", {title: `${title}: required ${required(requirement)}`,
+            class: verdict ? verdict.passed ? "pass" : "fail" : "quiet"}, element("span", {class: "what"}, title),
             element("span", {}, verdict ? inWords(requirement, verdict) : "–"),
             element("span", {class: "margin"}, verdict ? marginInWords(requirement, verdict) : ""));
     }));
     line.textContent = verdicts ? inTurn(cases, each => {
-        const missed = able.filter(({name}) => !each.verdicts.get(name).passed);
-        return missed.length ? `${missed.length} of ${able.length} requirements missed: ` +
-            missed.map(({title}) => title).join("; ") : `all ${able.length} judged requirements met`;
+        const missed = ABLE.filter(({name}) => !each.verdicts.get(name).passed);
+        return missed.length ? `${missed.length} of ${ABLE.length} requirements missed: ` +
+            missed.map(({title}) => title).join("; ") : `all ${ABLE.length} judged requirements met`;
     }) : "";
 }
 
 function drawRequirements(table, cases) {
     fill(table, ["requirement", "required", "how it is measured"], cases, DATA.requirements.map(requirement => {
-        const {name, title, unit, sense, limit, how, reason, left_out: leftOut} = requirement;
+        const {name, title, how, reason, left_out: leftOut} = requirement;
         const cells = cases.map(([, {verdicts}]) => {
             if (leftOut) return element("td", {class: "n skip"}, "not judged");
             const verdict = verdicts.get(name), margin = marginInWords(requirement, verdict);
@@ -153,8 +151,7 @@ function drawRequirements(table, cases) {
                 `${inWords(requirement, verdict)} (${margin})`);
         });
         const why = element("span", {class: "quiet"}, reason && ` · ${reason}`);
-        return [title, ...cells, `${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`,
-            element("td", {class: "how"}, leftOut || how, why)];
+        return [title, ...cells, required(requirement), element("td", {class: "how"}, leftOut || how, why)];
     }));
 }
 
@@ -164,9 +161,9 @@ function drawResponses(bode, cases) {
     const responses = cases.flatMap(([letter, each]) => each.responses.map(([label, response], k) => ({
         label: labelled(cases, letter, label), ...response, dash: DASHES[k % DASHES.length], stroke: lookOf(letter).stroke,
         marks: [{frequency: response.bandwidth_3db, gain: -3}, {frequency: response.bandwidth_90deg, phase: -90}]})));
-    const required = DATA.requirements.find(({figure, left_out: leftOut}) => figure === "bandwidth_3db" && !leftOut);
+    const bandwidth = ABLE.find(({figure}) => figure === "bandwidth_3db");
     drawBode(bode, [[-3, "−3 dB"], [-90, "−90°"]], responses.filter(({frequency}) => frequency.length),
-        bodeSummary(cases), required?.limit);
+        bodeSummary(cases), bandwidth?.limit);
 }
 
 function bodeSummary(cases) {
