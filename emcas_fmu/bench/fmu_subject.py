@@ -99,7 +99,7 @@ class FmuSubject(Subject):
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        begin, changes = perf_counter(), self._changes(excitation, start_values or {})
+        begin, changes = perf_counter(), self.changed(excitation, start_values or {})
         names = list(self.outputs if outputs is None else outputs)
         if changes:  # the FMU would refuse, too, with another message or without stepping
             require_sound({v.name: {**self.values, **changes}[v.name] for v in self.actuator.parameters}, self.model)

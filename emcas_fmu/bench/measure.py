@@ -138,7 +138,8 @@ def recorded(figures: Sequence[str]) -> tuple[str, ...]:
 def columns(subject: Subject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
     """Return the parameters that differ from the subject's in a variant, with an array of their values in all."""
     names = dict.fromkeys(name for each in changes for name in each) or [next(iter(subject.values))]  # none: any
-    return {name: np.array([each.get(name, subject.values[name]) for each in changes]) for name in names}
+    others = {**subject.values, **subject.at_start}
+    return {name: np.array([each.get(name, others[name]) for each in changes]) for name in names}
 
 
 def response(test: Test, subject: Subject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:

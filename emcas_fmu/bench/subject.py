@@ -193,8 +193,9 @@ class Subject(ABC):
         return _without([*(name for name in excitation.columns if name not in self.inputs),
                          *(name for name in excitation.start_values if name not in self.values)])
 
-    def _changes(self, excitation: Excitation, changes: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return all changed parameters; an actuator that the excitation does not home knows its angle.
+    def changed(self, excitation: Excitation, changes: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return all changed parameters of a run: `at_start`, unless the excitation has the input `home`, then its own,
+        then `changes`.
 
         Raises EmcasError where the subject cannot be excited in this way.
         """
@@ -249,7 +250,7 @@ class ParameterSubject(Subject):
 
     def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
                 substeps: int = 1, fine: Sequence[str] = ()) -> Runs:
-        begin, changed = perf_counter(), self._changes(excitation, changes)
+        begin, changed = perf_counter(), self.changed(excitation, changes)
         count, changed = spread(excitation, changed)
         names = tuple(self.outputs if outputs is None else outputs)
         inputs = [excitation.columns[v.name] if v.name in excitation.columns

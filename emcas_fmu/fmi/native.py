@@ -166,7 +166,7 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
 
 def binaries(identifier: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
              progress: Progress | None = None, fmi: Format = FORMATS["2"]) -> dict[str, bytes]:
-    """Return libraries for the platforms by archive name.
+    """Return libraries for the platforms by archive name; they are compiled at once, as many as there are processors.
 
     Raises CompilerError if there is no compiler or it fails.
     """

@@ -15,6 +15,7 @@ import pytest
 
 from emcas_fmu.bench.excitation import Excitation, reference_case, slew_to, step_to
 from emcas_fmu.bench.fmu_subject import open_subject
+from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject, Subject
 from emcas_fmu.errors import EmcasError
@@ -132,6 +133,11 @@ def test_an_actuator_that_nothing_homes_knows_its_angle() -> None:
     assert not np.any(searching.columns["homed"])
     assert np.ptp(searching.columns["fin_angle"]) > 0.0
     assert not np.any(homing.run(step, {"homing.required": True}).columns["fin_angle"])
+    # A variant that says so changes no other one.
+    variants = [{}, *({"homing.required": required} for required in (False, True))]
+    held = measure(Test("step", 0.02, 0.3), homing, variants, ("held_angle",), ("minimum",))[:, 0]
+    assert held[0] == held[1] == pytest.approx(0.02, abs=1e-3)
+    assert held[2] == 0.0
 
 
 def test_what_a_subject_has_not_is_named(subjects: Subjects) -> None:

@@ -25,7 +25,7 @@ from emcas_fmu.studies.campaign.store import Store, identity
 from emcas_fmu.studies.campaign.study import Study, load_study
 from emcas_fmu.support.files import models_directory
 
-from .conftest import SMALL, Write, assert_same_rows, campaign, native_unit, rows_of
+from .conftest import A_STEP, SMALL, Write, assert_same_rows, campaign, native_unit, rows_of
 
 FAULTS = """
 [campaign]
@@ -118,6 +118,24 @@ def test_an_own_input_and_a_flag(write: Write, monkeypatch: pytest.MonkeyPatch, 
     status = sample.subject_of(plan).run(made).columns["status"]
     assert status[np.searchsorted(made.time, LEAD_IN + 0.015)] == 2.0  # unreferenced
     assert status[np.searchsorted(made.time, LEAD_IN + 0.03)] == 3.0
+
+
+def test_a_history_is_of_the_sample_that_is_in_the_row(write: Write) -> None:
+    """Of a factor at the base's value, too: `homing.required` true, where a sample without it knows its angle."""
+    study = load_study(write("""
+        [campaign]
+        method = "grid"
+        [base]
+        model = "nonlinear+homing"
+        [vary."homing.required"]
+        levels = [true, false]
+        """ + A_STEP))
+    rows = rows_of(study, [0, 1], study.draw([0, 1]))
+    for index, required in ((0, True), (1, False)):
+        response = sample.history(study, study.experiments[0], index)
+        assert response.sets[0].values["homing.required"] is required
+        assert bool(np.any(response.columns["fin_angle"])) is not required
+        assert isnan(rows[index]["step.rise_time"]) is required
 
 
 def test_own_real_outputs_are_reduced(write: Write) -> None:

@@ -386,6 +386,15 @@ def test_long_computations_are_in_a_worker(opened: Browser) -> None:
     assert len(own) > 1000
 
 
+def test_a_page_left_alone_computes_the_rest(opened: Browser) -> None:
+    """Requirements, Bode plot and link follow by themselves, once nothing has changed for a while."""
+    opened.set("controller.position.kp", 61.0)
+    assert opened.run("document.body.classList.contains('waiting')")
+    opened.wait("!document.body.classList.contains('waiting')")
+    assert opened.run("window.page.live.verdicts.size > 20")
+    assert "position.kp" in opened.run("location.hash")
+
+
 def test_a_later_computation_ends_an_earlier_one(opened: Browser) -> None:
     opened.rested("window.page.refresh()")
     answers = opened.driver.execute_async_script("""const done = arguments[0], {page} = window, answered = [];

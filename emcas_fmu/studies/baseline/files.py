@@ -121,7 +121,8 @@ def _sections(baseline: Baseline) -> Iterator[str]:
     def line(key: str) -> str:
         now, default = (values[key] if isinstance(values[key], bool) or variables[key].unit == "1" else
                         f"{values[key]!r} {variables[key].unit}" for values in (present, shipped))
-        return toml.entry(key, now) + f"  # default: {toml.value(default)}" * bool(shipped[key] != present[key])
+        remark = f"  # default: {toml.value(default)}" if shipped[key] != present[key] else ""
+        return toml.entry(key, now) + remark
 
     model = "" if name == NONLINEAR else f"\n{toml.entry('model', name)}"
     yield f"{_HEAD}{toml.entry('schema', SCHEMA)}{model}"

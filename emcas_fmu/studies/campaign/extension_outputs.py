@@ -117,7 +117,7 @@ def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
     """
     return {name: dict(Counter(
         word for value in table[name].to_pylist()
-        for word in (output.in_words(value).split() if output.bits else [in_words(output, value)])).most_common())
+        for word in ((output.flags(value) or ("none",)) if output.bits else (in_words(output, value),))).most_common())
         for name, output in observed(study).items()}
 
 

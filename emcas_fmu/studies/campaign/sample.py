@@ -190,13 +190,15 @@ def history(study: Study, experiment: Experiment, index: int) -> Response:
 
     The history of a sample that failed ends there. Raises EmcasError if there is none.
     """
-    subject, (values, numbers) = subject_of(study), study.varied(study.draw([index])[0].tolist())
-    changes = {name: value for name, value in values.items() if value != subject.values[name]}
-    run = subject.run(excitation(experiment, values, numbers, study.model), changes)
+    subject, drawn = subject_of(study), study.draw([index])
+    (values, numbers), varied = study.varied(drawn[0].tolist()), study.varied(drawn.T)[0]
+    applied = subject.changed(excitation(experiment, values, numbers, study.model), {
+        name: value for name, value in values.items() if np.ndim(varied[name]) or value != subject.values[name]})
+    run = subject.run(excitation(experiment, values, numbers, study.model), applied)
     rows = len(run.columns["time"])
     if rows < 2:
         raise EmcasError(f"experiment {experiment.name}: there is no history; {'; '.join(run.messages) or run.reason}")
     followed = replace(run.excitation, title=f"{experiment.name}: {run.excitation.title}", columns={
         name: column[:rows] for name, column in run.excitation.columns.items()})
-    parameters = load_parameters(model=study.model).with_values({**subject.at_start, **values})
+    parameters = load_parameters(model=study.model).with_values({**values, **applied})
     return Response(FmuInterface(1, study.model), (parameters,), followed, run.columns)

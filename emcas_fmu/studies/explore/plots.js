@@ -140,7 +140,7 @@ class Plot {
 
     shown(inView) {
         this.inView = inView;
-        if (inView) this.chart;
+        if (inView && this.waiting) this.draw(this.waiting);
     }
 
     resize() {

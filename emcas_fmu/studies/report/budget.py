@@ -177,7 +177,7 @@ def measure(rig: Rig) -> Outcome:
         groups[name] = Group(label, figures, QUANTITIES * headline)
 
     sums = [[figures[q.key] for figures in found.values()] for q in QUANTITIES]
-    total("worst_case", "worst case: sum", [np.sum(np.abs(terms)) for terms in sums], True)
+    total("worst_case", "worst case: sum", [np.sum(terms) for terms in sums], True)
     # Of limits of independent terms; a standard uncertainty combines standard deviations (JCGM 100:2008, 5.1.2).
     total("root_of_squares", "root of the sum of squares", [np.linalg.norm(terms) for terms in sums], True)
     for share in QUANTILES:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import degrees, inf
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,11 +30,11 @@ def pictures(outcomes: Mapping[str, Outcome], judged: Sequence[Judged]) -> dict[
 
 def _drawing(outcome: Outcome, judged: Sequence[Judged]) -> Drawing:
     """Return the picture of a test; limits without a line in its panels are written in the caption."""
-    draw, unit, *names = _DRAWINGS[outcome.name]
-    limits = [j for j in judged if not j.skipped and j.figure in names]
-    figure, caption = draw(outcome, sorted({j.limit for j in limits if j.unit == unit}))
+    drawn = _DRAWINGS[outcome.name]
+    limits = [j for j in judged if not j.skipped and j.figure in drawn.figures]
+    figure, caption = drawn.draw(outcome, sorted({j.limit for j in limits if j.unit == drawn.unit}))
     words = "; ".join(f"{j.title} {'≥' if j.sense == '>=' else '≤'} {with_unit(j.limit, j.unit)}" for j in limits
-                      if j.unit != unit)
+                      if j.unit != drawn.unit)
     return Drawing(outcome.title, figure, f"{caption} Required, and not drawn: {words}." if words else caption)
 
 
@@ -158,8 +158,17 @@ def _mission(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     return figure, "Power below zero is fed back to the supply."
 
 
-# Of each test the function, the unit of required values that are lines, and the figures whose requirements are shown.
-_DRAWINGS: Mapping[str, tuple[Any, ...]] = {
-    "step_response": (_steps, "ms", "settling_time", "overshoot"), "frequency_response": (_bode, "Hz", "bandwidth_3db"),
-    "slew_rate": (_slew, "deg/s", "sustained_rate"), "static_accuracy": (_grid, "deg", "held_error"),
-    "accuracy_budget": (_budget, ""), "dynamic_stiffness": (_stiffness, ""), "mission": (_mission, "")}
+class _Drawn(NamedTuple):
+    """How a test is drawn; required values of `figures` are lines if they are in `unit`, others are in the caption."""
+
+    draw: Callable[[Outcome, Sequence[float]], tuple[Figure, str]]
+    unit: str = ""
+    figures: tuple[str, ...] = ()
+
+
+_DRAWINGS: Mapping[str, _Drawn] = {
+    "step_response": _Drawn(_steps, "ms", ("settling_time", "overshoot")),
+    "frequency_response": _Drawn(_bode, "Hz", ("bandwidth_3db",)),
+    "slew_rate": _Drawn(_slew, "deg/s", ("sustained_rate",)),
+    "static_accuracy": _Drawn(_grid, "deg", ("held_error",)),
+    "accuracy_budget": _Drawn(_budget), "dynamic_stiffness": _Drawn(_stiffness), "mission": _Drawn(_mission)}

@@ -54,7 +54,8 @@ def sweep(rig: Rig, amplitude: float, powered: bool) -> tuple[Array, bool, list[
 def measure(rig: Rig) -> Outcome:
     """Measure the breakaway moment; then the stiffness powered, and unpowered below and above breakaway."""
     groups, notes = dict[str, Group](), list[str]()
-    loads: dict[str, tuple[float, tuple[Quantity, ...]]] = {"Powered": (0.5 * rig.load, (_LEAST, _MARKS[10.0]))}
+    loads: dict[str, tuple[str, float, tuple[Quantity, ...]]] = {
+        "powered": ("Powered", 0.5 * rig.load, (_LEAST, _MARKS[10.0]))}
     if "enable" in rig.subject.inputs:
         ramps = [load_ramp(sign * rig.load, RAMP) for sign in (1.0, -1.0)]
         broke = [breakaway(ramp.columns[LOAD], rig.run(ramp.holding(_UNPOWERED)).columns["fin_angle"])
@@ -66,14 +67,16 @@ def measure(rig: Rig) -> Outcome:
                          "there is no unpowered stiffness above breakaway.")
         # Below a thousandth of the rated load, friction is too small for a load below breakaway to be informative.
         if stays or min(broke) > 1e-3 * rig.load:
-            loads["Unpowered, below breakaway"] = rig.load if stays else BELOW * min(broke), ()
+            loads["unpowered_below_breakaway"] = (
+                "Unpowered, below breakaway", rig.load if stays else BELOW * min(broke), ())
         if not stays:
-            loads["Unpowered, above breakaway"] = max(ABOVE * max(broke), 0.01 * rig.load), (_MARKS[10.0],)
+            loads["unpowered_above_breakaway"] = (
+                "Unpowered, above breakaway", max(ABOVE * max(broke), 0.01 * rig.load), (_MARKS[10.0],))
     else:
         notes.append("Unpowered: not applicable, this actuator has no enable.")
     at = np.array(FREQUENCIES)
-    for label, (amplitude, headline) in loads.items():
-        stiffness, locked, stops = sweep(rig, amplitude, label == "Powered")
+    for name, (label, amplitude, headline) in loads.items():
+        stiffness, locked, stops = sweep(rig, amplitude, name == "powered")
         size = np.abs(stiffness)
         moved, curve = ~np.isnan(size), dict[str, Array]()
         figures: dict[str, Value] = {"load_amplitude_n_m": amplitude, "friction_locked": locked}
@@ -83,7 +86,7 @@ def measure(rig: Rig) -> Outcome:
             figures |= {q.key: float(size[at == frequency][0]) for frequency, q in _MARKS.items()}
             curve = {"frequency_hz": at[moved], "stiffness_n_m_per_rad": size[moved],
                      "phase_deg": np.degrees(np.angle(stiffness[moved]))}
-        groups[label.lower().replace(", ", "_").replace(" ", "_")] = Group(label, figures, headline, curve)
+        groups[name] = Group(label, figures, headline, curve)
         if locked:
             notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin stands still at every frequency; "
                          "where the drive line is rigid, its stiffness is then infinite.")
