@@ -105,6 +105,7 @@ def test_backlash_is_half_the_gap_under_a_load(line: Mapping[str, Mapping[str, A
     assert line["backlash"]["loaded_deg"] == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.slow
 def test_an_eccentric_encoder_on_the_fin_errs_by_its_error() -> None:
     """x + e (sin(x + p) - sin p) is the command; a count of 0.0007 deg."""
     e, phase = radians(0.1), 0.6

@@ -10,6 +10,8 @@ import pytest
 
 from .browser import SHOWN, Browser
 
+pytestmark = pytest.mark.slow  # ten seconds of a browser
+
 DRAWN = "window.page.live.setting.kind === 'csv' && window.page.live.setting.file?.title === 'drawn command'"
 COMMAND = "(({columns: {fin_command: c}}) => [...c])(window.page.live.run.excitation)"
 PLACE = """(({chart}) => (box => arguments[0].map(([t, x]) => [box.left + chart.valToPos(t, "x"),

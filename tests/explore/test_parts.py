@@ -14,6 +14,8 @@ from emcas_fmu.studies.analysis.capability import envelope
 
 from .browser import SHOWN, Browser, written
 
+pytestmark = pytest.mark.slow  # fifteen seconds of a browser
+
 
 def choose(browser: Browser, identifier: str, text: str) -> None:
     """Choose an option of a list as a user does."""
@@ -179,7 +181,6 @@ def test_a_worm_and_its_wheel_move_together(opened: Browser) -> None:
         check_mesh(wheel, screw, 60, fin_angle)
 
 
-@pytest.mark.slow  # zig makes its C library for a browser: a minute, once
 def test_a_worm_s_threads_are_where_the_motor_is_and_teeth_where_the_fin_is(browser: Browser, tmp_path: Path) -> None:
     row = drawn(browser, "worm-gear", tmp_path, 0.085)
     teeth, starts = (load_parameters(model="worm-gear").values[f"worm.{name}"] for name in ("teeth", "starts"))
@@ -190,7 +191,6 @@ def test_a_worm_s_threads_are_where_the_motor_is_and_teeth_where_the_fin_is(brow
     check_mesh(wheel, worm, int(teeth), row["fin_angle"])
 
 
-@pytest.mark.slow  # zig makes its C library for a browser: a minute, once
 @pytest.mark.parametrize("model", ["electrohydraulic", "electrohydrostatic"])
 def test_a_cylinder_s_piston_and_chambers(browser: Browser, model: str, tmp_path: Path) -> None:
     row = drawn(browser, model, tmp_path, 0.075)

@@ -24,6 +24,7 @@ from emcas_fmu.fmi.interface import AZIMUTH, FmuInterface, azimuths, fin_files
 from emcas_fmu.fmi.package import BACKENDS, build
 from emcas_fmu.parameters import load_parameters
 from tests.default_actuator import OUTPUTS, PARAMETERS
+from tests.marks import slow
 
 from .built import slave_class as local_class
 from .host import ERROR, OK, Fmu, Instance
@@ -80,7 +81,7 @@ def angles(unit: Instance) -> list[float]:
     return [unit.get(f"fin[{fin}].fin_angle") for fin in range(1, 5)]
 
 
-@pytest.mark.parametrize("backend", ["python", "native"])
+@pytest.mark.parametrize("backend", [*slow("python"), "native"])
 def test_the_archive_is_a_valid_fmu_of_its_own_name(built: Mapping[str, Path], backend: str) -> None:
     assert validate_fmu(str(built[backend])) == []
     with zipfile.ZipFile(built[backend]) as archive:
