@@ -186,6 +186,7 @@ def test_what_the_budget_lacks_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {"compliance", "backlash"} <= elastic.figures.keys() - rigid.figures.keys()
 
 
+@pytest.mark.slow
 def test_an_encoder_on_the_fin_sees_compliance_and_backlash() -> None:
     stiffness = "models/sets/hinge-stiffness.toml"
     base = load_parameters([stiffness], model="elastic")

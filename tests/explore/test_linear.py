@@ -77,6 +77,7 @@ def test_a_loop_that_is_unstable_has_no_margins(opened: Browser) -> None:
     assert "margins" in opened.run("document.getElementById('loop-summary').textContent")
 
 
+@pytest.mark.slow
 def test_both_cases_have_their_loops(opened: Browser) -> None:
     opened.run("window.page.keep()")
     opened.set("controller.velocity.kp", 0.03)
@@ -155,6 +156,7 @@ def test_a_pole_is_dragged_to_its_place(opened: Browser) -> None:
         f"{gains[1]:.9g}")
 
 
+@pytest.mark.slow
 def test_a_dragged_pole_ends_at_the_sliders(opened: Browser) -> None:
     for place in ((-2.0, 45.0), (20.0, 60.0), (-60.0, 2.0), (-1.0, 1.0)):
         opened.run("window.page.loop.poles.move(arguments[0])", place)
@@ -164,6 +166,7 @@ def test_a_dragged_pole_ends_at_the_sliders(opened: Browser) -> None:
         assert opened.run("window.page.live.loop.stable")
 
 
+@pytest.mark.slow
 def test_a_pole_is_moved_by_keys(opened: Browser) -> None:
     from selenium.webdriver.common.keys import Keys
 
@@ -176,6 +179,7 @@ def test_a_pole_is_moved_by_keys(opened: Browser) -> None:
     assert opened.run("document.activeElement.className") == "handle"
 
 
+@pytest.mark.slow
 def test_an_unstable_pole_is_dragged_until_the_loop_is_stable(opened: Browser) -> None:
     opened.set("controller.velocity.kp", 0.15)
     assert not opened.run("window.page.live.loop.stable")
@@ -193,6 +197,7 @@ def test_an_unstable_pole_is_dragged_until_the_loop_is_stable(opened: Browser) -
     assert opened.run(growth) <= before + 1e-6  # of gains of six digits
 
 
+@pytest.mark.slow
 def test_keys_move_the_same_pair_where_another_becomes_slower(opened: Browser) -> None:
     from selenium.webdriver.common.keys import Keys
 

@@ -58,8 +58,9 @@ def unit2(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Fmu:
 
 
 @pytest.fixture(scope="module", params=[
-    pytest.param(("nonlinear", 4), id="four fins"), pytest.param((FAULTS, 1), id="faults"),
-    pytest.param(("nonlinear+faults", 2), id="two fins with faults", marks=pytest.mark.slow)])
+    pytest.param(("nonlinear+faults", 2), id="two fins with faults"),
+    pytest.param(("nonlinear", 4), id="four fins", marks=pytest.mark.slow),
+    pytest.param((FAULTS, 1), id="faults", marks=pytest.mark.slow)])
 def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Fmu, Fmu]:
     """A unit in FMI 3.0 (the file, and unpacked) and in FMI 2.0."""
     model, fins = request.param

@@ -333,6 +333,7 @@ def test_fins_are_judged_each_by_its_own(shipped_unit: Callable[..., Path], tmp_
         assert (done.exit_code, judged(document), document["reference_inside"]) == (0, ["fins"], True)
 
 
+@pytest.mark.slow
 @pytest.mark.drawn
 def test_a_record_is_not_called_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     local = local_platform()
