@@ -392,8 +392,9 @@ def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.drawn
 @pytest.mark.parametrize("entry", [
-    pytest.param({"controller.position.kp": 0.0, "controller.position.ki": 0.0}, id="dead", marks=pytest.mark.slow),
+    pytest.param({"controller.position.kp": 0.0, "controller.position.ki": 0.0}, id="dead"),
     pytest.param({"friction.fin_coulomb": 9e3}, id="stuck")])
+@pytest.mark.slow
 def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float], tmp_path: Path) -> None:
     found = carry_out(ParameterSubject(load_parameters().with_values(entry)))
     # What does not move has no rest to judge: what passes says nothing of a motion, and none of Table 2 does.

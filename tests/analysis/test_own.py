@@ -113,6 +113,7 @@ def test_a_singular_plant_has_figures(tmp_path: Path, plant: str) -> None:
     assert frequency.margins(linear.loop("reference")).gain_db > 1.0
 
 
+@pytest.mark.slow
 def test_a_plant_without_bandwidth_and_load_response_has_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                                                                 ) -> None:
     """The static plant is 3 dB down at no frequency up to half the sample rate, and no moment moves it."""

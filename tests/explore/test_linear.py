@@ -35,6 +35,7 @@ def check_margins(browser: Browser, expected: Any) -> None:
     assert found["gainCrossover"] == pytest.approx(expected.gain_crossover, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_margins_are_those_of_the_analysis(browser: Browser) -> None:
     """tests/explore/test_page.py compares those of every actuator."""
     browser.renew()

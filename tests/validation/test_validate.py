@@ -532,6 +532,7 @@ def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
     assert any(note.startswith(said) for note in found.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.drawn
 def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     found = validate(Play(half=1e-6, there=FIN_PORT))
