@@ -104,10 +104,16 @@ def _message(error: Exception) -> str:
     return str(error) if expected else f"{type(error).__name__}: {error}"
 
 
+def _changes(study: Study, values: Mapping[str, Any], subject: Subject) -> dict[str, Any]:
+    """Return the parameters of samples that are varied, or are not the subject's."""
+    varied = {*(f.name for f in study.factors), *study.followers}
+    return {name: value for name, value in values.items() if name in varied or value != subject.values[name]}
+
+
 def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, Any], dict[int, str]]:
     """Return the figures and observations of samples and, by their positions, the errors of those that failed."""
     values, numbers = study.varied(drawn.T)
-    changes = {name: value for name, value in values.items() if np.ndim(value) or value != subject.values[name]}
+    changes = _changes(study, values, subject)
     excitations = [excitation(experiment, values, numbers, study.model) for experiment in study.experiments]
     entries: dict[str, Any] = {}
     errors: dict[int, str] = {}
@@ -190,11 +196,10 @@ def history(study: Study, experiment: Experiment, index: int) -> Response:
 
     The history of a sample that failed ends there. Raises EmcasError if there is none.
     """
-    subject, drawn = subject_of(study), study.draw([index])
-    (values, numbers), varied = study.varied(drawn[0].tolist()), study.varied(drawn.T)[0]
-    applied = subject.changed(excitation(experiment, values, numbers, study.model), {
-        name: value for name, value in values.items() if np.ndim(varied[name]) or value != subject.values[name]})
-    run = subject.run(excitation(experiment, values, numbers, study.model), applied)
+    subject, (values, numbers) = subject_of(study), study.varied(study.draw([index])[0].tolist())
+    made = excitation(experiment, values, numbers, study.model)
+    applied = subject.changed(made, _changes(study, values, subject))
+    run = subject.run(made, applied)
     rows = len(run.columns["time"])
     if rows < 2:
         raise EmcasError(f"experiment {experiment.name}: there is no history; {'; '.join(run.messages) or run.reason}")
