@@ -41,7 +41,7 @@ POWER_ROWS = 5
 _PERIOD = "controller.sample_time"
 _ALL = "all"
 # Columns, with the bench's name of each figure and the kinds of motion that have it.
-COLUMNS: Mapping[str, tuple[str, str]] = {
+_COLUMNS: Mapping[str, tuple[str, str]] = {
     **{name: (name, "jumps") for name in ("rise_time", "settling_time", "overshoot", "steady_error", "sustained_rate")},
     **{name: (name, "sweeps") for name in ("bandwidth_3db", "bandwidth_90deg", "peak_gain")},
     "peak_rate": ("peak_rate", _ALL),
@@ -150,13 +150,13 @@ def figures(kind: str, model: str) -> Mapping[str, Figure]:
     """Return the figures of a kind of experiment by column name, as far as the actuator has the outputs they need."""
     outputs, of_kind = {v.name for v in get(model).outputs}, KINDS[kind]
     groups = {_ALL, "jumps" if of_kind.jumps else "does not jump", *(["sweeps"] if of_kind.sweeps else [])}
-    return {name: FIGURES[figure] for name, (figure, group) in COLUMNS.items()
+    return {name: FIGURES[figure] for name, (figure, group) in _COLUMNS.items()
             if group in groups and outputs.issuperset(FIGURES[figure].needs)}
 
 
 def lacking(model: str) -> dict[str, list[str]]:
     """Return the figures that an actuator does not have, by the reason."""
-    return left_out({name: FIGURES[figure] for name, (figure, _) in COLUMNS.items()},
+    return left_out({name: FIGURES[figure] for name, (figure, _) in _COLUMNS.items()},
                     [v.name for v in get(model).outputs])
 
 
@@ -195,6 +195,11 @@ def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
     gain, phase = measures["bandwidth_3db"], measures["bandwidth_90deg"]
     return {**measures, "bandwidth_3db": beyond if isnan(gain) or not follows else gain,
             "bandwidth_90deg": beyond if isnan(phase) else phase}
+
+
+def named(experiment: Experiment, model: str, measures: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the figures of an experiment by column name."""
+    return {f"{experiment.name}.{name}": measures[_COLUMNS[name][0]] for name in figures(experiment.kind, model)}
 
 
 def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> list[Array]:

@@ -131,9 +131,8 @@ def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, An
                                            for name, value in table.items()} for table in (changes, numbers))
         leaps = experiments.leaps(subject, changes_of_run, run)
         figures = experiments.measured(experiment, numbers_of_run, run, leaps)
-        named = {f"{experiment.name}.{name}": figures[experiments.COLUMNS[name][0]]
-                 for name in experiments.figures(experiment.kind, study.model)}
-        for name, column in {**named, **reduced(experiment, study.model, run)}.items():
+        for name, column in {**experiments.named(experiment, study.model, figures),
+                             **reduced(experiment, study.model, run)}.items():
             entries[name] = np.full(len(drawn), np.nan if column.dtype.kind == "f" else 0, column.dtype)
             entries[name][finished] = column
     good = [k for k in range(len(drawn)) if k not in errors]
