@@ -16,9 +16,9 @@ from ..trace.python_source import python_source
 from .interface import MIXING, VEHICLE, FmuInterface
 
 # Modules of this package that the slave needs.
-_EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/reporting.py", "fmi/fmi2/slave.py",
-             "fmi/fmi2/stored.py", "fmi/fmi2/wrapper.py", "runtime/__init__.py", "runtime/core.py",
-             "runtime/multi_fin.py", "rules.py")
+_EMBEDDED = ("fmi/__init__.py", *(f"fmi/fmi2/{name}.py" for name in (
+    "__init__", "declared", "reporting", "slave", "stored", "wrapper")), "runtime/__init__.py", "runtime/core.py",
+    "runtime/multi_fin.py", "rules.py")
 # Modules of pythonfmu that the slave needs: its base class, without what builds FMUs.
 _BASE = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 _PYTHONFMU = Path(pythonfmu.__file__).resolve().parent

@@ -166,4 +166,4 @@ def core_sources(several: bool = False, model: str = NONLINEAR, worded: Callable
     """
     return {"elementary.h": elementary_header(), "kernel.h": kernel_header(several, model),
             "model.h": model_header(get(model)), "rules.h": rules_header(model, worded, several),
-            **{name: handwritten(name) for name in ("core.h", "scalar.h", "parameter_checks.h")}}
+            **{name: handwritten(name) for name in ("core.h", "core_state.h", "scalar.h", "parameter_checks.h")}}

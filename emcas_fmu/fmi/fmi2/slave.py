@@ -1,78 +1,38 @@
 """The co-simulation slave: FMI calls on one side, the core of one fin or those of several on the other.
 
 Standard library only, but for pythonfmu's base class: it is embedded in the FMU.
-reporting.py describes what it refuses and logs, and how.
+reporting.py describes what it refuses and logs, and how; declared.py has what the generated class declares.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import partialmethod
 from math import inf, isfinite, nan
-from typing import Any, ClassVar
+from typing import Any
 
-from ...rules import TOO_LATE, UNCONNECTED, check_ranges, check_rules
-from ...runtime.core import Core, Functions, Sizes, finite, inputs_of
+from ...rules import TOO_LATE, UNCONNECTED
+from ...runtime.core import Core, finite
 from ...runtime.multi_fin import MultiFin
 from . import stored
-from .reporting import RefusedError, ReportingSlave
+from .declared import DeclaredSlave
+from .reporting import RefusedError
 from .stored import StoredState, is_text, wrong_variable
 
 _BEFORE_RUN = ("instantiated", "initialization")
 
 
-class Slave(ReportingSlave):
-    """Base of the generated slave class, which adds the class attributes that are not derived here."""
-
-    make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the core's functions with these parameters
-    make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
-    rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of each check: message, whether scanned, whether a warning
-    make_line_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
-    line_rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of several fins; without, there is no make_line_checks
-    # Each variable's name, kind, whether it is fixed, minimum and maximum, by value reference; their start values.
-    rows: ClassVar[tuple[tuple[str, str, bool, float, float], ...]]
-    start_values: ClassVar[tuple[Any, ...]]
-    # Indices among the rows: inputs come first, then outputs, then parameters; `motion` are inputs of the vehicle's.
-    inputs: ClassVar[range]
-    outputs: ClassVar[range]
-    parameters: ClassVar[range]
-    motion: ClassVar[slice]
-    fmu_guid: ClassVar[str]
-    sizes: ClassVar[Sizes]  # of a core
-    no_supply: ClassVar[str]  # "supply_voltage = 0"; empty without a supply
-    power: ClassVar[int | None]  # index of the supply's power among a fin's outputs; None without a supply
-    names: ClassVar[tuple[str, ...]]  # of one fin's parameters; those of the line come before those of the fins
-    fin_inputs: ClassVar[tuple[tuple[int, ...], ...]]  # value references of each fin's inputs
-    mixing: ClassVar[tuple[int, ...]]  # and of the mixing inputs of several fins
-    of_fin: ClassVar[str]  # prefix of a fin's messages; empty for a single fin
-    step_begin: ClassVar[int | None]  # index of the input that is the begin of the host's step, if there is one
-    # Derived from the rows once per class.
-    _kinds: ClassVar[dict[str, frozenset[int]]]
-    _output_slice: ClassVar[slice]
-    _several: ClassVar[bool]  # fins
-    _line_parameters: ClassVar[int]
-    _unknown: ClassVar[Any]  # motion loads of a motion that is not finite
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        cls._kinds = {kind: frozenset(i for i, r in enumerate(cls.rows) if r[1] == kind)
-                      for kind in ("Real", "Integer", "Boolean", "String")}
-        cls._output_slice = slice(cls.outputs.start, cls.outputs.stop)
-        cls._several = len(cls.fin_inputs) > 1
-        cls._line_parameters = len(cls.parameters) - len(cls.names) * len(cls.fin_inputs)
-        unknown = (nan,) * (cls.sizes.loads - 1)
-        cls._unknown = [unknown] * len(cls.fin_inputs) if cls._several else unknown
+class Slave(DeclaredSlave):
+    """Base of the generated slave class: steps, variables and states."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self._values: list[Any] = list(self.start_values)
         self._core: Core | MultiFin | None = None
         self._bound: tuple[Any, ...] = ()  # parameter values of the core
         self._start, self._stop = 0.0, inf
         self._now = 0.0  # seconds since the start
         self._refusal = ""
         self._commanded = False  # a command has been followed, or it has been logged why not
-        self._warned: set[tuple[str, int]] = set()  # warnings that have been logged
         self._changed = True  # parameters have changed since the core was bound to them
         self._current = False  # outputs in _values are up to date
         self._motion: list[float] = []
@@ -224,23 +184,6 @@ class Slave(ReportingSlave):
             # A host that adds up its steps reaches the stop time but for the ninth digit.
             self._latest = self._stop + self._core.slack + 1e-9 * abs(self._stop)
 
-    def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-        """Return each fin's parameters by their names in a single actuator, by the prefix of its messages."""
-        count, numbers = len(self.names), list(values.values())[self._line_parameters:]
-        return {self.of_fin.replace("%d", str(fin + 1)):
-                dict(zip(self.names, numbers[fin * count:(fin + 1) * count], strict=True))
-                for fin in range(len(self.fin_inputs))}
-
-    def _functions(self, values: Mapping[str, Any]) -> Any:
-        functions = [type(self).make(one) for one in self._fins(values).values()]
-        return functions if self._several else functions[0]
-
-    def _made(self, values: Mapping[str, Any]) -> Core | MultiFin:
-        if not self._several:
-            return Core(self._functions(values), self.sizes)
-        line = list(values.values())[:self._line_parameters]
-        return MultiFin(self._functions(values), line, self.power, self.sizes)
-
     def _acting(self, core: Any) -> tuple[Any, ...]:
         values = self._values
         if not self._several:
@@ -248,37 +191,6 @@ class Slave(ReportingSlave):
         rows = [[values[i] for i in indices] for indices in self.fin_inputs]
         acting: tuple[Any, ...] = core.acting(rows, self._motion_loads, [values[i] for i in self.mixing])
         return acting
-
-    def _of_core(self, row: Sequence[Any], motion_loads: Sequence[float]) -> tuple[Any, ...]:
-        """Return the inputs of one core from those of its actuator."""
-        return inputs_of(row, motion_loads, self.sizes.motion, self.power is not None)
-
-    def _finite(self, inputs: tuple[Any, ...]) -> bool:
-        return all(isfinite(sum(each)) for each in inputs) if self._several else isfinite(sum(inputs))
-
-    def _broken_rules(self, values: Mapping[str, Any], warnings: bool = False) -> dict[tuple[str, int], str]:
-        """Return the message of each rule that line or fins break, or of the `warnings`, by fin and rule."""
-        judged = [("", type(self).make_line_checks(values), self.line_rules)] if self.line_rules else []
-        judged += [(prefix, type(self).make_checks(one), self.rules) for prefix, one in self._fins(values).items()]
-        return {(prefix, i): prefix + message for prefix, checks, rules in judged
-                for i, (check, rule) in enumerate(zip(checks, rules, strict=True))
-                for message in check_rules([(check, *rule)], warnings)}
-
-    def _warn(self) -> None:
-        """Log the warnings about the parameters, each once until it no longer holds."""
-        warnings = self._broken_rules(self._parameter_values(), warnings=True)
-        for rule in warnings:
-            if rule not in self._warned:
-                self._log(warnings[rule], "warning")
-        self._warned = set(warnings)
-
-    def _parameter_values(self) -> dict[str, Any]:
-        return {self.rows[i][0]: self._values[i] for i in self.parameters}
-
-    def _parameter_problems(self, values: Mapping[str, Any] | None = None) -> list[str]:
-        values = self._parameter_values() if values is None else values
-        limits = ((r[0], r[3], r[4]) for r in (self.rows[i] for i in self.parameters) if r[1] != "Boolean")
-        return check_ranges(values, limits) or list(self._broken_rules(values).values())
 
     # -- variables -------------------------------------------------------------
 

@@ -39,6 +39,7 @@ static void release(const host_services *host, void *block)
 }
 
 #include "instance.h"
+#include "life_cycle.h"
 #include "states.h"
 #include "step.h"
 
