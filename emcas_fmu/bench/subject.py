@@ -37,6 +37,8 @@ from .metrics import Figure
 from .runs import Run, Runs, spread
 
 COMMAND_RANGE = radians(20.0)  # of Table 2, for an actuator without command.limit
+ANGLE_KNOWN = {"homing.required": False}
+"""Parameters, of an actuator with homing, of a run without the input `home`: it follows commands from the start."""
 
 
 @dataclass(frozen=True)
@@ -169,8 +171,8 @@ class Subject(ABC):
 
     @property
     def at_start(self) -> Mapping[str, Any]:
-        """The parameters, of an actuator with homing, with which it knows its angle and follows from the first row."""
-        return {"homing.required": False} if "homing.required" in self.values else {}
+        """Those of `ANGLE_KNOWN` that the actuator has."""
+        return {name: value for name, value in ANGLE_KNOWN.items() if name in self.values}
 
     def lacking(self, outputs: Iterable[str]) -> str:
         """Return in words which of these outputs the subject lacks; empty where it has all."""

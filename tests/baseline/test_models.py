@@ -41,6 +41,8 @@ def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool,
     assert ("rms_current: this actuator has no motor_current" in printed) is not electrical
     assert f'model = "{get(model).name}"' in (base / "baseline/baseline.toml").read_text()
     assert str(base) not in (base / "baseline/baseline.toml").read_text()
+    homed = '"homing.required" = true  # false in cases without the input home'
+    assert (homed in (base / "baseline/baseline.toml").read_text()) is ("homing" in model)
     assert "no drift" in check(base, "--model", model, "--report", base / "drift.html")
     name = {"second-order": "second_order.natural_frequency", DIRECT_DRIVE: "controller.kp"}.get(
         model, "controller.position.kp")

@@ -347,8 +347,9 @@ def test_native_contents(native: Path) -> None:
     listed = {f"sources/{f.attrib['name']}" for f in build_description.iter("SourceFile")}
     assert listed == {"sources/fmi2.c"}
     assert {"sources/fmi2.c", "sources/core.h", "sources/kernel.h", "sources/model.h", "sources/interface.h",
-            "sources/instance.h", "sources/life_cycle.h", "sources/states.h", "sources/rules.h", "sources/parameter_checks.h",
-            "sources/EMCAS.h", "documentation/index.html", "documentation/licenses/license.txt"} <= names
+            "sources/instance.h", "sources/life_cycle.h", "sources/states.h", "sources/rules.h",
+            "sources/parameter_checks.h", "sources/EMCAS.h", "documentation/index.html",
+            "documentation/licenses/license.txt"} <= names
     assert not any(n.startswith("sources/fmi2F") or n.startswith("sources/fmi2T") for n in names)  # the importer's
     assert not any(n.startswith("resources/") or n.endswith(".py") for n in names)
     assert "documentation/externalDependencies.txt" not in names

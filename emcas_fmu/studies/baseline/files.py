@@ -14,6 +14,7 @@ import numpy as np
 
 from ...actuators import NONLINEAR, get
 from ...bench.excitation import read_columns
+from ...bench.subject import ANGLE_KNOWN
 from ...errors import EmcasError
 from ...parameters import load_parameters, schema, toml
 from ...reference.files import csv_text
@@ -121,8 +122,10 @@ def _sections(baseline: Baseline) -> Iterator[str]:
     def line(key: str) -> str:
         now, default = (values[key] if isinstance(values[key], bool) or variables[key].unit == "1" else
                         f"{values[key]!r} {variables[key].unit}" for values in (present, shipped))
-        remark = f"  # default: {toml.value(default)}" if shipped[key] != present[key] else ""
-        return toml.entry(key, now) + remark
+        remarks = [f"default: {toml.value(default)}"] if shipped[key] != present[key] else []
+        if key in ANGLE_KNOWN:
+            remarks.append(f"{toml.value(ANGLE_KNOWN[key])} in cases without the input home")
+        return toml.entry(key, now) + (f"  # {'; '.join(remarks)}" if remarks else "")
 
     model = "" if name == NONLINEAR else f"\n{toml.entry('model', name)}"
     yield f"{_HEAD}{toml.entry('schema', SCHEMA)}{model}"

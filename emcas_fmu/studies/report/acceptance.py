@@ -18,7 +18,7 @@ from ...bench.conditions import conditions
 from ...bench.excitation import Excitation
 from ...bench.requirements import Requirement, Specification
 from ...bench.runs import StoppedError
-from ...bench.subject import Identification, Subject
+from ...bench.subject import ANGLE_KNOWN, Identification, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...motions import RATED, STEP
@@ -207,8 +207,9 @@ def write_junit(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path, date: str = "", document: str = "", revision: str = "") -> None:
     """Write the page, with number and revision of the document; the same result and date give the same bytes."""
-    homed = [("homing required where nothing homes it", "homing.required", False, "")]
-    hold = [*conditions(result.model, result.parameters), *(homed if "homing.required" in result.parameters else ()),
+    homed = [("homing required where nothing homes it", name, value, "") for name, value in ANGLE_KNOWN.items()
+             if name in result.parameters]
+    hold = [*conditions(result.model, result.parameters), *homed,
             ("communication step", "", STEP, "s"), ("rated hinge moment", "", result.load, "N.m")]
     entries = ((e.variable, result.parameters[e.variable.name], *(
         ("the article's", "") if e.variable.name in result.about.differences else (e.source, e.note)))
