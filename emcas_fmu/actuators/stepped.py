@@ -74,7 +74,7 @@ def _check_values(each: Discontinuity, parameters: Collection[str]) -> None:
         if callable(value):
             check_arguments(f"{words}, {name}", value, "ops, p, x, u")
         elif isinstance(value, str) and name not in ("name", "rate", "angle") and value not in parameters:
-            raise EmcasError(f"{words}: {name} {value!r} is no parameter{hint(value, parameters)}")
+            raise EmcasError(f"{words}: {name} {value!r} is not a parameter{hint(value, parameters)}")
 
 
 def _begun(actuator: Actuator, found: Mapping[str, Any]) -> dict[str, Any]:

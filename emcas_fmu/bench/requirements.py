@@ -267,6 +267,6 @@ def load_requirements(path: Path | None, base: ParameterSet) -> Specification:
     path = path or shipped_file("requirements", base.model)
     contents = document(path, EmcasError)[1]
     if other := misplaced(contents, "requirements"):
-        raise EmcasError(f"{path}: is no file of requirements: it {other}; models/requirements.toml is one")
+        raise EmcasError(f"{path}: is not a file of requirements: it {other}; models/requirements.toml is one")
     file = read(_File, contents, path, EmcasError, base)
     return Specification(tuple(file.requirements.values()), tuple(file.cases.values()), path.name)

@@ -172,7 +172,7 @@ def _why(r: Requirement, measured: float) -> str:
     if not isnan(measured):
         return "it is not there by the end"
     if kind == "sine":
-        return "the response is no sine of the command's frequency, or did not run to the end"
+        return "the response is not a sine of the command's frequency, or did not run to the end"
     return "the response never reaches what is measured, or did not run to the end"
 
 

@@ -39,7 +39,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
 
 
 def summary(name: str) -> str:
-    """Return what a command does, in a sentence, from the first line of its file; the file is not imported."""
+    """Return the sentence that describes a command, from the first line of its file; the file is not imported."""
     with files(__package__).joinpath(f"{name}.py").open(encoding="utf-8") as file:
         text = file.readline().strip().strip('"').rpartition("`: ")[2]
     return text[:1].upper() + text[1:]

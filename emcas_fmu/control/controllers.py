@@ -110,10 +110,10 @@ def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahead, Value, Value]:
-    """Return what causes a motion of the fin, by the inverse of plant and current loop, without Coulomb friction.
+    """Return the feed-forward of a motion of the fin: the speed and reference of an inverse of plant and current loop.
 
-    `integral` [V] is that of the drive's current loop which this motion causes. It is returned for the next sample,
-    with the time [s] after which a reference acts: the drive's delay and the lag of its current.
+    Coulomb friction is left out. `integral` [V] is that of the drive's current loop in this motion. It is returned for
+    the next sample, with the time [s] after which a reference acts: the drive's delay and the lag of its current.
     """
     now, after = (mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, angle))
                   for angle in (motion.angle, motion.next_angle))

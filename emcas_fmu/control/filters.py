@@ -65,10 +65,10 @@ def observed(ops: Ops, p: Any, x: Record, measured: Measurement, current: Value)
 
 
 def rate_led(ops: Ops, p: Any, x: Record, command: Value, ahead: Ahead) -> tuple[Ahead, Value]:
-    """Return what is fed forward of a motion to a `command` [rad] with the rate that the observed speed has.
+    """Return the feed-forward of a motion to a `command` [rad], changed to the time of the observed speed.
 
-    The loops feed forward the mean rate of the last sample, to which the difference of counts belongs. The observed
-    speed is half a sample younger. The second value is that mean rate [rad/s], which the next sample reads.
+    The loops feed forward the mean rate over the last sample, as a difference of counts measures it. The observed speed
+    is half a sample younger. The second value is that mean rate [rad/s], which the next sample reads.
     """
     rate = (controllers.target_angle(ops, p, command) - x.target) / p.controller.sample_time
     younger = p.controller.velocity.kp * 0.5 * (rate - x.target_rate)

@@ -8,7 +8,7 @@ damping z: s(e) = W e/(2 z). Beyond |e| = a_b (2 z/W)^2 the speed s is that of b
 
     s(e) = sgn(e) sqrt(2 a_b (|e| - a_b (2 z/W)^2/2))
 
-The braking is in time if the acceleration can end soon enough: j_max >= 1.5 a_max W, which a rule asks for.
+The braking is in time if the acceleration can end soon enough: j_max >= 1.5 a_max W, which a rule requires.
 
 The feedback follows r as it was the time ago that a reference needs to act. If the fin falls behind that by more than a
 tracking limit, as with too little supply, the motion is slowed down to the fin's, but never turned around.
@@ -23,7 +23,7 @@ from ..ops.base import Ops, Value
 LONGEST = 20  # samples by which the feedback may lag the motion
 _BRAKING = 0.8  # share of the acceleration limit that the braking plans with; the rest is for the end of the braking
 _SLOWING = 0.3  # share of the excess rate by which a motion that is too fast slows down in a sample
-_LEAST = 1e-3  # rad/s: a natural frequency of 0 is no motion, and divides nothing
+_LEAST = 1e-3  # rad/s: a natural frequency of 0 means no motion; this avoids a division by 0
 
 
 class Motion(NamedTuple):

@@ -1,10 +1,10 @@
 """Inverter: dead time that is not compensated, and the diodes of an open bridge (:mod:`emcas_fmu.physics.inverter`).
 
-The dead time is a resistance of the motor that is no loss, that of the step's mean current; the diodes are a voltage
-and a resistance, those of its mean speed. A first step predicts both means. That has second order in the tick, but
-first order where the current starts at zero or changes its sign under dead time. While the bridge is open a step ends
-where the diodes begin to conduct and where their current ends. The linear analysis is without dead time, as it is
-without dry friction.
+The dead time is modelled as a lossless resistance in series with the winding, computed for the mean current of a step;
+the diodes are a voltage and a resistance, computed for its mean speed. A first step predicts both means. The error is
+of second order in the tick, but of first order where the current starts at zero or changes its sign under dead time.
+While the bridge is open a step ends where the diodes begin to conduct and where their current ends. The linear analysis
+leaves dead time out, as it leaves out dry friction.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PARAMETERS = in_group(
 
 
 class _Opposing(NamedTuple):
-    """What opposes the current: a voltage [V] against its sign, a resistance [Ohm], and how much of it is no loss."""
+    """A voltage [V] against the current's sign, an added resistance [Ohm], and the lossless part of it [Ohm]."""
 
     voltage: Value
     added: Value
@@ -64,7 +64,7 @@ def extend(actuator: Actuator) -> Actuator:
         return ops.where(u.enabled, 0.0, inverter.current_side(ops, q, u.supply, x.motor_speed, x.motor_current))
 
     def opposing(ops: Ops, q: Any, u: PlantInputs, speed: Value, current: Value) -> _Opposing:
-        """Return what opposes the current at a motor speed [rad/s] and current [A]."""
+        """Return voltage and resistance of dead time or diodes at a motor speed [rad/s] and current [A]."""
         def dead() -> _Opposing:
             added = inverter.dead_resistance(ops, q, u.supply, current)
             return _Opposing(0.0, added, added)
@@ -78,7 +78,7 @@ def extend(actuator: Actuator) -> Actuator:
 
     def acting(ops: Ops, q: Any, x: Record, u: PlantInputs, side: Value, against: _Opposing
                ) -> tuple[Any, Record, Any]:
-        """Return parameters, states and inputs with what opposes the current.
+        """Return parameters, states and inputs with the voltage and resistance `against` the current.
 
         Conducting diodes are those of a drive that is enabled and has no loop: its demand is its integral, the voltage
         of the diodes, and its supply is twice that and 1 V, so that no limit acts, and none at 0 V either.
@@ -95,7 +95,7 @@ def extend(actuator: Actuator) -> Actuator:
         side = conducting(ops, q, x, u)
 
         def predicted() -> tuple[Value, ...]:
-            """Return what opposes the current in the step, and its longest time [s]."""
+            """Return voltage and resistance against the current in the step, and the longest time of the step [s]."""
             mode = electrical_mode(ops, q, x, u, h)
             final = inverter.settled(ops, q, u.supply, mode.source - drive.back_emf(q, x.motor_speed), mode.loop)
             expected = course.mean(ops, start, final + (start - final) * ops.exp(-h / mode.tau), h / mode.tau)

@@ -99,7 +99,7 @@ def read(content: bytes) -> Card | None:
         document = json.loads(content)
         return TypeAdapter(Card).validate_json(content, strict=True) if document["schema"] == SCHEMA else None
     except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"is no credibility card ({error!r})") from error
+        raise ValueError(f"is not a credibility card ({error!r})") from error
 
 
 def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fact] = (),

@@ -1,7 +1,7 @@
 """A hobby servo's motor and gear, referred to its output shaft.
 
     T_m = T_s (V/V_n - w/w_0)          i = T_s w_0/V_n (V/V_n - w/w_0)
-    T   = k a' + b da/dt               a = motor angle/N - fin angle, a' what of it is beyond the play
+    T   = k a' + b da/dt               a = motor angle/N - fin angle, a' the part of a beyond the play
     C   = (C_0 + T_l (m + c T_l/T_s)) (1 + s exp(-|w|/w_s))          T_l = (|T_m| + |T|)/2
 
 T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a

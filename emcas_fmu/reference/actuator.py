@@ -92,7 +92,7 @@ class Actuator(ABC):
         return {**INPUTS_AT_REST, self.supply[0]: self.p[self.supply[1]], "enable": 1.0}
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return what acts under a row of inputs and an output of the controllers that has arrived [V]."""
+        """Return loads and current reference under a row of inputs and a delayed output of the controllers [V]."""
         current = self.p["drive.current_gain"] * reference + self.p["drive.current_offset"]
         return surroundings(self.p, row, clip(current, self.p["drive.current_limit"]), self.supply[0])
 

@@ -194,7 +194,7 @@ class Driven(Actuator):
         return side if abs(demand) > limit else FREE
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return what acts, as for every actuator. Raises ValueError for a supply voltage that is not above 0."""
+        """Return loads and current reference. Raises ValueError for a supply voltage that is not above 0."""
         if row["supply_voltage"] <= 0.0:
             raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
         return super().surroundings(row, reference)

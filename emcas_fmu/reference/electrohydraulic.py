@@ -55,7 +55,7 @@ class Electrohydraulic(Cylinder):
         return PistonLoop(nominal.p, full, lambda speed, _piston, _y: (speed / full, 0.0)).sample
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return what acts under an input row and a delayed valve command [1]."""
+        """Return loads and valve command under an input row and a delayed valve command [1]."""
         command = clip((reference if row["enable"] else 0.0) + self.p["valve.null_shift"], 1.0)
         return surroundings(self.p, row, command, self.supply[0])
 

@@ -77,7 +77,7 @@ class Body(NamedTuple):
     stop: float = math.inf  # rad
 
     def held(self, state: State, mode: Any, around: Any, side: int) -> float:
-        """Return what is above 0 while a body at rest does not start towards a side."""
+        """Return a margin that is above 0 while a body at rest does not start towards a side."""
         return 1.0 if side * state[self.angle] >= self.stop else -self.excess(state, mode, around, side)
 
     def starts(self, state: State, mode: Any, around: Any) -> int:

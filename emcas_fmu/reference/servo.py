@@ -70,7 +70,7 @@ class Servo(Actuator):
         return sample
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return what acts under a row of inputs and a duty cycle that has arrived."""
+        """Return loads and duty cycle under a row of inputs and a delayed duty cycle [1]."""
         return surroundings(self.p, row, reference, self.supply[0])
 
     def outputs(self, y: State, _around: Surroundings) -> State:

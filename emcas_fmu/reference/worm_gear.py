@@ -1,8 +1,8 @@
 """The worm-gear actuator in time: worm and wheel by the force between their flanks, under the same drive and loops.
 
 A normal force F on the flank and friction mu |F| against its sliding are resolved at the pitch cylinder into the axial
-force, which turns the wheel, and the tangential one, which brakes the worm. Both bodies then have the acceleration that
-the number of teeth asks for. Where F changes sign the integration restarts.
+force, which turns the wheel, and the tangential one, which brakes the worm. The accelerations of both bodies are in the
+ratio of the numbers of teeth and starts. Where F changes sign the integration restarts.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class MeshPlant(WormPlant):
         return side * self._fin_moment(y, mode, around, side)
 
     def _met(self, y: State, side: int) -> float:
-        """Return what is above 0 where flanks touch, or where a damped flank that has been left presses again.
+        """Return a margin that is above 0 where flanks touch, or where a damped flank that has been left presses again.
 
         It begins below 0 where flanks are left, so that a return within the first step is seen.
         """

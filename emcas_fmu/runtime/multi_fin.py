@@ -161,8 +161,9 @@ class MultiFin:
         return level, drawn, power
 
     def _drawn(self, source: float, each: Outputs) -> float:
-        """Return what the fins consume from now on; its mean since the last instant is stored, with the charges and
-        mean powers of fins that store charge.
+        """Return the current or flow that the fins consume from now on.
+
+        Its mean since the last instant is stored, with the charges and mean powers of fins that store charge.
         """
         level, drawn, _ = self._shared(source, each)
         self._mean = drawn

@@ -166,7 +166,7 @@ def test_a_unit_that_hunts_fails_by_what_says_so() -> None:
         assert hunting[name].measured is None
         assert "no value" in str(hunting[name])
     assert "unstable" in hunting["gain_margin"].note
-    assert "no sine" in hunting["lag"].note
+    assert "not a sine" in hunting["lag"].note
     assert "not there by the end" in hunting["settling"].note
     sound = shipped({}, *names)
     assert [name for name in names if not sound[name].passed] == []

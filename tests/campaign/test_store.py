@@ -92,12 +92,12 @@ def test_a_comment_is_no_change(write: Write, tmp_path: Path) -> None:
 
 
 def test_folders_of_something_else(small: Study, tmp_path: Path) -> None:
-    with pytest.raises(CampaignError, match="is no folder of a campaign"):
+    with pytest.raises(CampaignError, match="is not the folder of a campaign"):
         Store(tmp_path, small)  # the campaign's file is in it
     (tmp_path / "out").mkdir()
     for text in ("[]", "[" * 100_000):
         (tmp_path / "out" / "campaign.json").write_text(text, encoding="utf-8")
-        with pytest.raises(CampaignError, match="is no record of a campaign"):
+        with pytest.raises(CampaignError, match="is not the record of a campaign"):
             Store(tmp_path / "out", small)
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(CampaignError, match="is a file"):

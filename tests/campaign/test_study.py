@@ -164,7 +164,7 @@ duration = "0.2 s"
     ('low = "-6 degC"', 'low = "50 degC"', "must be below high"),
     ('low = "-6 degC"', 'low = "-150 degC"', "must stay within -100 .. 200 degC"),
     ('low = "-6 degC"', 'low = "50 %"', "a percentage of a temperature has no meaning"),
-    ('follows = "motor.torque_constant"', 'follows = "motor.resistance"', "is no number that varies"),
+    ('follows = "motor.torque_constant"', 'follows = "motor.resistance"', "is not a number that varies"),
     ('kind = "constant"', 'kind = "konstant"', "did you mean constant"),
     ('kind = "step"', 'kind = "leap"', f"there is {', '.join(MOTIONS)}"),
     ('amplitude = "5 deg"', 'amplitude = "5 V"', "experiments.step.amplitude = 5 V"),

@@ -180,7 +180,7 @@ def test_a_card_is_read_as_written() -> None:
     assert read(content.replace("emcas-credibility/1", "emcas-credibility/2").encode()) is None
     for damaged in ("", "[]", "{}", '"x"', "[" * 100_000, content.replace('"facts": [', '"facts": [3, '),
                     content.replace('"what": "version"', '"what": 3'), content.replace('"limits"', '"limit"')):
-        with pytest.raises(ValueError, match="is no credibility card"):
+        with pytest.raises(ValueError, match="is not a credibility card"):
             read(damaged.encode())
 
 
@@ -206,7 +206,7 @@ def test_an_fmu_keeps_its_card(measured: Path, tmp_path: Path) -> None:
     assert "motor.resistance" not in pedigree
     assert pedigree["parameters, source: user"]["names"] == ("motor.resistance",)  # the others are the default ones
     with (open_subject(changed(b'"factors"', b'"factor"')) as subject,
-          pytest.raises(EmcasError, match=r"changed\.fmu: documentation/credibility\.json is no credibility card")):
+          pytest.raises(EmcasError, match=r"changed\.fmu: documentation/credibility\.json is not a credibility card")):
         subject.card  # noqa: B018
     done = CliRunner().invoke(app, ["report", str(tmp_path / "changed.fmu"), "--output", str(tmp_path / "r.html")])
     assert (done.exit_code, (tmp_path / "r.html").exists()) == (2, False)

@@ -84,7 +84,7 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
     (("    sample=sample,", "    initial=lambda ops, p: {}, sample=sample,"), "ACTUATOR = em.Actuator(",
      "<lambda>() in line 88 has the arguments (ops, p); it is called with (ops, p, start)"),
     (("    sample=sample,", '    discontinuities=(em.Coulomb("rub", "fin_rate", "hinge.damp"),), sample=sample,'),
-     "ACTUATOR = em.Actuator(", "Coulomb rub: torque 'hinge.damp' is no parameter; did you mean hinge.damping?"),
+     "ACTUATOR = em.Actuator(", "Coulomb rub: torque 'hinge.damp' is not a parameter; did you mean hinge.damping?"),
     (("    sample=sample,", '    discontinuities=(em.Limit("v", 1.0, lambda ops, p: 2.0),), sample=sample,'),
      "ACTUATOR = em.Actuator(", "Limit v, high: <lambda>() in line 88 has the arguments (ops, p); it is called with "
      "(ops, p, x, u)"),

@@ -334,7 +334,7 @@ def test_the_journal_of_another_study_is_refused(study: Study, tmp_path: Path) -
     with pytest.raises(StudyError, match="another study"):
         Journal(path, other)
     path.write_text("nonsense\n", encoding="utf-8")
-    with pytest.raises(StudyError, match="no journal"):
+    with pytest.raises(StudyError, match="not a journal"):
         Journal(path, study)
 
 

@@ -69,7 +69,7 @@ def composed(moment: Callable[[Ops, Any, Record, PlantInputs], tuple[Any, Record
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value, speed: Value, **further: Value) -> Record:
-    """Return what the outputs of the groups follow from, with parameters as built.
+    """Return the quantities from which the groups compute their outputs, with parameters as built.
 
     `angle` [rad] and `speed` [rad/s] are those of the fin, referred to the motor; `tangent` is that of the lever's
     angle, `fin` the fin's angle [rad], `hinge_torque` the external moment [N.m]. The actuator adds what its groups use:

@@ -118,7 +118,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahead, Value, Value]:
-    """Return what causes a motion of the fin, with stiff oil; see :func:`.controllers.feed_forward`."""
+    """Return the feed-forward of a motion of the fin, with stiff oil; see :func:`.controllers.feed_forward`."""
     per_speed = p.pump.displacement / p.cylinder.area
     piston, piston_acceleration = fluid_power.piston_motion(ops, p, motion)
     speed, acceleration = piston / per_speed, piston_acceleration / per_speed

@@ -56,7 +56,7 @@ def output_units(model: str) -> dict[str, tuple[str, float]]:
 
 
 def start_entries(model: str) -> dict[str, Variable]:
-    """Return what a parameter file of an actuator may give, by name."""
+    """Return the entries that a parameter file of an actuator may have, by name."""
     return {v.name: v for v in get(model).file_entries}
 
 

@@ -78,7 +78,7 @@ class Reader:
     def _check_follower(self, key: str, leader: str) -> None:
         name, leaders = key.removesuffix(".follows"), [f.name for f in self.factors if f.type == "Real"]
         if leader not in leaders:
-            raise ValueError(f"is no number that varies{hint(leader, leaders)}")
+            raise ValueError(f"is not a number that varies{hint(leader, leaders)}")
         if self._parameters[name].kind != "Real" or not self.base[leader]:
             raise ValueError("there is no ratio to keep")
 

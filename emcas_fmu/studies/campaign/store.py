@@ -72,7 +72,7 @@ class Store(AbstractContextManager["Store"]):
         if folder.exists() and not folder.is_dir():
             raise CampaignError(f"{folder}: is a file; name a folder")
         if folder.is_dir() and not manifest.is_file() and not _unused(folder):
-            raise CampaignError(f"{folder}: is no folder of a campaign; name one that is empty or not there yet")
+            raise CampaignError(f"{folder}: is not the folder of a campaign; name one that is empty or not there yet")
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(folder)
         try:
@@ -176,7 +176,7 @@ def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
         document.pop("text")
         before = dict(leaves(document, _is_filled))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise CampaignError(f"{manifest}: is no record of a campaign; name another folder") from error
+        raise CampaignError(f"{manifest}: is not the record of a campaign; name another folder") from error
     now = dict(leaves(campaign, _is_filled))
     changed = [f"{name.removeprefix('campaign.')}: {_shown(before, name)} then, {_shown(now, name)} now"
                for name in sorted({*before, *now}) if before.get(name) != now.get(name)]

@@ -293,8 +293,8 @@ def _poor(comparisons: Sequence[Comparison]) -> Iterator[str]:
     for c in comparisons:
         if c.unexplained > _POOR:
             yield (f"{c.record.name}: {c.variable.name} ({c.use}) is explained poorly: {100.0 * c.unexplained:.0f} % "
-                   "of its deviation is left besides noise; look for a wrong input, unit or fixed value, free more, "
-                   "try another seed, or choose a model that has what is missing")
+                   "of its deviation is left in addition to noise; look for a wrong input, unit or fixed value, free "
+                   "more, try another seed, or choose a model that has what is missing")
 
 
 def _faults(replay: Replay, fit: Fit) -> Iterator[str]:

@@ -51,7 +51,7 @@ class Unknown:
 
 
 def nuisance(name: str, unit: str, start: float, size: float, largest: float) -> Unknown:
-    """Return an unknown that is no parameter, within +-`largest`, of which little is known before."""
+    """Return an unknown that is not a parameter, within +-`largest`, of which little is known before."""
     return Unknown(name, unit, -largest, largest, start, largest, size)
 
 

@@ -133,7 +133,7 @@ def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: flo
 def answered(angle: Array, before: int, direction: float, detected: float) -> bool:
     """Return whether the angle, after row `before`, leaves its previous range by `detected` in a direction.
 
-    The previous range is that of as many rows before: motion at rest, such as hunting between two counts, is no answer.
+    The previous range is that of as many rows before: hunting between two counts, for example, is not a response.
     """
     after = direction * angle[before:]
     idle = direction * angle[max(2 * before - len(angle), 0):before + 1]

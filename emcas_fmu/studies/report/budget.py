@@ -113,7 +113,7 @@ def _largest(angle: Array, target: Array) -> Any:
 
 
 def _sides(of_loads: Any) -> dict[str, float]:
-    """Return what was measured [rad] without load and with one in each direction, by QUANTITIES."""
+    """Return the QUANTITIES [deg] of measurements [rad] without load and with one in each direction."""
     unloaded, *loaded = np.degrees(of_loads).tolist()
     return {q.key: value for q, value in zip(QUANTITIES, (unloaded, max(loaded)), strict=True)}
 

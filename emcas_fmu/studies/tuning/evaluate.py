@@ -108,7 +108,7 @@ class Journal:
             evaluations = [Evaluation(dict(e["gains"]), tuple(Judgement(*j) for j in e["judgements"])) for e in entries]
             self._evaluations = {tuple(e.gains.values()): e for e in evaluations}
         except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise StudyError(f"{path}: is no journal: {error}") from error
+            raise StudyError(f"{path}: is not a journal: {error}") from error
         if first != header:
             raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
         if whole != text:

@@ -127,7 +127,7 @@ def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawin
     figure = plots.frequency_responses(
         ((curve, (curve.bandwidth, curve.phase_bandwidth), look) for curve, look in curves),
         [j.limit for j in result.requirements if j.figure == "bandwidth_3db"])
-    # The jump is no artefact: steady sines of 3.5 deg, with the defaults, lag 81 deg at 13.5 Hz and 105 deg at 14 Hz.
+    # The jump is real: steady sines of 3.5 deg, with the defaults, lag 81 deg at 13.5 Hz and 105 deg at 14 Hz.
     return Drawing(
         "Frequency response", figure, "Fundamental of fin angle over command, from the sweeps: "
         + "; ".join(f"{look['label']}: {curve.bandwidths}" for curve, look in curves)
