@@ -52,10 +52,10 @@ __all__ = ["Batch", "Built", "EmcasError", "Excitation", "ParameterError", "Para
            "tune", "validate"]
 
 _DURATION = 0.5  # s
-# Kinds of values of an input, in messages; {} is the number of those in an array.
+# What the value of an input may be, in messages; {} is the number of values in an array.
 _OF_A_RUN = "a number, text with a unit, a function of time, or an array of {} values, one for each point"
 _OF_A_BATCH = "a number, or an array of {} values, one for each actuator"
-_MOST = 100_000_000  # of actuators (their outputs alone are 20 GB), generations or processes
+_MOST = 100_000_000  # largest number of actuators (whose outputs alone are 20 GB), generations or processes
 
 
 @checked
@@ -64,8 +64,8 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
              line: Mapping[str, float] | None = None, **inputs: Signal | str) -> Response:
     """Simulate an actuator, or several fins on one supply, without an FMU.
 
-    `parameters` is a parameter set, by default the default one. Several sets (see `fin_sets`) are fins that share a
-    supply; `line` sets parameters of its line, such as ``bus.source_resistance``, in SI.
+    `parameters` is a parameter set, by default that of the default actuator. Several sets (see `fin_sets`) are fins
+    that share a supply; `line` sets parameters of the supply line, such as ``bus.source_resistance``, in SI.
 
     The inputs come from an `excitation` (``excitations.step_to(0.1, 0.4)``), or from keywords alone, from 0 to `stop`
     [s] (default 0.5 s) in communication steps of `step` [s] (default 1 ms). Keywords are names of inputs with ``__``
@@ -76,8 +76,9 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     `kernel` is ``compiled``, ``python`` or ``auto``: compiled if there is a C compiler, which takes up to a minute the
     first time. The numbers are the same.
 
-    Returns a `Response`. Warns (EmcasWarning) of a command beyond its limit, which is clipped, of one that looks like
-    degrees, and of parameters of the line without effect. Raises EmcasError if something cannot be simulated.
+    Returns a `Response`. Warns (EmcasWarning) about a command beyond its limit, which is clipped, a command that seems
+    to be in degrees, and parameters of the line that have no effect. Raises EmcasError for arguments that cannot be
+    simulated.
     """
     sets = _sets("simulate", parameters)
     unit = FmuInterface(len(sets), sets[0].model)
@@ -138,7 +139,7 @@ def _at_rest(stop: float, step: float, inputs: Mapping[str, Signal | str]) -> Ex
 
 
 def _with_inputs(excitation: Excitation, inputs: Mapping[str, Signal | str], unit: FmuInterface) -> Excitation:
-    """Return an excitation with further inputs; an input of one fin takes precedence over one of every fin."""
+    """Return an excitation with additional inputs; an input of one fin takes precedence over one for every fin."""
     known = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
     columns = dict(excitation.columns)
     for keyword, signal in inputs.items():
@@ -152,17 +153,17 @@ def _with_inputs(excitation: Excitation, inputs: Mapping[str, Signal | str], uni
 
 
 def _input(keyword: str, known: Mapping[str, Variable]) -> Variable:
-    """Return the input of a keyword, a name with ``__`` for the dot. Raises EmcasError."""
+    """Return the input that a keyword names, with ``__`` for the dot. Raises EmcasError."""
     name = keyword.replace("__", ".")
     if name not in known:
         raise EmcasError(f"there is no input {name}{hint(name, known)}; inputs are {', '.join(known)}")
     return known[name]
 
 
-def _column(label: str, values: Any, unit: str, count: int, kinds: str) -> Array:
+def _column(label: str, values: Any, unit: str, count: int, accepted: str) -> Array:
     """Return finite numbers in a unit, one or an array [count], from numbers or text; an array is not copied.
 
-    `kinds` are the kinds of values that are accepted, with {} for the number of values in an array. Raises EmcasError.
+    `accepted` says in the message what the values may be, with {} for the number in an array. Raises EmcasError.
     """
     try:
         numbers: Array = np.asarray(quantity(values, "", unit) if isinstance(values, str) else values, dtype=float)
@@ -171,7 +172,7 @@ def _column(label: str, values: Any, unit: str, count: int, kinds: str) -> Array
     except UnitError as error:
         raise EmcasError(f"{label}: {values!r} {error}") from error
     except (TypeError, ValueError) as error:
-        raise EmcasError(f"{label}: expected {kinds.format(count)}") from error
+        raise EmcasError(f"{label}: expected {accepted.format(count)}") from error
     if not compiled.all_finite(numbers):
         raise EmcasError(f"{label} is {numbers[~np.isfinite(numbers)][0]}; use finite values")
     return numbers
@@ -226,17 +227,17 @@ def calibrate(records: Sequence[Path | str] | Path | str, parameters: ParameterS
               free: Sequence[str] | str = (), hold_out: Sequence[Path | str] = (), compare: Sequence[str] = (),
               priors: Sequence[str] = (), delays: bool = False, robust: bool = False, seed: int = 1,
               progress: Progress = silent) -> Calibration:
-    """Find parameters with which an actuator follows records of its inputs and outputs, with their uncertainty.
+    """Fit parameters of an actuator to records of its inputs and outputs, and compute their uncertainties.
 
     `records` are CSV files, with columns such as ``time [s]``, ``fin_command [deg]`` and ``fin_angle [deg]``; those
-    in `hold_out` are judged but not fitted, even if they are among the records. `free` are the parameters to find, as
-    ``"inertia.motor"`` or, with bounds, ``"motor.resistance=0.1..0.4 Ohm"``; `priors` are what is known of them, as
-    ``"motor.resistance=0.25+-0.02 Ohm"``. `compare` names outputs, by default all that the records share. `delays`
-    finds the delay of each measured output, too; `robust` lets large errors count in proportion, not by their square.
-    `seed` is that of the starting points.
+    in `hold_out` are judged but not fitted, even if they are among the records. `free` names the parameters to find, as
+    ``"inertia.motor"`` or, with bounds, ``"motor.resistance=0.1..0.4 Ohm"``; `priors` say what is known about them, as
+    ``"motor.resistance=0.25+-0.02 Ohm"``. `compare` names outputs, by default all that the records share. With `delays`
+    the delay of each measured output is found, too. With `robust` a large error counts in proportion to its size, not
+    to its square. `seed` determines the starting points.
 
     The result has `calibrated` (the parameter set), `estimates` (each with `value`, `sigma`, `unit`), `comparisons`
-    (each with `figures`), `problems` (what is wrong, a line each) and `write_report`. Raises EmcasError.
+    (each with `figures`), `problems` (messages, a line each) and `write_report`. Raises EmcasError.
     """
     from .studies.identification.calibration import calibrate as run
 
@@ -251,12 +252,12 @@ def calibrate(records: Sequence[Path | str] | Path | str, parameters: ParameterS
 def tune(parameters: ParameterSet | None = None, study: Study | Path | str | None = None, seed: int = 1,
          generations: int = 12, workers: int | None = None, journal: Path | str | None = None,
          progress: Progress = silent) -> Tuning:
-    """Search controller gains that meet requirements in all cases, with limits, friction and delay; needs minutes.
+    """Search for gains that meet requirements in all cases, with limits, friction and delay simulated; takes minutes.
 
     `study` is a file with requirements, cases and the parameters to tune, by default the one shipped for the actuator.
     `generations` is the number of generations of the global search; the same `seed` gives the same gains. The file
     `journal` records every evaluation, and an interrupted search continues from it. `workers` is the number of
-    processes, by default that of the processors; a script that calls this needs ``if __name__ == "__main__":``.
+    processes, by default one per processor; a script that calls this needs ``if __name__ == "__main__":``.
 
     The result has `met`, `tuned` (the parameter set with the gains), `best` (with `gains` and `judgements`) and
     `binding` (the requirements that limit the result). Raises EmcasError.
@@ -283,7 +284,7 @@ def _check_seed(function: str, seed: int) -> None:
 
 
 def _check_counts(function: str, **numbers: int | None) -> None:
-    """Raise EmcasError for a number below 1, or above what memory and time allow; None is not checked."""
+    """Raise EmcasError for a number below 1 or above `_MOST`; None is not checked."""
     for name, number in numbers.items():
         if number is not None and not 1 <= number <= _MOST:
             raise EmcasError(f"{function}: {name} = {brief(number)}: expected a whole number from 1 to {_MOST}")
@@ -308,9 +309,9 @@ class Batch:
 
     `sets` is a parameter set for each actuator, or one for all `count` actuators; `varied` then maps names of
     parameters to arrays [count] of values, SI. `threads` share the work of a step. Since a call releases the
-    interpreter's lock, several threads may also step different batches at once. As many actuators are moved at once as
-    the processor's vectors hold; each has the same bits as alone. Raises ParameterError naming an actuator with unsound
-    parameters, CompilerError if there is no C compiler; both are EmcasErrors.
+    interpreter's lock, several threads may also step different batches at once. A vector of the processor holds several
+    actuators, which are stepped at once; each has the same bits as an actuator alone. Raises ParameterError, which
+    names an actuator with unsound parameters, and CompilerError if there is no C compiler; both are EmcasErrors.
     """
 
     @checked
@@ -350,7 +351,7 @@ class Batch:
         self._kernel.run(0.0)
         self.outputs: dict[str, Array] = dict(zip((v.name for v in actuator.outputs), self._kernel.outputs,
                                                   strict=True))
-        """Outputs at `time` by name, SI: arrays [count]. The next step overwrites them."""
+        """Outputs at `time` by name, SI: arrays [count], which the next step overwrites."""
         self.time = 0.0
         """Time that the batch has reached [s]."""
 
@@ -362,12 +363,12 @@ class Batch:
 
         Keywords are names of inputs with ``__`` for the dot. A value is a number (SI) or text with a unit for all
         actuators, or an array [count], which is not copied; it is held until it is set again. Raises EmcasError for an
-        unknown input, an unsound value, or an end that is not a number or before `time`; then nothing has changed.
-        Raises ArithmeticError naming the actuators whose equations cannot be followed; these do not move.
+        unknown input, an unsound value, or an end that is not a number or before `time`; nothing has changed then.
+        Raises ArithmeticError, which names the actuators whose step cannot be computed; these keep their states.
         """
         # Checked by hand: a step of a few actuators takes 10 us, and `checked` would add 2 us.
         if not isinstance(end, (int, float, np.integer, np.floating)):
-            raise EmcasError(f"Batch.run: end = {brief(end)}: expected a number, the time to move on to in s")
+            raise EmcasError(f"Batch.run: end = {brief(end)}: expected a number, the time to advance to in s")
         if not self.time <= end < float("inf"):
             raise EmcasError(f"Batch.run: the end {brief(end)} s is before the time reached, {self.time:g} s, or not "
                              "finite")

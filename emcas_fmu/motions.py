@@ -1,7 +1,7 @@
-"""The kinds of excitation: the fields of each with their units, limits and defaults, and the columns that they are.
+"""The kinds of excitation: the fields of each with their units, limits and defaults, and the command and torque.
 
 Files, the explorer and the reference cases name excitations by these words. Campaigns accept every kind that moves the
-command, baselines and requirements those that jump or sweep: a further kind is one entry of KINDS.
+command, baselines and requirements those that jump or sweep. A new kind is one entry of KINDS.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from pydantic import create_model
 from .parameters.schema import Table, kind_of
 from .simulation import Array
 
-STEP = 1e-3  # s, between rows
-LEAD_IN = 0.05  # s, at rest before a motion
-SETTLE = 1.0  # s, unloaded at the starting end of a slew: three times the settling time of a large step
-LOAD_RISE = 0.02  # s, so that it is a load and not an impact
+STEP = 1e-3  # s, time between rows
+LEAD_IN = 0.05  # s, time at rest before a motion
+SETTLE = 1.0  # s, time without load before a slew: three times the settling time of a large step
+LOAD_RISE = 0.02  # s, time in which the torque rises, so that it is not an impact
 RATED = 100.0  # N.m, the load of the thesis's Table 2
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
-FASTEST = 0.5 / STEP  # Hz
+FASTEST = 0.5 / STEP  # Hz, the highest frequency that rows can represent
 OLD_WORDS: Mapping[str, str] = {"chirp": "sweep"}
-"""Kinds by the words that older files have for them."""
+"""Names of kinds in older files, with the present names."""
 
 
 class Field(NamedTuple):
-    """A field of an excitation: its unit, title and limits, and the value where none is set."""
+    """A field of an excitation: its unit, title, limits and default value."""
 
     unit: str
     title: str
@@ -51,11 +51,11 @@ FIELDS: Mapping[str, Field] = {
 class Kind(NamedTuple):
     """A kind of excitation: its title, and its description with the `size` [deg] of the command.
 
-    `share` returns the command over the amplitude at times [s] since the beginning of the motion, negative before, from
-    fields by name. A campaign needs those in `shape`; `options` are further ones. The torque rises within `rise`
-    [s] from the beginning on, or, with None, is constant. A kind that `jumps` is measured by rise time, overshoot and
-    the like, one that `sweeps` by bandwidths; one that does not `move` has no amplitude. `usual` are the values with
-    which a page shows the kind.
+    `share` computes the ratio of command to amplitude from times [s] since the beginning of the motion (negative before
+    it) and fields by name. A campaign requires the fields in `shape`; `options` are optional. The torque rises within
+    `rise` [s] after the beginning; with None it is constant. A kind that `jumps` is measured by rise time, overshoot
+    and the like, one that `sweeps` by bandwidths; one that does not `move` has no amplitude. `usual` are the values
+    with which a page shows the kind.
     """
 
     title: str
@@ -71,12 +71,12 @@ class Kind(NamedTuple):
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """All fields, in the order in which files have them."""
+        """All fields, in their order in files."""
         return (*(("amplitude",) if self.moves else ()), *self.shape, "duration", *self.options)
 
     @property
     def defaults(self) -> dict[str, float]:
-        """The values of the fields in `shape` where none are set."""
+        """The default values of the fields in `shape`."""
         return {name: FIELDS[name].default or 0.0 for name in self.shape}
 
     def command(self, since: Array, amplitude: float, **fields: float) -> Array:
@@ -91,7 +91,7 @@ class Kind(NamedTuple):
 
 
 def _begun(since: Array, step: float = STEP, **_: float) -> Array:
-    """Return 1 from the beginning on, 0 before; a row that is early by a rounding error counts as on it."""
+    """Return 1 from the beginning on, 0 before; a row that is early by rounding counts as the beginning."""
     return np.where(since > -step / 2, 1.0, 0.0)
 
 
@@ -137,8 +137,8 @@ def motion_in(table: Any) -> str:
 def schema(kind: str, types: Mapping[str, Any], base: type[Table] = Table, **more: Any) -> type[Any]:
     """Return the model of a table for a kind.
 
-    `types` are the pydantic definitions, type and default, of those fields that a study reads; `more` are those of
-    further entries.
+    `types` are the pydantic definitions (type and default) of the fields that a study reads, `more` those of additional
+    entries.
     """
     fields = {name: types[name] for name in KINDS[kind].fields if name in types}
     return create_model(kind, __base__=base, kind=(str, ...), **fields, **more)

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
 ROUNDING = 1e-9  # relative; a command at its limit may exceed it by rounding
 IN_DEGREES = ". Commands are in rad: is it in degrees?"
-LIKE_DEGREES = pi * (1.0 + ROUNDING)  # rad; no fin is commanded beyond it. The limit of --step, which is in deg
-_MOST_CHANGES = 4  # of a status that are listed
-_MOST_PANELS = 8  # for an actuator's outputs beyond the fin port's
+LIKE_DEGREES = pi * (1.0 + ROUNDING)  # rad; a larger command is probably in degrees. Also the limit of --step
+_MOST_CHANGES = 4  # largest number of changes of a status that are listed
+_MOST_PANELS = 8  # largest number of panels for an actuator's outputs beyond the fin port's
 
 
 @checked
@@ -93,7 +93,7 @@ class Response:
 
     @cached_property
     def fins(self) -> tuple[Run, ...]:
-        """The run of each fin by the names of a single actuator, measured from 0 on; its command is the mixed one."""
+        """A run for each fin, with the names of a single actuator and the mixed command; figures count from time 0."""
         return tuple(self._run(fin) for fin in range(self.unit.fins))
 
     def _run(self, fin: int) -> Run:
@@ -140,7 +140,7 @@ class Response:
         return extension_outputs(self.unit.kind)
 
     def metrics(self, fin: int = 0) -> dict[str, float]:
-        """Return the figures of a fin (from 0) by name, with last values; the names end in units.
+        """Return the figures and final values of a fin (counted from 0) by name; the names end in units.
 
         Figures of a motion, such as ``rise_time_s`` and ``overshoot_percent``, are included if the command jumps once.
         Figures of outputs that the actuator lacks are left out. Raises EmcasError for an unknown fin.
@@ -161,7 +161,7 @@ class Response:
 
     @cached_property
     def estimates(self) -> Mapping[str, tuple[str, ...]]:
-        """Engineering estimates by the names of the last values that are computed from them."""
+        """The parameters that are engineering estimates, by the name of the final value that depends on them."""
         outputs: dict[str, dict[str, None]] = {}
         for each in self.sets:
             for name, parameters in each.estimated_outputs.items():
@@ -169,7 +169,7 @@ class Response:
         return {name: tuple(parameters) for name, parameters in outputs.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON, for several fins a list and those of their line; also the estimates."""
+        """Return figures and estimates for JSON; for several fins a list of figures, and the figures of their line."""
         figures: dict[str, Any] = {**self.metrics()}
         if self.unit.fins > 1:
             line = {self.unit.line.group: dict(self.line)} if self.unit.line else {}
@@ -178,7 +178,7 @@ class Response:
         return {"title": self.excitation.title, **figures, **({"estimates": estimates} if estimates else {})}
 
     def lines(self) -> list[tuple[str, ...]]:
-        """Return the name of every figure, marked if an estimate, with its value for each fin; changes of statuses."""
+        """Return rows of a figure's name (marked if an estimate) and its value for each fin, then status changes."""
         return [(self._marked(name), *values) for name, *values in self._lines()]
 
     def _marked(self, name: str, words: str = "") -> str:
@@ -192,7 +192,7 @@ class Response:
                        for v in discrete.values()]
 
     def _text(self, name: str, value: float) -> str:
-        """Return a figure in words; for a time that the motion does not reach, the time that was simulated."""
+        """Return a figure as text; for a time that is not reached, "not within" the simulated time."""
         moves = self.fins[0].excitation.moves
         if isfinite(value) or not moves:
             return number(value)
@@ -219,10 +219,10 @@ class Response:
         return frame
 
     def plot(self, path: Path | str | None = None) -> Figure:
-        """Plot command, outputs and limits over time; optionally write a ``.html``, ``.svg``, ``.png`` or ``.pdf``.
+        """Plot command, outputs and limits over time, and write a ``.html``, ``.svg``, ``.png`` or ``.pdf`` to `path`.
 
-        Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for another ending, and for a file that
-        cannot be written.
+        Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for a file with another ending, or one
+        that cannot be written.
         """
         from .figures.plots import style, write  # with Matplotlib, a third of the start of every command
         from .response_plot import draw
@@ -263,7 +263,7 @@ class Response:
         return rows
 
     def _conditions(self) -> Iterator[tuple[str, str]]:
-        """Yield names and values of times, inputs, and of parameters set outside files or different between fins."""
+        """Yield labels and values of times, inputs, and parameters that are set outside files or differ between fins."""
         excitation = self.excitation
         yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
         for name, column in excitation.columns.items():
@@ -289,7 +289,7 @@ class Response:
 
 
 def _history(v: Variable, time: Any, column: Any) -> str:
-    """Return a discrete output in words: its value at the start and at each change."""
+    """Return a discrete output as text: its value at the start and at each change."""
     rows = np.flatnonzero(np.diff(column)) + 1
     changes = [f"{time[k]:g} s {v.in_words(column[k])}" for k in rows]
     if len(changes) > _MOST_CHANGES:

@@ -23,9 +23,9 @@ T = TypeVar("T")
 Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
-LONGEST_DIAGNOSIS = 2.0  # [s] simulated over floats to find a line, in up to 20 s
-_UNCHOSEN = ("; Python refuses it in an unused value of ops.where, too: choose the divisor, or what the root is of, by "
-             "ops.where, or use ops.branch")
+LONGEST_DIAGNOSIS = 2.0  # [s] simulated in plain Python to find the faulty line of a file; takes up to 20 s
+_UNCHOSEN = ("; Python raises it also for the value that ops.where does not choose: choose the divisor, or the "
+             "argument of the root, by ops.where, or use ops.branch")
 MOST_POINTS = 10_000_000  # outputs at more points would not fit into memory
 
 
@@ -39,7 +39,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     there is a C compiler and 10 s are simulated, or 1 s if it has been compiled before. Both give the same numbers.
 
     Returns an array for each output and for ``time``. Raises TypeError for an unknown input, ValueError for an input
-    that is not finite and for parameters out of their limits, ArithmeticError if the equations cannot be followed.
+    that is not finite and for parameters out of their limits, ArithmeticError if a step cannot be computed.
     """
     actuator = get(model)
     table = _table(actuator.inputs, [v.initial(values) for v in actuator.inputs], stop, step, inputs)
@@ -52,9 +52,9 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
                   line: Mapping[str, float] | None = None, **inputs: Signal) -> dict[str, Array]:
     """Return the outputs of several fins on one supply line, by the names of an FMU of several fins.
 
-    As `simulate`, but in Python, which is slower. `sets` are the parameters of each fin; `line` are parameters of the
-    line (``bus.source_resistance``, ``line.accumulator_volume``). An input of a single actuator, such as
-    ``fin_command``, applies to every fin; ``**{"fin[2].fin_command": ...}`` applies to one. Raises as `simulate` does,
+    The steps are computed in Python, slower than by `simulate`. `sets` are the parameters of each fin; `line` are
+    parameters of the line (``bus.source_resistance``, ``line.accumulator_volume``). An input of a single actuator, such
+    as ``fin_command``, applies to every fin; ``**{"fin[2].fin_command": ...}`` applies to one. Raises as `simulate` does,
     and EmcasError for an unknown parameter of the line.
     """
     unit = FmuInterface(len(sets), model)
@@ -67,7 +67,7 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
     line_values = {v.name: starts[v.name] for v in line_parameters}
     if unknown := [name for name in line or {} if name not in line_values]:
         raise EmcasError(f"there is no {unknown[0]}; the {unit.line.name} has {', '.join(line_values)}" if unit.line
-                         else f"{unknown[0]}: {unit.actuator.name} has no supply, so that its fins share no line")
+                         else f"{unknown[0]}: {unit.actuator.name} has no supply line; leave line out")
     line_values |= line or {}
     problems += check_ranges(line_values, [(v.name, v.minimum, v.maximum) for v in line_parameters])
     if unit.line and not problems:
@@ -133,7 +133,7 @@ def _table(variables: Sequence[Variable], starts: Sequence[Any], stop: float, st
             raise ValueError(f"input {name} has shape {values.shape}, not that of the {len(times)} communication "
                              "points")
         column[:] = values
-        column[-1] = column[-2]  # a value at the last point never acts
+        column[-1] = column[-2]  # a value at the last point has no effect
     return table
 
 
