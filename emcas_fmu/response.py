@@ -263,7 +263,7 @@ class Response:
         return rows
 
     def _conditions(self) -> Iterator[tuple[str, str]]:
-        """Yield labels and values of times, inputs, and parameters that are set outside files or differ between fins."""
+        """Yield labels and values of times, inputs, and parameters set outside files or different between fins."""
         excitation = self.excitation
         yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
         for name, column in excitation.columns.items():

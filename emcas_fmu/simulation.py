@@ -54,8 +54,8 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
 
     The steps are computed in Python, slower than by `simulate`. `sets` are the parameters of each fin; `line` are
     parameters of the line (``bus.source_resistance``, ``line.accumulator_volume``). An input of a single actuator, such
-    as ``fin_command``, applies to every fin; ``**{"fin[2].fin_command": ...}`` applies to one. Raises as `simulate` does,
-    and EmcasError for an unknown parameter of the line.
+    as ``fin_command``, applies to every fin; ``**{"fin[2].fin_command": ...}`` applies to one. Raises as `simulate`
+    does, and EmcasError for an unknown parameter of the line.
     """
     unit = FmuInterface(len(sets), model)
     if unit.fins == 1:

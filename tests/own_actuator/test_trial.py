@@ -152,7 +152,7 @@ def test_what_is_not_finite_elsewhere(tmp_path: Path) -> None:
         response_pictures(parameters)
     path = changed(tmp_path, (_DAMPING, "+ ops.where(x.fin_rate > 1e9, q, 0.0) + ops.where(x.fin_rate > 2e9, q, 0.0)"),
                    ("    load = ", "    q = 1.0 / x.fin_rate\n    load = "), name="unused.py")
-    with pytest.raises(ArithmeticError, match=r"at 0\.001 s: .*division by zero; Python refuses it in an unused value"):
+    with pytest.raises(ArithmeticError, match=r"at 0\.001 s: .*division by zero; Python raises it also for the value"):
         simulate(load_parameters(model=str(path)).values, 0.01, kernel="python", model=str(path))
 
 
