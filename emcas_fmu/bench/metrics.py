@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating[Any]]
 
 ACCURACY = radians(0.2)  # Yerlikaya (2016), Table 2
-HELD = 1.0 / 3.0  # last share of a hold, over which the figures of the hold are measured
+HELD = 1.0 / 3.0  # share of a hold, at its end, in which its figures are measured
 CREPT = 1e-8  # rad; a smaller change of the angle does not count as motion
 
 
@@ -33,7 +33,7 @@ CREPT = 1e-8  # rad; a smaller change of the angle does not count as motion
 class Figure:
     """A figure's unit (SI, dB, or "" for a plain number), its definition and the outputs that it `needs`.
 
-    `bad` is 1 where larger is worse, -1 where smaller is worse.
+    `bad` is 1 if a larger value is worse, -1 if a smaller one is.
     """
 
     unit: str
@@ -43,42 +43,42 @@ class Figure:
 
 
 FIGURES: Mapping[str, Figure] = {
-    "rise_time": Figure("s", "first time from 10 to 90 % of the commanded change"),
-    "settling_time": Figure("s", "until within 2 % of the change around the command for good"),
-    "time_to_accuracy": Figure("s", f"until within {degrees(ACCURACY):g} deg of the command for good"),
-    "time_to_90_percent": Figure("s", "until 90 % of the commanded change is covered"),
-    "overshoot": Figure("1", "beyond the command, share of the change"),
+    "rise_time": Figure("s", "time from 10 to 90 % of the commanded change, each reached for the first time"),
+    "settling_time": Figure("s", "time after which the angle is within 2 % of the change from the command"),
+    "time_to_accuracy": Figure("s", f"time after which the angle is within {degrees(ACCURACY):g} deg of the command"),
+    "time_to_90_percent": Figure("s", "time until 90 % of the commanded change is reached"),
+    "overshoot": Figure("1", "largest excess over the command, as a share of the change"),
     "steady_error": Figure("rad", "mean distance from the command over the last third of the hold"),
     "held_error": Figure("rad", "largest distance from the command over the last third of the hold"),
     "held_angle": Figure("rad", "smallest magnitude of the angle over the last third of the hold", bad=-1.0),
     "ripple": Figure("rad", "peak to peak of the angle over the last third of the hold"),
-    "rebound": Figure("rad", "largest angle beyond the command against a load that went"),
-    "current_ripple": Figure("A", "motor current about its mean, root mean square over the last third of the hold",
+    "rebound": Figure("rad", "largest angle against the direction of a load, after it is removed"),
+    "current_ripple": Figure("A", "standard deviation of the motor current over the last third of the hold",
                              ("motor_current",)),
-    "repeat_error": Figure("rad", "largest difference of the response after a history of use from a fresh unit's"),
-    "sustained_rate": Figure("rad/s", "mean over the middle 60 % of the travel", bad=-1.0),
-    "rate_asymmetry": Figure("1", "difference of the sustained rates of both directions, share of the larger"),
+    "repeat_error": Figure("rad", "largest difference between the responses of a used and of a fresh actuator"),
+    "sustained_rate": Figure("rad/s", "mean rate over the middle 60 % of the travel", bad=-1.0),
+    "rate_asymmetry": Figure("1", "difference of the sustained rates in both directions, as a share of the larger"),
     "peak_rate": Figure("rad/s", "largest magnitude of the fin rate", ("fin_rate",), -1.0),
     "peak_angle": Figure("rad", "largest magnitude of the fin angle"),
     "bandwidth_3db": Figure("Hz", "lowest frequency where the fundamental is 3 dB down", bad=-1.0),
     "bandwidth_90deg": Figure("Hz", "lowest frequency where the fundamental lags 90 deg", bad=-1.0),
-    "gain_margin": Figure("dB", "the smaller of up and down, of the loop broken at the controllers' output", (), -1.0),
-    "phase_margin": Figure("rad", "of the loop broken at the controllers' output", (), -1.0),
-    "delay_margin": Figure("s", "further delay of the loop broken at the controllers' output", (), -1.0),
-    "peak_gain": Figure("dB", "largest gain of the fundamental within the frequencies looked at"),
-    "lowest_coherence": Figure("", "least ordinary coherence up to the -3 dB frequency", bad=-1.0),
+    "gain_margin": Figure("dB", "smaller of the margins up and down, loop broken at the controllers' output", (), -1.0),
+    "phase_margin": Figure("rad", "margin of the loop broken at the controllers' output", (), -1.0),
+    "delay_margin": Figure("s", "additional delay that makes the loop unstable, at the controllers' output", (), -1.0),
+    "peak_gain": Figure("dB", "largest gain of the fundamental at the examined frequencies"),
+    "lowest_coherence": Figure("", "smallest ordinary coherence up to the -3 dB frequency", bad=-1.0),
     "peak_tracking_error": Figure("rad", "largest distance from the clipped command", ("tracking_error",)),
-    "rms_tracking_error": Figure("rad", "distance from the clipped command, root mean square", ("tracking_error",)),
+    "rms_tracking_error": Figure("rad", "root mean square distance from the clipped command", ("tracking_error",)),
     "peak_current": Figure("A", "largest magnitude of the motor current", ("motor_current",)),
-    "rms_current": Figure("A", "motor current, root mean square", ("motor_current",)),
-    "peak_power": Figure("W", "largest power drawn", ("supply_power",)),
-    "peak_returned_power": Figure("W", "largest power fed back", ("supply_power",)),
-    "rms_power": Figure("W", "power, root mean square", ("supply_power",)),
-    "net_energy": Figure("J", "energy drawn less regenerated", ("supply_power",)),
-    "energy_drawn": Figure("J", "integral of the power drawn", ("supply_power",)),
-    "energy_returned": Figure("J", "integral of the power fed back", ("supply_power",)),
-    "saturated_share": Figure("1", "share of the time a limit is active", ("saturated",)),
-    "at_stop_share": Figure("1", "share of the time against a mechanical stop", ("at_stop",)),
+    "rms_current": Figure("A", "root mean square of the motor current", ("motor_current",)),
+    "peak_power": Figure("W", "largest power from the supply", ("supply_power",)),
+    "peak_returned_power": Figure("W", "largest power returned to the supply", ("supply_power",)),
+    "rms_power": Figure("W", "root mean square of the power", ("supply_power",)),
+    "net_energy": Figure("J", "energy from the supply less energy returned", ("supply_power",)),
+    "energy_drawn": Figure("J", "integral of the power from the supply", ("supply_power",)),
+    "energy_returned": Figure("J", "integral of the power returned", ("supply_power",)),
+    "saturated_share": Figure("1", "share of the time in which a limit is active", ("saturated",)),
+    "at_stop_share": Figure("1", "share of the time in which the fin is at a mechanical stop", ("at_stop",)),
 }
 _SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0),
           "Pa": ("MPa", 1e-6), "m3/s": ("l/min", 6e4)}
@@ -111,12 +111,12 @@ def in_words(key: str) -> str:
 
 
 def result_name(name: str) -> tuple[str, float]:
-    """Return a figure's name in a result, with its unit at the end, and the factor from SI; times stay in s."""
+    """Return a figure's name in a result, which ends with its unit, and the factor from SI; times stay in s."""
     return named(name, FIGURES[name].unit)
 
 
 def named(name: str, si_unit: str) -> tuple[str, float]:
-    """Return the same for any figure in an SI unit."""
+    """Return the name in a result, and the factor from SI, of any figure in an SI unit."""
     unit, factor = ("s", 1.0) if si_unit == "s" else shown(si_unit)
     return name + next((ending for ending, each in _ENDINGS.items() if each == unit), ""), factor
 
@@ -136,7 +136,7 @@ class Errors:
 
 
 def errors(response: Array, reference: Array, unit: str = "1") -> Errors:
-    """Return the errors of a response against a reference at the same times; nan where either is nan or has no rows."""
+    """Return the errors of a response against a reference at the same times; nan if one contains nan or has no rows."""
     difference = np.asarray(response, dtype=float) - reference
     largest, mean = (float(np.max(np.abs(difference))), rms(difference)) if len(difference) else (nan, nan)
     return Errors(largest, mean, unit)
@@ -148,7 +148,7 @@ def rms(values: Array) -> Any:
 
 
 def _at(values: NDArray[Any], row: Any) -> Any:
-    """Return the values at a row; of many runs each at its row."""
+    """Return the values [] at a row, or [runs] at a row for each run."""
     return np.take_along_axis(values, row[..., np.newaxis], -1)[..., 0]
 
 
@@ -180,14 +180,14 @@ def settling(time: Array, distance: Array, band: float) -> Any:
 
 
 def settled(time: Array, distance: Array, band: float) -> Any:
-    """Return `settling`, but inf within the last third of the record: the rest is too short to call it settled."""
+    """Return `settling`; inf in the last third of the record, which is too short to call it settled."""
     after = settling(time, distance, band)
     return np.where(after > (1.0 - HELD) * (time[-1] - time[0]), inf, after)[()]
 
 
 def since(start: float, time: Array, *columns: Array) -> tuple[Array, ...]:
-    """Return time and columns from `start` [s] on."""
-    # Communication times have rounding errors: a nanosecond early is on time.
+    """Return the rows of time and columns from `start` [s] on."""
+    # Times of rows have rounding errors: a row that is a nanosecond early counts.
     begin = int(np.searchsorted(time, start - 1e-9))
     return (time[begin:], *(column[..., begin:] for column in columns))
 
@@ -204,9 +204,9 @@ def step_metrics(time: Array, response: Array, start: float, command: Any) -> di
 
     `steady_error` is signed. A level that is never reached gives nan, a time beyond the record inf.
 
-    All levels refer to the commanded change, from the response at `start`, and not to the final value of the
-    response: a servo has to reach its command. Otherwise as in Ogata, "Modern Control Engineering", 5th ed.,
-    section 5-3. `time_to_accuracy` is the settling time to within ACCURACY.
+    Levels are shares of the commanded change, which begins at the response at `start`, and not of the change to the
+    final value: a servo has to reach its command. Other definitions are those of Ogata, "Modern Control Engineering",
+    5th ed., section 5-3. `time_to_accuracy` is the settling time to within ACCURACY.
     """
     time, response = since(start, time, response)
     level = np.asarray(command)[..., np.newaxis]
@@ -234,8 +234,8 @@ def _last(time: Array) -> slice:
 def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any:
     """Return the mean rate [rad/s] over the middle 60 % of a motion commanded at `start` [s]; nan if it falls short.
 
-    The middle of the travel excludes acceleration and braking, and a mean does not reward a spike: a guidance loop can
-    rely on this rate, and not on the largest.
+    The middle of the travel excludes acceleration and braking, and a spike hardly changes a mean: a guidance loop can
+    rely on this rate, but not on the largest one.
     """
     time, angle = since(start, time, angle)
     first = angle[..., :1]
@@ -245,7 +245,7 @@ def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any
 
 
 def motion(run: Run, number: int = 0) -> dict[str, Any]:
-    """Return the figures of the nth step of the command of a finished run, measured until the next step."""
+    """Return the figures MOTION of a step of the command, by its `number`, of a finished run, until the next step."""
     move, columns = run.excitation.moves[number], run.columns
     upto = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
     of_move = {name: column[..., :upto] for name, column in columns.items()}
@@ -272,7 +272,7 @@ def _current_ripple(columns: Mapping[str, Array], start: float) -> dict[str, Any
 
 
 def usage(run: Run) -> dict[str, Any]:
-    """Return the figures USAGE from the excitation's beginning on, as far as the outputs they need were recorded."""
+    """Return those figures USAGE whose outputs were recorded, from the beginning of the excitation on."""
     at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
     reductions: Mapping[str, Callable[[Array], Any]] = {
         "peak": lambda column: np.max(np.abs(column), axis=-1), "rms": rms,
@@ -303,9 +303,9 @@ def energies(time: Array, power: Array) -> tuple[Any, Any]:
 def leap_weights(count: int, step: float, leaps: Array) -> Array:
     """Return the weights of `count` rows, `step` [s] apart, in the integral of a power that jumps between the rows.
 
-    The jumps are at `leaps` [s] after the first row, at least two rows apart. The interval with a jump is extrapolated
-    up to it from either side, along the line through the two rows there: with the trapezoidal rule, jumps synchronous
-    with the rows would bias the integral.
+    The jumps are at `leaps` [s] after the first row, at least two rows apart. In an interval with a jump the power is
+    extrapolated up to the jump from either side, along the line through the two nearest rows: with the trapezoidal
+    rule, jumps that are synchronous with the rows would bias the integral.
     """
     weights = np.full(count, step)
     weights[[0, -1]] /= 2.0
@@ -334,9 +334,9 @@ def breakaway(moment: Array, angle: Array) -> float:
 
 
 def bidirectional(below: Array, above: Array) -> dict[str, Any]:
-    """Return the figures of errors (target, cycle) of approaches from below and from above, in the unit of the errors.
+    """Return the figures of errors [targets, cycles] of approaches from below and above, in the unit of the errors.
 
-    `means` has the shape (side, target), `reversal` (target); both are nan where no approach is from that side.
+    `means` has the shape [sides, targets], `reversal` [targets]; both are nan where a side has no approach.
     Source: ISO 230-2 (2014), "Determination of accuracy and repeatability of positioning of numerically controlled
     axes".
     """
