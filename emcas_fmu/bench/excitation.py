@@ -1,4 +1,4 @@
-"""The excitations of the bench: rows of inputs of an actuator, each held until the next.
+"""The excitations of the bench: rows of an actuator's inputs, each held until the next row.
 
 Angles are in rad, moments in N.m, times in s, frequencies in Hz. As in the reference cases, every motion begins after
 LEAD_IN at rest (a slew after SETTLE at its starting end), and loads rise within LOAD_RISE after the command.
@@ -25,14 +25,14 @@ from ..reference.cases import CASES, SUPPLY, select, with_supply
 from ..simulation import MOST_POINTS, Array
 from ..support.arguments import brief, checked
 
-HOLD = 3.0  # s: many time constants kp/ki of the integral action (0.24 s with the default gains)
+HOLD = 3.0  # s, time at a constant command: many time constants kp/ki of the integral action (default: 0.24 s)
 COMMAND, LOAD = "fin_command", "aero_torque"
 
 
 class Move(NamedTuple):
-    """A jump of the command: its time [s], the level [rad], an array [runs] for many runs, and its end [s].
+    """A jump of the command at `start` [s] to a `level` [rad], for many runs an array [runs].
 
-    It ends at the next jump or the last row.
+    The level ends at the next jump or in the last row, at `end` [s].
     """
 
     start: float
@@ -43,11 +43,12 @@ class Move(NamedTuple):
 @checked
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Columns of inputs by name, SI, with rows every `step` [s] from 0, and parameters that differ from the subject's.
+    """Columns of inputs by name, SI, with rows every `step` [s] from 0, and the parameters that it changes.
 
-    For many runs a column is an array [runs, rows], or broadcasts to one. Judging begins at `begin` [s]. The moment of
-    a `spring` [N.m/rad], a number or an array [runs], times the fin angle at the beginning of each row, is subtracted
-    from the hinge moment.
+    For many runs a column is an array [runs, rows], or broadcasts to one. Rows are judged from `begin` [s] on. The
+    moment of a `spring` [N.m/rad] (a number or an array [runs]), which is its stiffness times the fin angle at the
+    beginning of each row, is subtracted from the hinge moment. `start_values` are parameters by name, which replace
+    those of the subject.
     """
 
     title: str
@@ -66,11 +67,11 @@ class Excitation:
             sound = False
         if not (sound and self.step > 0.0):
             raise ArgumentError(f"{self.title}: columns of shapes {brief(shapes)}, rows {self.step:g} s apart: "
-                                "expected at least one column, all of as many rows, 2 or more, and a step above 0")
+                                "expected at least one column, 2 or more rows, the same number in all, and a step above 0")
 
     @cached_property
     def time(self) -> Array:
-        """Times of the rows [s], as a host computes them that counts its steps."""
+        """Times of the rows [s]: multiples of the step, as computed by a host that counts its steps."""
         return np.arange(next(iter(self.columns.values())).shape[-1]) * self.step
 
     @property
@@ -97,27 +98,27 @@ class Excitation:
         return np.asarray(time) > self.begin - self.step / 2
 
     def holding(self, columns: Mapping[str, Any]) -> Excitation:
-        """Return the excitation with further inputs: columns, constants, or constants of each run [runs, 1]."""
-        further = {name: np.broadcast_to(np.asarray(column, dtype=float),
+        """Return the excitation with these inputs, too: columns, constants, or a constant for each run [runs, 1]."""
+        added = {name: np.broadcast_to(np.asarray(column, dtype=float),
                                          np.broadcast_shapes(np.shape(column), self.time.shape))
                    for name, column in columns.items()}
-        return replace(self, columns={**self.columns, **further})
+        return replace(self, columns={**self.columns, **added})
 
     def of(self, runs: int | Array) -> Excitation:
-        """Return the excitation of one run or of several, by index or array of indices."""
+        """Return the excitation of the run with an index, or of the runs in an array of indices."""
         columns = {name: column[np.minimum(runs, len(column) - 1)] if column.ndim == 2 else column
                    for name, column in self.columns.items()}
         spring = np.asarray(self.spring)
         return replace(self, columns=columns, spring=spring[runs] if spring.ndim else self.spring)
 
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
-        """Return the excitation with further parameters that differ from the subject's."""
+        """Return the excitation with these parameters in `start_values`, too."""
         return replace(self, start_values={**self.start_values, **values})
 
 
 @checked
 def times(stop: float, step: float = STEP) -> Array:
-    """Return the times [s] of rows every `step` [s] from 0 to `stop` [s]. Raises ArgumentError for none or too many."""
+    """Return the times [s] of rows every `step` [s] from 0 to `stop` [s]. Raises ArgumentError for a wrong number."""
     if not (step > 0.0 and step / 2 < stop <= MOST_POINTS * step):
         raise ArgumentError(f"rows every {step:g} s up to {stop:g} s: expected 1 to {MOST_POINTS:g} steps above 0")
     return np.arange(round(stop / step) + 1) * step
@@ -126,8 +127,8 @@ def times(stop: float, step: float = STEP) -> Array:
 def _above_zero(name: str, value: float | Array, limit: float = inf) -> None:
     """Raise ArgumentError unless a number, or every number of an array, is above 0 and at most the limit."""
     if not (np.size(value) and np.all(np.greater(value, 0.0) & np.less_equal(value, limit) & np.isfinite(value))):
-        raise ArgumentError(f"{name} = {brief(value)}: must be above 0" + (f" and at most {limit:g}, of which rows "
-                            f"{STEP:g} s apart give two a cycle" if limit < inf else ""))
+        raise ArgumentError(f"{name} = {brief(value)}: must be above 0" + (f" and at most {limit:g} Hz, which has two "
+                            f"rows of {STEP:g} s in a cycle" if limit < inf else ""))
 
 
 @checked
@@ -171,7 +172,7 @@ def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP
 
 @checked
 def slew_to(level: float, duration: float, load: float = 0.0, settle: float = SETTLE) -> Excitation:
-    """Return a step from -level, where the fin rests for `settle` [s], to +level [rad]; otherwise as `step_to`."""
+    """Return a step from -level, where the fin rests for `settle` [s], to +level [rad]; see `step_to`."""
     return motion("slew", level, duration, load, settle)
 
 
@@ -191,13 +192,14 @@ def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0
 
     The last `cycles` are judged, after a transient of `settle`[0] cycles and at least `settle`[1] s. Under a cosine of
     the hinge moment a free inertia at rest does not drift, as it would under a sine. Arrays of frequencies and `cycles`
-    are for as many runs, which all last and are judged as long as the longest.
+    define a run for each element; all runs last, and are judged, as long as the longest.
     """
     _above_zero("frequency", frequency, FASTEST)
     _above_zero("cycles", cycles)
     if np.ndim(frequency) > 1 or np.shape(cycles) not in ((), np.shape(frequency)) or min(settle) < 0.0:
         raise ArgumentError(f"sine: frequency = {brief(frequency)}, cycles = {brief(cycles)}, settle = {settle}: "
-                            "expected one frequency or a list, as many cycles, and a transient of 0 or more")
+                            "expected one frequency or a list, a number of cycles for all or for each, and a transient "
+                            "of 0 or more")
     frequency, cycles = np.asarray(frequency, dtype=float)[()], np.asarray(cycles, dtype=float)[()]
     judged = np.max(cycles / frequency)
     time = times(np.max(np.maximum(settle[0] / frequency, settle[1]) + cycles / frequency))
@@ -220,9 +222,9 @@ def load_ramp(moment: float, duration: float) -> Excitation:
 
 @checked
 def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STEP) -> Excitation:
-    """Return a command of levels [rad], each held for its time [s]; the last is judged."""
+    """Return a command of levels [rad], each held for its time [s]; the last level is judged."""
     if not len(levels) == len(holds) > 0 or min(holds) < 0.0:
-        raise ArgumentError(f"{len(levels)} levels for {brief(holds)} s: expected as many holds of 0 s or more")
+        raise ArgumentError(f"{len(levels)} levels for {brief(holds)} s: expected a hold of 0 s or more for each level")
     times(sum(holds), step)  # checks the number of rows
     command = np.repeat(levels, [round(hold / step) for hold in holds])
     return Excitation(f"{len(levels)} levels of the command", {COMMAND: np.append(command, command[-1])},
@@ -233,8 +235,8 @@ def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STE
 def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Excitation:
     """Return a reference case by name, for an actuator whose supply is `supply` [V] at the start.
 
-    Trajectories are compared with true angle and speed fed back (`exact`), performance is measured with the encoder.
-    Raises EmcasError, naming the cases.
+    `exact`: the true angle and speed are fed back, as for a comparison of trajectories; otherwise the encoder's, as for
+    a measurement of performance. Raises EmcasError, which names the cases.
     """
     (case,) = select([name], {case.name: with_supply(case, supply) for case in CASES}).values()
     excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
@@ -250,7 +252,7 @@ def of_case(title: str, inputs: Mapping[str, Array], step: float, start_values: 
 
 @checked
 def with_encoder(excitation: Excitation) -> Excitation:
-    """Return the excitation with the subject's encoder, with which performance is judged."""
+    """Return the excitation without its changes of the encoder: performance is measured with the subject's."""
     return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
                                              if not name.startswith("encoder.")})
 
@@ -258,11 +260,11 @@ def with_encoder(excitation: Excitation) -> Excitation:
 @checked
 def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, model: str = NONLINEAR,
              fins: int = 1) -> Excitation:
-    """Return the inputs of a CSV file: a column ``time`` [s] and columns of a model's inputs, SI, as fmpy reads it.
+    """Return the inputs of a CSV file with the column ``time`` [s] and columns of a model's inputs, SI, as for fmpy.
 
     For several `fins` a column such as ``fin_command`` applies to all, ``fin[2].fin_command`` to one. Inputs are
     interpolated between rows, jump between two rows of the same time, and before the first row have its values.
-    Raises EmcasError if the file cannot be read so.
+    Raises EmcasError for a file without these columns or with other values.
     """
     path = Path(path)
     table = read_columns(path)
@@ -291,7 +293,7 @@ def read_columns(path: Path) -> dict[str, Array]:
             reader = csv.reader(file, skipinitialspace=True)
             (_, header), *lines = [(reader.line_num, row) for row in reader if row] or [(0, [])]
         if not lines:
-            raise ValueError("it needs a line of names, and below it lines of as many numbers")
+            raise ValueError("it needs a line of names, and below it lines with a number for each")
         if len(header) == 1 and ";" in header[0]:
             raise ValueError("separate columns by commas, not semicolons, with points in numbers")
         for number, row in lines:
