@@ -67,7 +67,7 @@ class Excitation:
             sound = False
         if not (sound and self.step > 0.0):
             raise ArgumentError(f"{self.title}: columns of shapes {brief(shapes)}, rows {self.step:g} s apart: "
-                                "expected at least one column, 2 or more rows, the same number in all, and a step above 0")
+                                "expected columns with the same number of rows, 2 or more, and a step above 0")
 
     @cached_property
     def time(self) -> Array:
