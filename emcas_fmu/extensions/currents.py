@@ -1,4 +1,4 @@
-"""The current of a motor during a step, for extensions whose motor changes with it."""
+"""The current of a motor during a step, for extensions in which the motor's parameters depend on it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from ..steppers.electrical import electrical_mode
 
 
 def flowing(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs) -> Value:
-    """Return the current [A] with which a step from `x` starts; none flows through the open bridge of a disabled drive,
-    unless its diodes conduct.
-    """
+    """Return the current [A] at the start of a step from `x`; 0 for an open bridge whose diodes do not conduct."""
     current = actuator.motor_current(ops, p, x, u)
     if capabilities.DRIVE_STEP not in actuator.provides:
         return current
@@ -24,8 +22,9 @@ def flowing(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs) -> 
 
 
 def time_constant(ops: Ops, q: Any, x: Record, u: PlantInputs, h: Value) -> Value:
-    """Return the time constant [s] of the current in a step of `h` [s], of a motor that the equations of the drive step
-    with the plant's parameters `q`.
+    """Return the time constant [s] of the current in a step of `h` [s] by the equations of the drive.
+
+    `q` are the plant's parameters.
     """
     tau = electrical_mode(ops, q, x, u, h).tau
     if not q.structure.inverter:
@@ -38,7 +37,7 @@ def time_constant(ops: Ops, q: Any, x: Record, u: PlantInputs, h: Value) -> Valu
 def lossy_resistance(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs) -> Value:
     """Return the resistance [Ohm] that turns the square of the motor current into heat.
 
-    It is that of the winding; while the diodes of an open bridge conduct, a larger one.
+    It is the winding's; while the diodes of an open bridge conduct, a larger one.
     """
     if not p.structure.inverter:
         return p.motor.resistance
@@ -51,8 +50,7 @@ def mean_square(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs,
                 ) -> Value:
     """Return the mean of i^2 [A^2] over the `used` [s] of a step of `h` [s] from `x` to `moved`.
 
-    It follows from the exponential course of the current between the ends, or from a line where the equations of the
-    drive do not step it.
+    The current between the ends is an exponential, or a line if the equations of the drive do not step it.
     """
     current = flowing(ops, actuator, p, x, u)
     if capabilities.DRIVE_STEP not in actuator.provides:

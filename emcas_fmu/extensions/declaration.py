@@ -13,7 +13,7 @@ from ..variables import Variable, with_outputs
 
 
 def also_read(actuator: Actuator, *names: str) -> tuple[str, ...] | None:
-    """Return `controllers_read` of an actuator with further names."""
+    """Return `controllers_read` of an actuator with these names added; None stays None."""
     return None if actuator.controllers_read is None else (*actuator.controllers_read, *names)
 
 
@@ -22,11 +22,11 @@ class Extension:
     """An extension of actuators; the defaults of its parameters are in ``models/extensions/NAME.toml``.
 
     It `needs` capabilities of the actuator (:mod:`emcas_fmu.actuators.capabilities`); those that it `replaces` are not
-    available to later extensions. `extend(actuator)` returns the actuator with further states and other equations, to
+    available to later extensions. `extend(actuator)` returns the actuator with more states and other equations, to
     which `parameters(actuator)`, `outputs`, `rules(actuator)` and `imperfections(actuator)` are appended. `references`
-    are the independent integrations of actuators that integrate the extension, too. While the parameter
-    `sized_for_default` is above zero, a warning names its defaults that are of the default actuator's size and not of
-    another's.
+    names the independent integrations that include the extension. If an actuator other than the default one has a value
+    above zero of the parameter `sized_for_default`, a warning names the defaults that are sized for the default
+    actuator.
     """
 
     name: str

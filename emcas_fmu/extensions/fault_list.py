@@ -1,7 +1,7 @@
 """All faults: parameters, needs, when they are active, and what they change. Their order is that in `fault_word`.
 
-The general ones come first, then those that an actuator declares for its kind
-(:class:`emcas_fmu.actuators.declaration.PlantFault`); one with the name of a general fault replaces that.
+General faults come first, then those that an actuator declares for its kind
+(:class:`emcas_fmu.actuators.declaration.PlantFault`), which replace general faults of the same name.
 """
 
 from __future__ import annotations
@@ -21,19 +21,21 @@ from ..physics import inverter, mechanics, winding
 from ..variables import Variable, in_group, tunable
 from .status import OPERATIONAL
 
-# Longest delay of a command, in sample times: each needs a state.
+# Longest delay of a command, in sample times; each of them needs a state.
 LONGEST_COMMAND_DELAY = 50
 MOST = 31  # bits of an Integer
 _SLACK = 1e-6  # of a sample time: rounding does not delay a fault that begins at a sample
 _HEAVY = 1e9  # kg.m2: the inertia of a blocked rotor or fin
-_LEAST_SUPPLY = 1e-9  # share of the supply that a power is divided by: an ideal drive draws any from no voltage
-_STUB = 1e-3  # share of the fin's inertia that remains at the fork: some actuators divide by it
+_LEAST_SUPPLY = 1e-9  # smallest share of the supply by which a power is divided: an ideal drive works at 0 V, too
+_STUB = 1e-3  # share of the fin's inertia that remains at the fork, since some actuators divide by it
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A general fault: its description, the parameters of its amount, and its needs: one of these capabilities, and a
-    supply for one `of_supply`."""
+    """A general fault: its description and the parameters of its amounts.
+
+    The actuator has to provide one of the capabilities in `needs`, if there are any, and a supply if it is `of_supply`.
+    """
 
     name: str
     description: str
@@ -46,48 +48,48 @@ FULL_REFERENCE: dict[str, Callable[[Any], Value]] = {
     capabilities.REFERENCE_LIMIT: lambda p: p.drive.reference_limit,
     capabilities.COMMAND_REFERENCE: lambda p: p.fin.stop_angle,
     capabilities.DUTY_REFERENCE: lambda p: p.pwm.limit / p.pwm.full}
-"""The largest reference of a controller, by the capability that says what it is."""
+"""The largest reference of the controllers, by the capability that says which quantity it is."""
 FAULTS = (
     Fault("jam", "the drive line is blocked"),
-    Fault("free_fin", "the shaft is broken between fork and fin: the fin floats, permanently",
+    Fault("free_fin", "the shaft is broken between fork and fin, permanently: the fin floats",
           needs=(capabilities.SCREW_DRIVE,)),
     Fault("hard_over", "the controller puts out a constant", (
-        tunable("share", "1", -1.0, 1.0, "of the largest reference that the controller puts out"),),
+        tunable("share", "1", -1.0, 1.0, "share of the largest reference that the controller puts out"),),
         tuple(FULL_REFERENCE)),
-    Fault("drive_loss", "the drive is off, unknown to the controller"),
-    Fault("current_derating", "the drive limits the current further", (
-        tunable("share", "1", 0.0, 1.0, "of drive.current_limit that is left"),),
+    Fault("drive_loss", "the drive is off, and the controller does not notice"),
+    Fault("current_derating", "the drive lowers its current limit", (
+        tunable("share", "1", 0.0, 1.0, "remaining share of drive.current_limit"),),
         (capabilities.CURRENT_LIMIT,)),
     Fault("brown_out", "the supply sags", (
-        tunable("share", "1", 0.0, 1.0, "of the supply that is left"),), of_supply=True),
+        tunable("share", "1", 0.0, 1.0, "remaining share of the supply"),), of_supply=True),
     Fault("encoder_freeze", "the encoder counts no motion"),
     Fault("encoder_bias", "the encoder reads too much", (
-        tunable("angle", "rad", -0.5, 0.5, "of the fin that the encoder reads too much"),)),
+        tunable("angle", "rad", -0.5, 0.5, "excess of the encoder's reading, as an angle of the fin"),)),
     Fault("encoder_dropped", "the encoder misses counts of positive motion", (
-        tunable("share", "1", 0.0, 1.0, "of the counts of positive motion that are missed"),)),
+        tunable("share", "1", 0.0, 1.0, "share of the counts of positive motion that are missed"),)),
     Fault("encoder_reversed", "the encoder counts backwards"),
-    Fault("command_freeze", "commands no longer arrive: the last one holds"),
+    Fault("command_freeze", "commands no longer arrive; the last one is held"),
     Fault("command_delay", "commands arrive late", (
-        tunable("time", "s", 0.0, 5.0, "by which commands are late, in whole samples, at most "
-                                                      f"{LONGEST_COMMAND_DELAY} of them"),)),
+        tunable("time", "s", 0.0, 5.0, "delay of commands, in whole samples, at most "
+                                       f"{LONGEST_COMMAND_DELAY} of them"),)),
     Fault("friction_rise", "friction at motor and fin rises", (
-        tunable("factor", "1", 1.0, 1e4, "by which it rises"),),
+        tunable("factor", "1", 1.0, 1e4, "factor by which friction rises"),),
         (capabilities.SCREW_DRIVE,)),
     Fault("backlash_growth", "the gap in the drive line grows permanently by wear", (
-        tunable("gap", "m", 0.0, 0.01, "by which it grows"),),
+        tunable("gap", "m", 0.0, 0.01, "growth of the gap"),),
         (capabilities.BACKLASH,)),
-    Fault("winding_short", "the motor's terminals are shorted, unknown to the controller", (
-        tunable("pole_pairs", "1", 0.0, 1e3, "pole pairs of the motor (0: no effect of its inductance)"),),
+    Fault("winding_short", "the motor's terminals are shorted, and the controller does not notice", (
+        tunable("pole_pairs", "1", 0.0, 1e3, "pole pairs of the motor (0: its inductance has no effect)"),),
         (capabilities.PHASES,)),
-    Fault("phase_loss", "a phase of the motor is open, unknown to the controller", (
+    Fault("phase_loss", "a phase of the motor is open, and the controller does not notice", (
         tunable("pole_pairs", "1", 1.0, 1e3, "pole pairs of the motor"),
-        tunable("angle", "rad", -pi, pi, "motor angle at which no torque is left")),
+        tunable("angle", "rad", -pi, pi, "motor angle at which there is no torque")),
         (capabilities.PHASES,)),
 )
 
 
 def general(actuator: Actuator) -> tuple[Fault, ...]:
-    """Return the general faults that an actuator can have and does not replace by one of its kind."""
+    """Return the general faults that an actuator can have, without those that it declares itself."""
     declared = {fault.name for fault in actuator.faults}
     return tuple(fault for fault in FAULTS if fault.name not in declared
                  and (not fault.needs or actuator.provides.intersection(fault.needs))
@@ -102,13 +104,15 @@ def possible(actuator: Actuator) -> tuple[Fault | PlantFault, ...]:
 
 
 def bits(actuator: Actuator) -> tuple[str, ...]:
-    """Return the names of the bits of an actuator's `fault_word`, the least first: all general faults, then those of
-    its kind. Raises EmcasError for more than there are bits."""
+    """Return the names of the bits of an actuator's `fault_word`, the lowest first: all general faults, then its own.
+
+    Raises EmcasError for more faults than bits.
+    """
     faults: tuple[Fault | PlantFault, ...] = (*FAULTS, *actuator.faults)
     names = tuple(dict.fromkeys(fault.name for fault in faults))
     if len(names) > MOST:
         raise EmcasError(f"actuator {actuator.name}: {len(actuator.faults)} faults are declared; fault_word has room "
-                         f"for {MOST - len(FAULTS)} beside the general ones")
+                         f"for {MOST - len(FAULTS)} in addition to the general ones")
     return names
 
 
@@ -118,13 +122,13 @@ def parameters(fault: Fault | PlantFault) -> tuple[Variable, ...]:
         f"fault.{fault.name}",
         Variable("active", "Boolean", "parameter", "tunable", "", fault.description, start=False),
         *(replace(tunable(name, "s", 0.0, 1e9, described), start=0.0) for name, described in (
-            ("begin", f"when {fault.name} begins by schedule, from the start"),
-            ("end", f"when {fault.name} ends by schedule (not after begin: never by schedule)"))),
+            ("begin", f"time at which {fault.name} begins by schedule"),
+            ("end", f"time at which {fault.name} ends by schedule (at or before begin: no schedule)"))),
         *fault.amounts)
 
 
 def active(ops: Ops, p: Any, faults: Iterable[Fault | PlantFault], time: Value) -> dict[str, Value]:
-    """Return by name whether a fault is active at a sample at `time` [s] from the start: switched on, or scheduled."""
+    """Return by name whether each fault is active in a sample at `time` [s]: switched on or scheduled."""
     late = time + _SLACK * p.controller.sample_time
 
     def now(name: str) -> Value:
@@ -141,7 +145,7 @@ def word(ops: Ops, names: tuple[str, ...], on: Mapping[str, Value]) -> Value:
 
 
 class Held(NamedTuple):
-    """Results of a sample for the steps: amounts of the active faults, and outputs; `acting` is 0 without a fault."""
+    """Results of a sample that steps use: amounts of the active faults, and outputs; `acting` is 0 without a fault."""
 
     acting: Value
     jam: Value
@@ -202,8 +206,8 @@ def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
 def _of_winding(ops: Ops, p: Any, f: Held, x: Record, h: Value) -> Any:
     """Return the plant's parameters with failed windings: shorted at the speed of `x`, or open at mid-step's angle.
 
-    A speed at mid-step would need the step's torque. The switches that short the terminals have no dead time; two
-    phases in series lose that of both.
+    The speed at mid-step would need the torque of the step. The switches that short the terminals have no dead time;
+    two phases in series have that of both.
     """
     short, lost = p.fault.winding_short, p.fault.phase_loss
     angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
@@ -216,7 +220,7 @@ def _of_winding(ops: Ops, p: Any, f: Held, x: Record, h: Value) -> Any:
 
 
 def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
-    """Return the plant's parameters with a fault that the actuator declares, if it is `on`, else `p`."""
+    """Return the plant's parameters with a fault that the actuator declares if it is `on`, otherwise `p`."""
     before: dict[str, Value] = {}
 
     def acting() -> tuple[Value, ...]:
@@ -224,8 +228,8 @@ def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
         before.update((name, _value(p, name, fault)) for name in changes)
         for name, value in changes.items():
             if not _alike(value, before[name]):
-                raise EmcasError(f"{location(fault.changes)} returns {name} = {value!r}; the form of the parameter is "
-                                 "needed: a number, or a tuple of the same length")
+                raise EmcasError(f"{location(fault.changes)} returns {name} = {value!r}; return what the parameter is: "
+                                 "a number, or a tuple of the same length")
         return _flat(changes.values())
 
     # With floats only one function is called: if the fault is off, `before` is empty, and nothing changes.
@@ -257,10 +261,10 @@ def _value(p: Any, name: str, fault: PlantFault) -> Value:
 
 
 def blocked(ops: Ops, p: Any, actuator: Actuator, u: PlantInputs, jam: Value) -> tuple[Any, PlantInputs]:
-    """Return parameters and inputs of the plant with which a jam of the fin itself blocks it during a step.
+    """Return parameters and inputs of the plant with which a jammed fin is blocked during a step.
 
-    This is for an actuator without screw drive that reads its fin and on which forces act: the fin's inertia is huge,
-    and does not turn with the vehicle. :func:`standing` removes the small motion that remains.
+    They change for an actuator without screw drive whose encoder reads the fin and on which forces act: its fin gets a
+    huge inertia and does not turn with the vehicle. :func:`standing` removes the small motion that remains.
     """
     other = {capabilities.SCREW_DRIVE, capabilities.COMMAND_REFERENCE} & actuator.provides
     if other or actuator.encoder[0] != "fin_angle":
@@ -270,7 +274,7 @@ def blocked(ops: Ops, p: Any, actuator: Actuator, u: PlantInputs, jam: Value) ->
 
 
 def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: PlantInputs) -> PlantInputs:
-    """Return the inputs of the faulty plant: supply, bridge, load, and the current limit without a fault."""
+    """Return the inputs of the faulty plant: supply, bridge, load, and the current limit that it has without faults."""
     changes = {}
     if actuator.supply is not None:
         changes["supply"] = f.supply * u.supply
@@ -284,7 +288,7 @@ def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: PlantInputs) -> Pla
 
 
 def at_line(ops: Ops, f: Held, power: Value) -> Value:
-    """Return the power [W] drawn from the supply for a `power` [W] of the actuator behind a brown-out.
+    """Return the power [W] from the supply for a `power` [W] of the actuator behind the drop of a brown-out.
 
     Current or flow is the same on both sides of the drop, which dissipates the difference. Power that the actuator
     returns reaches the supply unchanged.
@@ -294,13 +298,13 @@ def at_line(ops: Ops, f: Held, power: Value) -> Value:
 
 
 def returned_charge(ops: Ops, f: Held, before: Value, after: Value) -> Value:
-    """Return the charge [A.s] drawn from the supply, from that behind a brown-out: returned power is unchanged."""
+    """Return the charge [A.s] from the supply for that behind a brown-out; returned power is unchanged."""
     gained = after - before
     return before + ops.where(gained < 0.0, f.supply * gained, gained)
 
 
 def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:
-    """Return the states with a blocked rotor at rest, at its present angle or at that of `then`, if it is jammed."""
+    """Return the states; if the rotor is jammed it is at rest, at its present angle or at that of `then`."""
     angle, speed = actuator.encoder  # the motor's, if there is one
     changes = {speed: ops.where(jam, 0.0, getattr(x, speed))}
     if then is not None:
@@ -309,7 +313,7 @@ def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record |
 
 
 def without_loop(ops: Ops, actuator: Actuator, x: Record, f: Held) -> Record:
-    """Return the states with the current loop's integral of shorted terminals, 0."""
+    """Return the states; with shorted terminals the integral of the current loop is 0."""
     if capabilities.PHASES not in actuator.provides:
         return x
     return x.replace(drive_integral=ops.where(f.shorted > 0.0, 0.0, x.drive_integral))

@@ -5,12 +5,12 @@ trajectories are those of the actuator, bit for bit. The encoder reads
 
     seen = angle + offset + bias        offset += gain (moved - share max(moved, 0)) - moved
 
-with the motion `moved` since the sample before, a gain of 0 while it is frozen and -1 while it is reversed, and a share
-of the counts of positive motion that is lost. Motion that the encoder has missed remains missing, as in an incremental
-encoder. A jam blocks the rotor; behind an elastic drive line the fin may still move. A broken shaft
-(:mod:`emcas_fmu.physics.free_fin`) and a grown gap do not heal: they last until reset. The faults that an actuator
-declares for its kind (:class:`emcas_fmu.actuators.declaration.PlantFault`) change the plant's parameters from the
-sample with which they begin; their amounts may change between samples.
+`moved` is the motion since the last sample, the gain is 0 while the encoder is frozen and -1 while it is reversed, and
+`share` is the lost part of the counts of positive motion. Motion that the encoder has missed remains missing, as in an
+incremental encoder. A jam blocks the rotor; behind an elastic drive line the fin may still move. A broken shaft
+(:mod:`emcas_fmu.physics.free_fin`) and a grown gap last until reset. The faults that an actuator declares for its kind
+(:class:`emcas_fmu.actuators.declaration.PlantFault`) change the plant's parameters from the sample with which they
+begin; their amounts may change between samples.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _word(name: str, description: str, bits: tuple[str, ...]) -> Variable:
 FAULT_WORD = "fault_word"
 BUILT_IN_TEST = _word("built_in_test", "monitors tripped", tuple(monitor.name for monitor in monitors.MONITORS))
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
-# Faults that act on the plant and end with their cause.
+# Faults of the plant that end with their cause.
 _OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise", "winding_short",
              "phase_loss")
 _HELD = tuple(f"fault_{name}" for name in Held._fields)
@@ -52,8 +52,8 @@ _WAITING = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAN
 
 
 class _Kept(NamedTuple):
-    """States of the samples: their number, and of the last one the encoder's angle and offset, command, measured angle
-    and the angle of the model."""
+    """Number of `samples`, and from the last one the encoder's `angle` and `offset`, command, measured angle and the
+    angle of the monitors' model [rad]."""
 
     samples: Value
     angle: Value
@@ -67,7 +67,7 @@ _KEPT = tuple(f"last_{name}" for name in _Kept._fields)
 
 
 def _picked(ops: Ops, samples: Value, values: Sequence[Value]) -> Value:
-    """Return the value of so many samples ago; `values` begin with the present one."""
+    """Return the value from a number of samples ago; `values` begin with the present one."""
     chosen = values[-1]
     for i in reversed(range(len(values) - 1)):
         chosen = ops.where(samples < i + 0.5, values[i], chosen)
@@ -89,7 +89,7 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 class _Faulty:
-    """The functions of an actuator with faults and monitors, around those of the actuator without."""
+    """The functions of an actuator with faults and monitors, which call those of the actuator without."""
 
     def __init__(self, actuator: Actuator) -> None:
         self.actuator, self.has_status = actuator, STATUS in actuator.outputs
@@ -98,10 +98,10 @@ class _Faulty:
         self.broken = _BROKEN if self.geared else ()
         self.faults, self.watched = fault_list.general(actuator), monitors.possible(actuator)
         self.bits = fault_list.bits(actuator)
-        # The monitors know the motor's current.
+        # The monitors read the motor's current.
         self.read = (actuator.encoder[1], *(s.name for s in (*actuator.states, *self.broken)
                                             if s in self.broken or s.name == "motor_current"))
-        # Names of states: whether a fault of the actuator's kind is active; counter and flag of each monitor.
+        # Names of states: activity of each fault of the actuator's kind; counter and flag of each monitor.
         self.of_kind = {fault.name: f"plant_fault_{fault.name}" for fault in actuator.faults}
         self.counters, self.flags = (tuple(f"{monitor.name}_{kind}" for monitor in self.watched)
                                      for kind in ("counter", "flag"))
@@ -116,7 +116,7 @@ class _Faulty:
         return {**begun, **_named(_KEPT, kept), **dict.fromkeys(_WAITING, p.fin.start_angle), **_named(_HELD, SOUND)}
 
     def sample(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-        """Return reference and states of the controllers, with their faults, and of the monitors after a sample."""
+        """Return the result of a sample: reference and states of controllers with faults, states of monitors."""
         actuator = self.actuator
         q = actuator.equation_parameters(ops, p)
         k, before, line = _Kept(*_of(x, _KEPT)), Held(*_of(x, _HELD)), _of(x, _WAITING)
@@ -211,11 +211,11 @@ class _Faulty:
         return {**outputs, STATUS.name: verdict, FAULT_WORD: f.faults, BUILT_IN_TEST.name: f.built_in_test}
 
     def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
-        """Return the angle [rad] of the encoder of position, on motor or fin, from the state that it reads."""
+        """Return the angle [rad] of the shaft of the encoder of position, motor or fin, from the actuator's `angle`."""
         return ops.where(p.encoder.on_fin, kinematics.fin_at(ops, p, angle), angle) if self.geared else angle
 
     def _read(self, ops: Ops, p: Any, counted: Value, bias: Value) -> Value:
-        """Return the position [rad] for an encoder's counted angle [rad] with a `bias` [rad] of the fin."""
+        """Return the position [rad] as read for a `counted` angle [rad], with a `bias` [rad] of the fin."""
         if not self.geared:
             return counted + bias
         fin = ops.where(p.encoder.on_fin, counted, kinematics.fin_at(ops, p, counted)) + bias
@@ -224,7 +224,7 @@ class _Faulty:
 
     def _seen(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs, k: _Kept, on: Mapping[str, Value],
               ) -> tuple[Value, Value, Value, Values]:
-        """Return the encoder's angle and offset [rad], the position [rad] that it reads, and the states as read."""
+        """Return the encoder's angle and offset [rad], the position [rad] as read, and the states as read, by name."""
         plant = self.actuator.plant_parameters(ops, p)
         angle_name, rate_name = self.actuator.encoder
         angle, speed = self._encoder(ops, plant, inputs.position), getattr(x, rate_name)
@@ -240,7 +240,7 @@ class _Faulty:
         bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
         # Without a fault the angle is unchanged to the bit.
         (seen,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),), lambda: (inputs.position,))
-        # The speed is that of the motor's encoder, even if another is on the fin.
+        # The speed is that of the motor's encoder, even with another one on the fin.
         turned = {angle_name: seen, rate_name: counting * speed}
         if self.geared:
             turned = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)
@@ -248,7 +248,7 @@ class _Faulty:
         return angle, offset, seen, turned
 
     def _amounts(self, ops: Ops, p: Any, before: Held, on: Mapping[str, Value]) -> Held:
-        """Return the amounts of the plant's faults from this sample on; `before` are those of the sample before."""
+        """Return the amounts of the plant's faults from this sample on; `before` are the amounts of the last sample."""
         def amount(fault: str, name: str, without: float) -> Value:
             active = on[fault]
             return without if active is False else ops.where(active, getattr(getattr(p.fault, fault), name), without)
@@ -263,7 +263,7 @@ class _Faulty:
             shorted=ops.where(on["winding_short"], 1.0, 0.0), phase=ops.where(on["phase_loss"], 1.0, 0.0))
 
     def _status(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Value:
-        """Return the status of the actuator without faults; it does not know of a bridge that a fault opens."""
+        """Return the status of the actuator without faults, which does not show a bridge that a fault opens."""
         return self.actuator.plant_outputs(ops, p, x, u)[STATUS.name] if self.has_status else OPERATIONAL
 
     def _under(self, ops: Ops, q: Any, f: Held, u: PlantInputs, x: Record, h: Value) -> Any:
@@ -272,7 +272,7 @@ class _Faulty:
         return faulted(ops, q, self.actuator, f, kinds, x, h)
 
     def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: PlantInputs, used: Value) -> tuple[Value, ...]:
-        """Return 1, as the fin is broken off, and its angle [rad] and rate [rad/s] after the time `used` [s]."""
+        """Return 1 (the fin is broken off), and its angle [rad] and rate [rad/s] after `used` [s]."""
         f = Held(*_of(u, _HELD))
         rubbing = mechanics.with_hinge_friction(q, f.friction)
         now = self.actuator.plant_outputs(ops, p, x, u)
@@ -291,7 +291,7 @@ def _of(holder: PlantInputs | Record, names: Iterable[str]) -> list[Value]:
 
 
 def _off_shaft(ops: Ops, q: Any, x: Record, u: PlantInputs, outputs: Values) -> Values:
-    """Return the outputs of the fin: those of a broken fin, if it is broken off."""
+    """Return the outputs of the fin; after a break those of the part that is broken off."""
     fin, broken = x.broken_fin_angle, x.fin_broken_off > 0.0
     values = {
         "fin_angle": fin, "fin_rate": x.broken_fin_rate,
@@ -305,7 +305,7 @@ def _off_shaft(ops: Ops, q: Any, x: Record, u: PlantInputs, outputs: Values) -> 
 @rule(f"fault.command_delay.time = %.6g s must be at most {fault_list.LONGEST_COMMAND_DELAY} times "
       "controller.sample_time = %.6g s")
 def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    """Check a delay that is switched on or scheduled; others may become valid with a longer sample time."""
+    """Check the delay only if it is switched on or scheduled."""
     late, period = p.fault.command_delay, p.controller.sample_time
     used = ops.either(late.active, late.end > late.begin)
     longest = fault_list.LONGEST_COMMAND_DELAY * period * (1.0 + SLACK)

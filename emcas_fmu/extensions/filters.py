@@ -1,8 +1,8 @@
 """Filters of the loops of motor and screw: an observer of the motor's speed, and a notch in the drive's reference.
 
-The controllers, their load observer included, use the observed speed in place of the difference of counts. The notch
-is behind the controllers, so that it also filters what is fed forward; their anti-windup sees the reference before it.
-It is at rest while the drive is disabled. :mod:`emcas_fmu.control.filters` has the equations.
+The controllers, including their load observer, use the observed speed instead of the difference of counts. The notch
+is behind the controllers and also filters the feed-forward; the anti-windup of the controllers uses the reference
+before the notch. The notch is at rest while the drive is disabled. :mod:`emcas_fmu.control.filters` has the equations.
 
 With filters.speed_bandwidth = 0 and filters.notch_frequency = 0 the actuator is unchanged.
 """
@@ -32,8 +32,8 @@ PARAMETERS = in_group(
     parameter("notch_zero_damping", "1", 0.0, 10.0, "damping of the notch's zeros"),
     parameter("notch_pole_damping", "1", 1e-3, 10.0, "damping of the notch's poles"),
 )
-_OBSERVER = (State("observed_speed", "rad/s", "motor speed, of its observer"),
-             State("observed_load", "N.m", "load at the motor, of the observer of its speed"))
+_OBSERVER = (State("observed_speed", "rad/s", "motor speed as its observer estimates it"),
+             State("observed_load", "N.m", "load at the motor as the observer of the speed estimates it"))
 _RATE = State("target_rate", "rad/s", "rate of the motion that the controllers followed at the last sample")
 _NOTCH = tuple(map(State, filters.Notched._fields))
 

@@ -5,10 +5,10 @@
 
 A signal between the halves has the same name in both. The encoders and the bus of the command belong to the
 controllers, the drive with its transport delay to the plant, which reads the reference at its samples. States that
-samples set and steps use, as those of the extensions homing and faults, are signals from controllers to plant.
+samples set and steps use, such as those of the extensions homing and faults, are signals from controllers to plant.
 
 Both halves have the parameters of the whole, and sample every controller.sample_time from the start. If the controllers
-step first, and the plant then with their reference, the trajectory is that of the whole to the bit.
+step first and the plant then reads their reference, the trajectory equals that of the whole to the bit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..ops.base import Ops, Value
 from ..variables import Terminal, Variable, real_input, real_output
 from .declaration import Extension
 
-_IDLE = State("idle", description="of the controllers, which have no plant: a core has at least one state")
+_IDLE = State("idle", description="unused state of the controllers alone: a core needs at least one")
 
 
 def measured(actuator: Actuator) -> tuple[str, ...]:
@@ -49,8 +49,7 @@ def _only(values: Mapping[str, Value], names: Iterable[str]) -> Values:
 
 
 class _Signals:
-    """Signals between the halves of an actuator, as outputs: the reference of the last sample, the measured states by
-    name, and the states that samples set and steps use."""
+    """Signals between the halves, as outputs: the last sample's reference, measured states, states that steps use."""
 
     def __init__(self, actuator: Actuator) -> None:
         outputs, states = {v.name: v for v in actuator.limited_outputs}, {s.name: s for s in actuator.states}
@@ -77,7 +76,7 @@ def _controller(actuator: Actuator) -> Actuator:
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         read = {name: getattr(inputs, name) for name in signals.measured}
-        others = {s.name: 0.0 for s in actuator.states}  # evaluated by some, without effect on what is returned
+        others = {s.name: 0.0 for s in actuator.states}  # some actuators read them, without effect on the result
         x = Record(**{**others, **vars(x), **read})
         level = {} if supply is None else {"supply": getattr(inputs, identifier(supply.input.name))}
         return actuator.sampled(ops, p, x, inputs.replace(**level, position=actuator.position(ops, p, x)))
@@ -112,7 +111,7 @@ def _plant(actuator: Actuator) -> Actuator:
         return {"reference": getattr(inputs, identifier(signals.reference.name))}
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        # A measured state itself, not the output of its name, which may depend on inputs: the halves have no loop.
+        # The state, not the output of that name, which may depend on inputs: so the halves form no algebraic loop.
         return {**_only(actuator.output_values(ops, p, x, u), shown), **_only(vars(x), signals.measured)}
 
     return replace(

@@ -1,14 +1,14 @@
-"""Heat: winding and case warm up, resistance and torque constant follow, the drive folds its current back (I2t).
+"""Heat: temperatures of winding and case, which change resistance and torque constant, and the drive's I2t limit.
 
-The equations are those of :mod:`emcas_fmu.physics.heat`. During a step the motor has the temperatures of mid-step,
-predicted from the current at the start; the heat is the loss of the current in that resistance. Both have second order.
-The current limit instead errs to the safe side, by less than one tick of its folding back. The controllers do not know
-the temperatures: friction compensation uses the torque constant of the parameters.
+The equations are those of :mod:`emcas_fmu.physics.heat`. During a step the motor has the temperatures at mid-step,
+predicted from the current at the start; the heat is the loss of the current in the resistance at that temperature. Both
+are of second order in the tick. The current limit errs to the safe side, by less than its change in one tick. The
+controllers do not know the temperatures: friction compensation uses the torque constant of the parameters.
 
-The mean of i^2 follows from the exponential course of the current between the ends of a step
-(:mod:`emcas_fmu.steppers.rigid`). With another current loop (linear, ristanovic, ozkan) the ends are the same, the
-course slightly different. If the motor is not stepped by these equations, the course is a line between the ends: also
-of second order in the tick, which must resolve the winding's time constant.
+The mean of i^2 is that of an exponential course of the current between the ends of a step
+(:mod:`emcas_fmu.steppers.rigid`). With another current loop (linear, ristanovic, ozkan) the ends are the same and the
+course is slightly different. If the motor is not stepped by these equations, the course is a line between the ends:
+also of second order in the tick, which must resolve the winding's time constant.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ PARAMETERS = in_group(
               "(friction.temperature)", sheet="motor: thermal resistance, case to ambient"),
     parameter("winding_start_rise", "K", -100.0, 250.0, "winding temperature at the start above ambient"),
     parameter("case_start_rise", "K", -100.0, 250.0, "case temperature at the start above ambient"),
-    parameter("reference_temperature", "degC", -100.0, 200.0, "temperature that resistance and constants of motor.* "
-              "apply"),
+    parameter("reference_temperature", "degC", -100.0, 200.0, "temperature at which resistance and constants of "
+              "motor.* apply"),
     parameter("resistance_coefficient", "1/K", 0.0, 0.01, "rise of the winding resistance with its temperature"),
     parameter("torque_coefficient", "1/K", -0.01, 0.0, "change of torque and back-EMF constant with the case "
               "temperature (magnets)"),
-    parameter("winding_limit", "degC", -100.0, 400.0, "largest winding temperature, for the torque-speed envelope: "
-              "nothing acts on it in the simulation", sheet="motor: permitted winding temperature"),
+    parameter("winding_limit", "degC", -100.0, 400.0, "largest winding temperature, for the torque-speed envelope; "
+              "it has no effect in the simulation", sheet="motor: permitted winding temperature"),
 )
 AMBIENT = replace(tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), start=24.0)
 """The ambient temperature of an actuator that has none."""
 I2T_PARAMETERS = in_group(
     "heat",
-    parameter("continuous_current", "A", 1e-3, 1e4, "current the drive allows for any time (I2t); that and above "
+    parameter("continuous_current", "A", 1e-3, 1e4, "current that the drive allows for any time (I2t); at or above "
               "drive.current_limit: no I2t limit",
-              sheet="drive: continuous (rated) current, or the motor's where that is less"),
-    parameter("peak_time", "s", 0.05, 1e4, "time for which I2t allows drive.current_limit, from rest",
+              sheet="drive: continuous (rated) current, or the motor's if that is less"),
+    parameter("peak_time", "s", 0.05, 1e4, "time for which I2t allows drive.current_limit after zero current",
               sheet="drive: time at peak current"),
 )
 OUTPUTS = (
@@ -64,9 +64,9 @@ OUTPUTS = (
     real_output("case_temperature", "degC", "case temperature", 100.0),
 )
 I2T_OUTPUTS = (
-    real_output("i2t_load", "1", "share of the I2t budget that is spent; the current limit folds back from "
+    real_output("i2t_load", "1", "used share of the I2t budget; the current limit is reduced from "
             f"{heat.FOLDING:g} to 1", 1.0, minimum=0.0),
-    real_output("current_limit", "A", "limit of the current reference that I2t, and a derated drive, leaves", 30.0,
+    real_output("current_limit", "A", "limit of the current reference, reduced by I2t and by a derated drive", 30.0,
                 minimum=0.0, limited_by=("drive.current_limit",)),
 )
 
@@ -84,8 +84,8 @@ def extend(actuator: Actuator) -> Actuator:
     def through(ops: Ops, p: Any, x: Record, u: PlantInputs, current: Value, h: Value) -> Any:
         """Return the parameters for a step of `h` [s] that starts with a current [A].
 
-        Temperatures are those of mid-step. The limit is that of the step's end for a current at the limit of its
-        start, so that the reference never exceeds the limit at any time of the step.
+        Temperatures are those at mid-step. The current limit is the one that would hold at the end of the step if the
+        current were at the limit throughout, so that the reference never exceeds the limit.
         """
         winding, case, later = x.winding_temperature, x.case_temperature, None
         loss = heat.resistance(ops, p, winding) * current * current
@@ -101,7 +101,7 @@ def extend(actuator: Actuator) -> Actuator:
                 "case_temperature": ambient + p.heat.case_start_rise}
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-        """Return the result of a sample of the controllers, whose anti-windup knows the present limit."""
+        """Return the result of a sample of the controllers; their anti-windup uses the present current limit."""
         limit = heat.current_limit(ops, p, x.i2t_load)
         return actuator.sample(ops, with_values(p, {"drive.current_limit": limit}), x, inputs)
 

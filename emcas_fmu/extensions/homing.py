@@ -6,9 +6,9 @@ of fin.start_angle. A rising edge of `home` starts a run (:mod:`emcas_fmu.extens
     unreferenced -> seeking (one stop) -> crossing (to the other) -> returning (to zero) -> ready
                     any of them -> failed (wrong travel, no way back, too late) or unreferenced (disabled)
 
-Only a ready actuator follows its command. While it is unreferenced or failed, the drive's bridge is open as if it were
-disabled, whatever reference is delayed in the drive. The thesis also homes its actuator (section 5.3.1, Figure 5.12),
-but does not describe the steps.
+Only a ready actuator follows its command. While it is unreferenced or failed, the drive's bridge is open as if the
+drive were disabled, whatever reference is still in its delay. The thesis also homes its actuator (section 5.3.1, Figure
+5.12), but does not describe the steps.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from .status import DISABLED, FAILED, HOMING, OPERATIONAL, STATUS, UNREFERENCED
 
 PARAMETERS = in_group(
     "homing",
-    switch("required", "true: the start angle is not known and no command followed until homed; false: it is known"),
-    switch("positive_first", "true: the positive stop is sought first; false: the negative one"),
-    switch("verify", "true: the other stop is sought too, and the way between them judged; false: any stall is one"),
-    parameter("speed", "rad/s", radians(0.1), radians(100.0), "mean fin rate towards the stops and back"),
-    parameter("reference_limit", "V", 1e-3, 1e3, "largest DAC output while homing: the push against a stop"),
-    parameter("stall_time", "s", 1e-3, 10.0, "time at reference_limit without motion that makes a stall; also at zero, "
-              "the time that ends the return"),
+    switch("required", "true: the start angle is unknown, and commands are ignored until homed; false: it is known"),
+    switch("positive_first", "true: the run begins towards the positive stop; false: towards the negative one"),
+    switch("verify", "true: a run also goes to the other stop and checks the travel; false: it trusts the first stall"),
+    parameter("speed", "rad/s", radians(0.1), radians(100.0), "mean fin rate during a run"),
+    parameter("reference_limit", "V", 1e-3, 1e3, "largest DAC output during a run, and at a stop"),
+    parameter("stall_time", "s", 1e-3, 10.0, "time at reference_limit without motion after which the fin is "
+              "stalled; also the time at zero that ends the return"),
     parameter("travel_tolerance", "rad", radians(1e-3), radians(20.0),
-              "largest difference of the way between the stops from 2 fin.stop_angle"),
-    parameter("return_tolerance", "rad", radians(1e-3), radians(20.0), "largest angle from zero that ends the return"),
-    parameter("timeout", "s", 1e-2, 1e4, "longest homing run"),
+              "largest difference of the travel between the stops from 2 fin.stop_angle"),
+    parameter("return_tolerance", "rad", radians(1e-3), radians(20.0), "distance from zero at which the return ends"),
+    parameter("timeout", "s", 1e-2, 1e4, "longest duration of a run"),
 )
 HOME = boolean_input("home", "a rising edge while enabled and not homing starts a homing run", False)
 HOMED = boolean_output("homed", "the controllers know the fin's angle and follow the command when enabled")
-# Time to start, to turn and to settle at zero [s]: an estimate, three times that of a free fin.
+# s, time to start, to reverse and to settle at zero: an estimate, three times that of a fin without load
 SETTLES = 0.3
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with an offset of its encoder, and the state machine that determines it."""
+    """Return the actuator with an offset of its encoder and the state machine that finds it."""
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         x = Record(**actuator.start(ops, p, start.fin_angle))
         offset = ops.where(p.homing.required, -run.reading(ops, p, actuator.position(ops, p, x), x.counts), 0.0)

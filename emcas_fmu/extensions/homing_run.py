@@ -1,17 +1,17 @@
 """A homing run, sample by sample. Positions are encoder readings in counts (with the encoder off, of the true angle).
 
 During a run the position is measured from a target that moves at homing.speed, and the command is zero. The loops, with
-their normal gains, then follow the target whatever the fin's unknown angle is, and command.limit does not matter. In
-the shared loops in cascade, the target's speed is fed forward through the position loop's integral. The rest of this
-integral balances the loads and is kept for closed loop, so that nothing jumps. Other controllers follow the target with
-their lag, and their anti-windup holds their integrals at a stop.
+their normal gains, then follow the target whatever the unknown angle of the fin is, and command.limit has no effect. In
+the shared loops in cascade, the target's speed is fed forward through the position loop's integral. The remainder of
+this integral balances the loads and is kept after the run, so that nothing jumps. Other controllers follow the target
+with their lag, and their anti-windup holds their integrals at a stop.
 
     seeking    towards one stop until a stall: the reference is at its limit and the fin hardly moves for stall_time
     crossing   towards the other until a stall; the run fails unless the travel is 2 stop_angle
     returning  the offset is set so that both stops are at the same distance, then the fin moves to zero
 
-A symmetric error, such as the compliance and the gap of an elastic drive line that is pushed against its stops, does
-not affect the zero.
+An error that is the same at both stops, such as the compliance and the gap of an elastic drive line, does not change
+the zero.
 """
 
 from __future__ import annotations
@@ -26,14 +26,16 @@ from ..ops.base import Ops, Value
 from ..physics import kinematics
 
 UNKNOWN, SEEKING, CROSSING, RETURNING, READY, FAILED = (float(i) for i in range(6))
-_STILL = 0.1  # of the target's way within homing.stall_time: a fin that moves less is at rest
-_WAITS = 0.25  # of homing.stall_time: how long the target moves on while the fin is at rest
+_STILL = 0.1  # share of the target's motion in homing.stall_time; a fin that moves less is at rest
+_WAITS = 0.25  # share of homing.stall_time for which the target still moves while the fin is at rest
 _EDGE = 1.0 - 1e-9  # ratio to a limit at which a value is at the limit, despite rounding
 
 
 class Progress(NamedTuple):
-    """States of a run: the encoder's `offset`, the `target`, where the present way began (`origin`), for how long the
-    fin has `stalled` [s] and where that began (`mark`), and the time `elapsed` [s]. All but times in counts."""
+    """States of a run: the encoder's `offset`, the `target` and the `origin` of the phase, all in counts.
+
+    `stalled` [s] is the time since the fin stalled, at the position `mark` [counts]; `elapsed` [s] is that of the run.
+    """
 
     offset: Value
     target: Value
@@ -47,8 +49,10 @@ PROGRESS = tuple(f"homing_{name}" for name in Progress._fields)
 
 
 class _Way(NamedTuple):
-    """The travel: its `span` [counts], the readings expected in its `middle` and at the stop sought `first`, counts
-    `per_angle` of the fin [1/rad], `motor` angle per count [rad]."""
+    """The travel between the stops: its `span` [counts], and the readings in its `middle` and at the `first` stop.
+
+    `per_angle` are counts per fin angle [1/rad], `motor` is the motor angle per count [rad].
+    """
 
     span: Value
     middle: Value
@@ -58,30 +62,30 @@ class _Way(NamedTuple):
 
 
 def moving(ops: Ops, phase: Value) -> Value:
-    """Return whether a run is in progress, by its phase."""
+    """Return whether a run is in progress in a phase."""
     return ops.both(phase >= SEEKING, phase <= RETURNING)
 
 
 def run_in_cascade(actuator: Actuator) -> bool:
-    """Return whether a run uses the shared loops in cascade, of which it knows the integrals."""
+    """Return whether the actuator has the shared loops in cascade, whose integrals a run sets."""
     return actuator.provides.issuperset((capabilities.CASCADE, capabilities.SCREW_EQUATIONS))
 
 
 def driven(ops: Ops, phase: Value) -> Value:
-    """Return whether the drive's bridge may be closed, by the phase of a run."""
+    """Return whether the drive's bridge may be closed in a phase."""
     return ops.both(phase >= SEEKING, phase <= READY)
 
 
 def reading(ops: Ops, p: Any, angle: Value, counts: Value, offset: Value = 0.0) -> Value:
-    """Return the reading [counts] of the encoder of position at the state of angle [rad] that it reads.
+    """Return the reading [counts] of the encoder of position: its whole `counts`, which include the offset.
 
-    `offset` is added to true angles; whole `counts` include it.
+    With the encoder off it is the true `angle` [rad] in counts, plus the `offset`.
     """
     return ops.where(p.encoder.enabled, counts, angle / sensors.resolution(p) + offset)
 
 
 def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
-    """Return the travel as the encoder reads it, for any kinematics."""
+    """Return the travel in the encoder's counts, for any kinematics."""
     stop = p.fin.stop_angle
     high, low = (Record(**actuator.start(ops, p, angle)) for angle in (stop, -stop))
     top, bottom = (reading(ops, p, actuator.position(ops, p, x), x.counts) for x in (high, low))
@@ -94,7 +98,7 @@ def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
 def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs) -> dict[str, Value]:
     """Return the result of a sample by name, with the phase and PROGRESS.
 
-    Outside a run it is the actuator's sample with the encoder's offset, disabled unless ready.
+    Outside a run it is the sample of the actuator with the encoder's offset, enabled only in the phase ready.
     """
     progress = Progress(*(getattr(x, name) for name in PROGRESS))
     edge = ops.both(inputs.home, ops.negate(x.home_before))
@@ -126,7 +130,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
     seeks, crosses, returns = (ops.equal(phase, x) for x in (SEEKING, CROSSING, RETURNING))
 
-    # The target waits while the fin does not follow, so that a fin that is released does not chase a distant target.
+    # The target waits while the fin does not follow: a fin that is released has no distant target to chase.
     speed = p.homing.speed * way.per_angle
     first = ops.where(p.homing.positive_first, speed, -speed)
     rate = ops.where(seeks, first, ops.where(crosses, -first, ops.clip(-target / period, -speed, speed)))
@@ -135,7 +139,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     cascaded = run_in_cascade(actuator)
     forward = rate * way.motor if cascaded else 0.0
     inputs = inputs.replace(command=0.0, encoder_offset=g.offset - frame, ahead=None)
-    # A weight of 1, as the loop must not depend on the moving origin.
+    # A setpoint weight of 1, since the loop must not depend on the moving origin.
     pushing = with_values(p, {"drive.reference_limit": limit, "controller.position.setpoint_weight": 1.0,
                               "controller.position.velocity_feedforward": 0.0})
     if cascaded:
@@ -147,7 +151,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
 
     pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time
-    # One count to and fro is not motion.
+    # A change by one count is not motion.
     window = ops.where(p.encoder.enabled, ops.maximum(window, 1.0), window)
     still = ops.both(pressed, ops.fabs(at - mark) <= window)
     back = ops.both(returns, ops.both(ops.equal(target, 0.0),
@@ -168,7 +172,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     fails = ops.either(ops.either(lost, elapsed > p.homing.timeout), ops.equal(after, FAILED))
     after = ops.where(fails, FAILED, after)
 
-    # The change of the offset, in whole counts; at a turn everything starts again from there.
+    # The change of the offset, in whole counts; at a reversal the measurements of the phase begin again.
     wrong = ops.where(seeks, way.first - at, way.middle - 0.5 * (at + origin))
     shift = ops.where(sets, ops.where(p.encoder.enabled, ops.floor(wrong + 0.5), wrong), 0.0)
     here = at + shift

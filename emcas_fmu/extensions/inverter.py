@@ -26,11 +26,11 @@ from .pole_pairs import one_motor
 
 PARAMETERS = in_group(
     "inverter",
-    parameter("dead_time", "s", 0.0, 1e-3, "dead time between the switches of a phase that the drive does not "
-              "compensate (0: none)", sheet="drive: dead time, less its compensation", display="us"),
-    parameter("switching_frequency", "Hz", 1.0, 1e6, "switching periods a second",
+    parameter("dead_time", "s", 0.0, 1e-3, "dead time between the switches of a phase, less what the drive "
+              "compensates (0: none)", sheet="drive: dead time, less its compensation", display="us"),
+    parameter("switching_frequency", "Hz", 1.0, 1e6, "switching frequency of the bridge",
               sheet="drive: switching (PWM) frequency", display="kHz"),
-    integer_parameter("pole_pairs", 0, 1000, "pole pairs of the motor that an open bridge rectifies (0: its diodes do "
+    integer_parameter("pole_pairs", 0, 1000, "pole pairs of the motor, for the diodes of an open bridge (0: they do "
                       "not conduct)", sheet="motor: pole pairs, half the number of poles"),
 )
 
@@ -44,8 +44,9 @@ class _Opposing(NamedTuple):
 
 
 class _First(NamedTuple):
-    """A first step: motor speed [rad/s] and current along its sign [A] at its start and end, its time [s], and that
-    over the time constant of the current.
+    """A first step: motor speed [rad/s] and current along its sign [A] at start and end, and its time [s].
+
+    `ratio` is that time over the time constant of the current.
     """
 
     speed: tuple[Value, Value]
@@ -80,8 +81,8 @@ def extend(actuator: Actuator) -> Actuator:
                ) -> tuple[Any, Record, Any]:
         """Return parameters, states and inputs with the voltage and resistance `against` the current.
 
-        Conducting diodes are those of a drive that is enabled and has no loop: its demand is its integral, the voltage
-        of the diodes, and its supply is twice that and 1 V, so that no limit acts, and none at 0 V either.
+        Conducting diodes are computed as an enabled drive without loop. Its integral is the voltage of the diodes, and
+        its supply is twice that plus 1 V, so that no limit is active, not even at 0 V.
         """
         conducts = ops.negate(ops.equal(side, 0.0))
         wound = with_values(q, {"motor.resistance": q.motor.resistance + against.added})
@@ -140,13 +141,13 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 def _event(ops: Ops, q: Any, u: PlantInputs, first: _First, h: Value) -> Value:
-    """Return when [s] the diodes of an open bridge begin to conduct or their current ends, `h` [s] if neither."""
+    """Return the time [s] at which an open bridge's diodes begin to conduct or their current ends; `h` [s] if never."""
     before, after = first.current
     onset = inverter.onset(ops, u.supply)
     below, beyond = (onset - ops.fabs(drive.back_emf(q, w)) for w in first.speed)
     ends = ops.both(before > 0.0, after < 0.0)
     begins = ops.both(ops.equal(before, 0.0), ops.both(below >= 0.0, beyond < 0.0))
-    # The current on its exponential, the back-EMF on a line.
+    # The current is on its exponential, the back-EMF on a line.
     gone = (1.0 - ops.exp(-first.ratio)) * before / ops.where(ends, before - after, 1.0)
     at_end = -(first.time / first.ratio) * ops.log(ops.where(ends, 1.0 - gone, 1.0))
     at_begin = first.time * below / ops.where(begins, below - beyond, 1.0)

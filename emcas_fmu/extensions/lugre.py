@@ -37,17 +37,17 @@ PARAMETERS = in_group(
     parameter("damping", "N.m.s/rad", 0.0, 1.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
     parameter("static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
     parameter("stribeck_speed", "rad/s", 1e-3, 1e3,
-              "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s", display="rpm"),
+              "motor speed at which 1/e of the excess over Coulomb friction is left, w_s", display="rpm"),
 )
 OUTPUTS = (
     real_output("bristle_deflection", "rad", "mean deflection of the bristles at the motor", 0.01),
-    real_output("friction_torque", "N.m", "friction at the motor without the viscous, positive against positive motion",
-                0.1),
+    real_output("friction_torque", "N.m", "friction at the motor without viscous friction, positive against positive "
+                "motion", 0.1),
 )
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with bristles, one further state."""
+    """Return the actuator with bristles, whose deflection is a state."""
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         moved, deflection, used = advance(ops, actuator.plant_parameters(ops, p), states(Plant, x),
                                           x.bristle_deflection, u, h)
@@ -66,7 +66,7 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
-    # The rotor's oscillation on its bristles then advances 1 rad in a tick: the period is 8 % too long.
+    # At this limit the rotor's oscillation on its bristles advances 1 rad in a tick, and its period is 8 % too long.
     @rule("lugre.stiffness = %.6g N.m/rad must be at most %.6g N.m/rad, the motor's inertia over the square of the "
           "tick of %.6g s; lower it or solver.max_tick")
     def resolved(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:

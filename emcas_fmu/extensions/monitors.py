@@ -1,8 +1,8 @@
 """The built-in test: failures that an actuator detects by its measurements, without knowledge of the faults.
 
 A monitor trips when its condition has held without interruption for ``monitor.persistence``, and clears when it has not
-held for as long. The monitors are reset while the actuator does not follow its command, as it is disabled or homing.
-Tracking is compared with a model of the response to the command,
+held for the same time. The monitors are reset while the actuator does not follow its command, because it is disabled or
+homing. The measured angle is compared with a model of the response to the command,
 
     dm/dt = clip(K (command - m), +-rate)
 
@@ -25,12 +25,14 @@ from ..physics import drive
 from ..variables import Variable, in_group, tunable
 from .status import DEGRADED, FAILED, OPERATIONAL
 
-_SLACK = 1e-6  # of a sample: whole numbers of samples are counted whole
+_SLACK = 1e-6  # samples; rounding does not add a sample to a whole number of them
 
 
 class Watched(NamedTuple):
-    """Inputs of the monitors at a sample: `command` [rad] as received, `measured` angle [rad] and the one `before`, the
-    `modelled` one of the sample before, `reference` of the drive, motor `current` [A], `supply` [V or Pa], `enabled`.
+    """Inputs of the monitors at a sample: `command` [rad] as received, `measured` angle [rad], the drive's `reference`,
+    motor `current` [A], `supply` [V or Pa], and whether the monitors are `enabled`.
+
+    `before` and `modelled` are the measured angle and that of the model [rad] at the sample before.
     """
 
     command: Value
@@ -66,22 +68,22 @@ def _stalled(ops: Ops, p: Any, w: Watched, angle: Value) -> Value:
 _PERSISTENCE = tunable("persistence", "s", 0.0, 100.0,
                         "time a condition must hold for its monitor to trip or to clear")
 _RESPONSE = tunable("response", "1/s", 1e-3, 1e5, "rate at which the model of the response reduces an error")
-# Bits of the built-in test's word, the first the least.
+# In the order of their bits in the built-in test's word, the lowest first.
 MONITORS = (
     Monitor("tracking", "the measured angle does not follow the command",
             lambda ops, p, w, angle: ops.fabs(angle - w.measured) > p.monitor.tracking_limit, (
                 tunable("tracking_limit", "rad", 0.0, radians(180.0),
-                        "modelled less measured angle, beyond which tracking trips"),
+                        "difference of modelled and measured angle beyond which tracking trips"),
                 tunable("rate", "rad/s", 1e-3, 1e3, "largest fin rate of the model of the response"))),
     Monitor("stall", "a large reference moves nothing", _stalled, (
-        tunable("stall_share", "1", 0.0, 1.0, "of drive.reference_limit that the DAC puts out at a stall"),
+        tunable("stall_share", "1", 0.0, 1.0, "share of drive.reference_limit from which a fin at rest is stalled"),
         tunable("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin counts as at rest")),
         (capabilities.REFERENCE_LIMIT,)),
-    # The reference in the drive is older by the transport delay, which persistence covers.
+    # The drive's reference is older by the transport delay, which persistence has to cover.
     Monitor("drive", "the current does not follow its reference", lambda ops, p, w, angle: ops.fabs(
         drive.current_reference(ops, p, w.reference) - w.current) > p.monitor.current_limit, (
             tunable("current_limit", "A", 0.0, 1e4,
-                    "current reference less current, beyond which the drive does not respond"),),
+                    "difference of current reference and current beyond which the drive does not respond"),),
         (capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP)),
     Monitor("supply", "the bus voltage is too low", lambda ops, p, w, angle: w.supply < p.monitor.minimum_supply, (
         tunable("minimum_supply", "V", 0.0, 1e3, "bus voltage below which the supply is too low"),),
@@ -109,8 +111,7 @@ def parameters(actuator: Actuator) -> tuple[Variable, ...]:
 
 
 def modelled(ops: Ops, p: Any, response: Value, w: Watched) -> Value:
-    """Return the angle [rad] of the model with a `response` [1/s]; of an actuator that is not monitored, the measured
-    angle."""
+    """Return the angle [rad] of the model with a `response` [1/s]; without monitoring, the measured angle."""
     period = p.controller.sample_time
     share = ops.minimum(response * period, 1.0)
     change = share * (fin_port.clipped_command(ops, p, w.command) - w.modelled)

@@ -11,14 +11,13 @@ from ..rules import Rule, rule, when
 
 
 def one_motor(pairs: Iterable[tuple[str, str]]) -> tuple[Rule, ...]:
-    """Return the warnings of pairs of parameters that differ, except those that are 0 or of a fault that does not act.
-    """
+    """Return warnings for pairs of parameters that differ, unless one is 0 or belongs to a fault that is not active."""
     return tuple(_same(*pair) for pair in pairs)
 
 
 def _same(first: str, second: str) -> Rule:
-    @rule(f"{first} = %.6g and {second} = %.6g are of the same motor: give both the same, or 0 where that leaves out "
-          "what they cause", warning=True)
+    @rule(f"{first} = %.6g and {second} = %.6g belong to the same motor: set both to the same number, or one to 0 "
+          "to leave its effect out", warning=True)
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         one, other = value_of(p, first), value_of(p, second)
         act = ops.both(_acts(ops, p, first), _acts(ops, p, second))

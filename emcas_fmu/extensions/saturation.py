@@ -1,8 +1,8 @@
 """Saturation of the motor's iron (:mod:`emcas_fmu.physics.saturation`): less torque and back-EMF per current and speed.
 
-A step has the constants of the mean square of its current, which a first step with the constants of its start predicts.
-That is of second order in the tick; at a constant current it is exact. The controllers do not know it: compensation of
-friction and feed-forward have the torque constant of the parameters.
+A step uses the constants at the mean square of its current, which a first step with the constants at its start
+predicts. The error is of second order in the tick, and 0 at a constant current. The controllers do not know the
+saturation: friction compensation and feed-forward use the torque constant of the parameters.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from .declaration import Extension
 PARAMETERS = in_group(
     "saturation",
     parameter("share", "1", 0.0, 0.33, "share of torque and back-EMF constant that is lost at saturation.current",
-              sheet="motor: 1 less peak torque over K_t times peak current"),
-    parameter("current", "A", 1e-3, 1e4, "current at which it is lost; the loss rises with the square of the current",
+              sheet="motor: 1 - peak torque/(K_t times peak current)"),
+    parameter("current", "A", 1e-3, 1e4, "current at which that share is lost; the loss rises with its square",
               sheet="motor: peak current"),
 )
 
@@ -51,7 +51,7 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 @rule("saturation.share = %.6g at saturation.current = %.6g A: the motor has its largest torque at %.6g A, which is "
-      "below drive.current_limit = %.6g A; lower saturation.share, or give it at a higher current")
+      "below drive.current_limit = %.6g A; lower saturation.share, or raise saturation.current")
 def _monotonic(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     s, limit = p.saturation, p.drive.current_limit
     largest = s.current / ops.sqrt(ops.maximum(3.0 * s.share, 1e-300))

@@ -1,9 +1,9 @@
 """Errors of the sensors: the drive's current sensor, and the encoder of position (:mod:`.control.sensor_errors`).
 
-The current sensor is in actuators whose drive has a current loop and a current limit. The encoder is that of position:
-of the motor, whose speed has the same error, or with `encoder.on_fin` of the fin; the motor's, which then measures the
-speed, is exact. Speed that is fed back without counts (`encoder.enabled` = false) has no noise. Steps follow from the
-parameters alone; `heat` takes the course of the current within a tick as that of a drive with an exact sensor.
+Actuators whose drive has a current loop and a current limit have the current sensor. The encoder is the one that
+measures the position: that of the motor, whose speed then has the same error, or with `encoder.on_fin` that of the fin;
+the motor's, which then measures the speed, is exact. Speed that is fed back without counts (`encoder.enabled` = false)
+has no noise. `heat` computes the current within a tick as if the sensor were exact.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from .declaration import Extension
 ENCODER = in_group(
     "sensor.encoder",
     *(each for name, times in (("once", "once"), ("twice", "twice")) for each in (
-        parameter(name, "rad", 0.0, 0.1, f"amplitude of the encoder's error that repeats {times} a turn of its shaft",
+        parameter(name, "rad", 0.0, 0.1, f"amplitude of the encoder's error that repeats {times} per turn of its shaft",
                   sheet="encoder: accuracy as mounted, a peak value at its shaft"),
         parameter(f"{name}_phase", "rad", -2.0 * pi, 2.0 * pi, "phase of that error at angle 0"))),
-    parameter("noise", "rad", 0.0, 0.1, "noise of the encoder at its shaft at a sample, rms",
+    parameter("noise", "rad", 0.0, 0.1, "rms noise of the encoder in a sample, at its shaft",
               sheet="encoder: noise, rms at its shaft"),
-    integer_parameter("seed", 1, 2_147_483_562, "which sequence of noise"))
+    integer_parameter("seed", 1, 2_147_483_562, "seed of the sequence of noise"))
 CURRENT = in_group(
     "sensor.current",
-    parameter("offset", "A", -1e3, 1e3, "measured less motor current at a current of 0",
+    parameter("offset", "A", -1e3, 1e3, "measured minus motor current, at a motor current of 0",
               sheet="current sensor: offset, with its drift"),
-    parameter("gain_error", "1", -0.5, 0.5, "slope of the measured over the motor current, less 1",
+    parameter("gain_error", "1", -0.5, 0.5, "slope of the measured against the motor current, minus 1",
               sheet="current sensor: sensitivity error, with its drift"))
 OF_ENCODER = {"eccentricity of the encoder": {"sensor.encoder.once": 0.0, "sensor.encoder.twice": 0.0},
               "noise of the encoder": {"sensor.encoder.noise": 0.0}}
 OF_CURRENT = {"current sensor": {"sensor.current.offset": 0.0, "sensor.current.gain_error": 0.0}}
 GENERATORS = (State("sensor_generator_1"), State("sensor_generator_2"))
 _MOTOR = "motor_counts"
-_KEPT = ("target", *bus.STATES)  # states of the controllers that follow from the command
+_KEPT = ("target", *bus.STATES)  # states of the controllers that depend on the command only
 _NEEDED = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.DRIVE_STEP)
 
 
@@ -80,7 +80,7 @@ def extend(actuator: Actuator) -> Actuator:
         return e.once + e.twice + e.noise > 0.0
 
     def initial(ops: Ops, p: Any, start: Record) -> Values:
-        """Return the states at rest; those of the controllers follow from what the encoder reads, without noise."""
+        """Return the states at rest; those of the controllers fit the encoder's reading without noise."""
         begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
         position = actuator.position(ops, p, Record(**begun))
         names = ("measured_fin_angle", *(s.name for s in actuator.controller_states if s.name not in _KEPT))
@@ -128,14 +128,14 @@ def extend(actuator: Actuator) -> Actuator:
         return sensed
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        """Return the outputs; the current's error is that of the measured current, the limit that of the reference."""
+        """Return the outputs: `current_error` is that of the measured current; a limited reference is a limit."""
         over = ops.both(u.enabled, sensor_errors.beyond(ops, p, u.reference))
         seen = u.replace(limited=ops.where(over, 1.0, u.limited))
         out = with_sensor(actuator.output_values)(ops, p, x, seen)
         return {**out, "current_error": (1.0 + p.sensor.current.gain_error) * out["current_error"]}
 
     def rates(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        """Return d/dt of the states, which know no current limit."""
+        """Return d/dt of the states, without current limit."""
         changed: Values = with_sensor(actuator.rates)(ops, with_values(p, {"drive.current_limit": inf}), x, u)
         return changed
 

@@ -1,4 +1,4 @@
-"""The output `status`, which several extensions have in common; a later one overrides an earlier one."""
+"""The output `status`, which several extensions share; a later extension overrides an earlier one."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from ..variables import Variable
 
 _ITEMS = (
     ("disabled", "the drive is off"),
-    ("unreferenced", "the fin's angle is not known: homing is to come"),
-    ("homing", "looking for a stop, or on the way back from it"),
+    ("unreferenced", "the fin's angle is unknown until homing"),
+    ("homing", "moving towards a stop, or back to zero"),
     ("operational", "in closed loop"),
     ("degraded", "in closed loop, but a monitor of the built-in test has tripped"),
     ("failed", "no longer in control of the fin"),
 )
 DISABLED, UNREFERENCED, HOMING, OPERATIONAL, DEGRADED, FAILED = (float(i) for i in range(1, len(_ITEMS) + 1))
-STATUS = Variable("status", "Enumeration", "output", "discrete", "", "what the actuator is doing", items=_ITEMS)
+STATUS = Variable("status", "Enumeration", "output", "discrete", "", "operating state of the actuator", items=_ITEMS)

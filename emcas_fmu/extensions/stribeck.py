@@ -1,13 +1,13 @@
-"""Dry friction at the motor that changes with speed: that at rest is above or below that of sliding.
+"""Dry friction at the motor that changes with speed: breakaway friction is above or below sliding friction.
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-(:mod:`emcas_fmu.physics.friction`). Stick remains exact, up to s C_m. A ratio s below 1 is friction that builds up
-with speed, as has been measured of a greased ball screw (docs/model/measured.md); the neutral one is 1.
+(:mod:`emcas_fmu.physics.friction`). Stick remains exact, up to s C_m. With a ratio s below 1 friction builds up with
+speed, as was measured on a greased ball screw (docs/model/measured.md); 1 is neutral.
 
-The integrators use the friction at the speed predicted for mid-step: they have second order if a tick is short compared
-with J w_s/((s - 1) C_m), the time in which a motor of inertia J passes the difference. Dry friction about the hinge
-does not change, nor does the feedforward of the controller, which knows the identified friction.
+A step uses the friction at the speed predicted for mid-step. That is of second order if a tick is short compared with
+J w_s/((s - 1) C_m), the time in which the excess friction accelerates a motor of inertia J by w_s. Dry friction about
+the hinge does not change, nor does the friction compensation of the controller, which uses C_m.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .declaration import Extension
 PARAMETERS = (
     parameter("stribeck.static_ratio", "1", 0.1, 10.0, "breakaway over Coulomb friction at the motor, s"),
     parameter("stribeck.speed", "rad/s", 0.1, 1e3,
-              "motor speed at which 1/e of the difference to Coulomb friction is left, w_s", display="rpm"),
+              "motor speed at which 1/e of the difference from Coulomb friction is left, w_s", display="rpm"),
 )
 
 

@@ -1,12 +1,12 @@
 """Supply: a source with resistance, a DC link with brake chopper, losses of the inverter, and an under-voltage trip.
 
-The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the link's voltage, during a
-step that of mid-step, predicted from the power at the start. The link then supplies the mean power of the step, from
-voltage and current that follow the same exponential; if the motor is not stepped by the package's equations, a line.
-This has second order in the tick. A step ends where the link is predicted to fall to the trip voltage. While it is
-tripped the bridge is open and the controllers are reset, as if enable were false; it recovers at the end of a tick.
+The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the voltage of the link; in a
+step it is that at mid-step, predicted from the power at the start. The link then supplies the mean power of the step.
+Motor voltage and current follow the same exponential, or a line if the motor is not stepped by the package's equations.
+The error is of second order in the tick. A step ends where the link is predicted to fall to the trip voltage. While
+tripped, the bridge is open and the controllers are reset, as if enable were false; it recovers at the end of a tick.
 
-The link starts at the source's voltage.
+The link starts at the voltage of the source.
 """
 
 from __future__ import annotations
@@ -28,55 +28,55 @@ from .declaration import Extension, also_read
 from .status import DISABLED, OPERATIONAL, STATUS
 
 STATES = (State("link_voltage", "V", "voltage of the DC link; below 0 before it has reached the source's"),
-          State("supply_tripped", "1", "1 where the under-voltage trip holds the bridge open"),
-          State("supply_charge", "A.s", "charge that the source has given since the start"))
-_UNCHARGED = -1.0  # V
+          State("supply_tripped", "1", "1 while the under-voltage trip holds the bridge open"),
+          State("supply_charge", "A.s", "charge from the source since the start"))
+_UNCHARGED = -1.0  # V, link voltage before the first step, in which it becomes the source's
 # Largest phase [rad] in a tick of the oscillation of winding and link while the motor is at its voltage limit.
 _PHASE = 0.25
 
 PARAMETERS = in_group(
     "supply",
-    parameter("source_resistance", "Ohm", 1e-6, 1e3, "resistance of source and line up to the DC link",
+    parameter("source_resistance", "Ohm", 1e-6, 1e3, "resistance of source and cable up to the DC link",
               sheet="supply: resistance of battery and cable"),
     switch("one_way", "true: a diode blocks current into the source; false: the source absorbs regenerated power"),
     parameter("capacitance", "F", 1e-6, 10.0, "capacitance of the DC link", sheet="drive: capacitance of the DC link"),
-    parameter("chopper_voltage", "V", 1.0, 1e5, "link voltage above which the brake chopper conducts (out of reach: "
-              "none)", sheet="drive: voltage at which the brake chopper switches on"),
-    parameter("chopper_resistance", "Ohm", 1e-3, 1e6, "brake resistor: the chopper draws (v - chopper_voltage) over "
-              "it", sheet="drive: brake resistor"),
+    parameter("chopper_voltage", "V", 1.0, 1e5, "link voltage above which the brake chopper conducts (set it out of "
+              "reach for none)", sheet="drive: voltage at which the brake chopper switches on"),
+    parameter("chopper_resistance", "Ohm", 1e-3, 1e6, "brake resistor: the chopper's current is (v - "
+              "chopper_voltage) over it", sheet="drive: brake resistor"),
     parameter("trip_voltage", "V", 1.0, 1e3, "link voltage below which the bridge opens",
               sheet="drive: under-voltage trip"),
-    parameter("recovery_voltage", "V", 1.0, 1e3, "link voltage above which it works again"),
-    parameter("quiescent_power", "W", 0.0, 1e4, "power of the electronics; below trip_voltage in proportion to v^2",
+    parameter("recovery_voltage", "V", 1.0, 1e3, "link voltage above which the bridge closes again"),
+    parameter("quiescent_power", "W", 0.0, 1e4, "power of the electronics; below trip_voltage it falls with v^2",
               sheet="drive: power of the electronics"),
     parameter("device_voltage", "V", 0.0, 100.0, "loss of the inverter per current: fixed drop and switching"),
     parameter("device_resistance", "Ohm", 0.0, 100.0, "loss of the inverter per square of the current: on-state "
               "resistance"),
 )
-SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn from the source, that of its resistance "
-                           "included; its mean over the last update on a bus that is not stiff; negative while it "
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power from the source, including that of its resistance; "
+                           "on a bus that is not stiff the mean over the last update; negative while the source "
                            "absorbs power", 1000.0)
 OUTPUTS = (
     real_output("link_voltage", "V", "voltage of the DC link, which limits the motor's", 30.0, minimum=0.0),
     real_output("brake_power", "W", "power that the brake chopper turns into heat", 100.0, minimum=0.0),
     real_output("inverter_loss", "W", "power that the inverter turns into heat", 100.0, minimum=0.0),
-    boolean_output("supply_tripped", "the link's voltage is too low: the bridge is open until it has recovered"),
+    boolean_output("supply_tripped", "the link's voltage is too low; the bridge is open until it recovers"),
 )
 
 
 def _link(ops: Ops, p: Any, x: Record, source: Value, enable: Value) -> tuple[Value, Value]:
-    """Return the link's voltage [V], at the start that of the source [V], and whether the bridge is closed."""
+    """Return the link's voltage [V] (at the start the source's), and whether the bridge is closed."""
     link = ops.where(x.link_voltage < 0.0, ops.maximum(source, 0.0), x.link_voltage)
     return link, ops.both(enable, ops.negate(supply.tripped(ops, p, link, x.supply_tripped)))
 
 
 def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
-    """Return 1/L [1/H] that is equivalent to R_s and C for the line within an interval [s]."""
+    """Return the 1/L [1/H] that acts on the line like R_s and C during an interval [s]."""
     return supply.admittance(ops, p, interval) / interval
 
 
 def _course(ops: Ops, p: Any, x: Record, current: Value, before: Value, interval: Value) -> tuple[Value, Value]:
-    """Return the charge [A.s] drawn since the start, and the mean current [A] ahead; see :class:`Supply`."""
+    """Return the charge [A.s] from the source since the start, and the mean current [A] ahead; see :class:`Supply`."""
     mean = (x.supply_charge - before) / interval
     return x.supply_charge, supply.mean_ahead(ops, p, current, mean, interval)
 
@@ -98,8 +98,9 @@ def extend(actuator: Actuator) -> Actuator:
         return actuator.sample(ops, p, x, inputs.replace(supply=link, enable=enabled))
 
     def ahead(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Value:
-        """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral;
-        without equations of the drive, that of now.
+        """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral.
+
+        Without the equations of the drive, return the present power.
         """
         voltage, current = electrical(ops, p, x, u)
         if not stepped:
@@ -112,7 +113,7 @@ def extend(actuator: Actuator) -> Actuator:
         return _mean_power(ops, p, (voltage, current), (voltage - falls, current + change), h / mode.tau)
 
     def mode_of(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Any, Any]:
-        """Return the parameters of the plant, and the electrical mode that a step of `h` [s] starts in."""
+        """Return the plant's parameters, and the electrical mode at the start of a step of `h` [s]."""
         built = actuator.plant_parameters(ops, p)
         return built, electrical_mode(ops, built, x, u, h)
 
@@ -168,7 +169,7 @@ def _at_end(ops: Ops, q: Any, x: Record, u: PlantInputs, start: Value, end: tupl
             ) -> tuple[Value, Value]:
     """Return motor voltage [V] and current [A] at the `end` of a step that begins with the current `start` [A].
 
-    Where the current of the diodes of an open bridge ends there, the voltage is still theirs.
+    If the current through the diodes of an open bridge ends there, the voltage is still that of the diodes.
     """
     def through() -> tuple[Value, ...]:
         against = -ops.sign(start) * inverter.diodes(ops, q, u.supply, x.motor_speed).voltage
@@ -181,7 +182,7 @@ def _at_end(ops: Ops, q: Any, x: Record, u: PlantInputs, start: Value, end: tupl
 def _mean_power(ops: Ops, p: Any, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
     """Return the mean power [W] of motor and inverter over a step, from motor voltage [V] and current [A] at its ends.
 
-    Both follow an exponential; `ratio` is the step over its time constant, 0 for a line.
+    Both follow an exponential; `ratio` is the step over the time constant, 0 for a line.
     """
     (_, first), (_, last) = start, end
     magnitude, _ = course.shares(ops, ratio)

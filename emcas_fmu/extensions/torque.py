@@ -1,26 +1,27 @@
-"""Torque out: the fin belongs to the host. Its motion goes in, the actuator's torque about the hinge comes out.
+"""Torque out: the fin is a body of the host. Its motion is an input, the actuator's torque about the hinge an output.
 
     hinge_angle, hinge_rate, fin_command, enable, supply  ->  actuator_torque, armature, and the other outputs
 
 Rotor and fin are rigidly connected, and the rotor's inertia, reflected to the hinge, is the larger. A torque that
-contains it would be in proportion to an acceleration that the host computes from that torque, and grow from step to
-step. The host therefore adds it to the fin's inertia J_f, as the constant `armature`
+contains it would be proportional to an acceleration that the host computes from that torque, and would grow from step
+to step. The host therefore adds the reflected inertia to the fin's inertia J_f, as the constant `armature`
 
     A = J_t R(0)^2        J = J_f + A        J_t of (2.8), R the ratio at fin angle 0
 
-The actuator with its fin runs inside, unchanged. At the begin of each of the host's steps, of length h, its fin gets
-the host's angle and rate, and an estimate T of all other moments on the host's fin, from the step before. The torque
-is constant over the step and brings the host's fin to the rate W that the fin inside has at its end:
+The actuator with its fin runs inside, unchanged. At the beginning of each step of the host, of length h, its fin gets
+the host's angle and rate, and an estimate T of all other moments on the host's fin, from the previous step. The torque
+is constant over the step and brings the host's fin to the rate W that the fin inside has at the end of the step:
 
     torque = J (W - w) / h - T        T <- T + J (w' - W) / h        w, w' the host's rate before and after a step
 
-Friction, stops, limits and the lever's ratio are those of the fin inside. Where it slides and R = R(0), the torque is
-the motor's less friction, whatever T and J_f are.
+Friction, stops, limits and the lever's ratio are those of the fin inside. While it slides and R = R(0), the torque is
+that of the motor minus friction, whatever T and J_f are.
 
-A host that integrates by semi-implicit Euler advances the angle by h w': its rate is the mean over the step, that of
-half a step before. W is then the mean rate of the fin inside, which goes on with its rate plus 3/2 (w' - W), since the
-difference lasts for another half step. Which kind a host is follows from its angles and rates. Another host passes a
-stop by what it turns in a step, and returns at a third of the rest a step, without overshoot.
+A host that integrates by semi-implicit Euler advances the angle by h w': its rate is the mean over the step, which a
+smooth motion has half a step earlier. W is then the mean rate of the fin inside, and that fin continues with its rate
+plus 3/2 (w' - W), since the difference lasts for another half step. The host's angles and rates show whether it
+integrates in this way. Any other host passes a stop by its motion in a step, and returns by a third of the remaining
+way in each step, without overshoot.
 """
 
 from __future__ import annotations
@@ -38,22 +39,24 @@ from ..rules import rule, when
 from ..variables import real_input, real_output
 from .declaration import Extension
 
-HINGE_ANGLE = real_input("hinge_angle", "rad", "angle of the host's fin about its hinge, at the begin of the step",
-                         nominal=0.1)
-HINGE_RATE = real_input("hinge_rate", "rad/s", "angular rate of the host's fin, at the begin of the step", nominal=1.0)
+HINGE_ANGLE = real_input("hinge_angle", "rad", "angle of the host's fin about its hinge, at the beginning of the "
+                         "step", nominal=0.1)
+HINGE_RATE = real_input("hinge_rate", "rad/s", "angular rate of the host's fin, at the beginning of the step",
+                        nominal=1.0)
 OUTPUTS = (
     real_output("actuator_torque", "N.m", "torque of the actuator on the host's fin, constant over the step, positive "
-                "along positive fin angle; without that of the armature", 100.0),
-    real_output("armature", "kg.m2", "inertia of motor and screw about the hinge, which the host adds to the fin's; "
-                "constant", 1.0, minimum=0.0),
+                "along positive fin angle; without the torque that accelerates the armature", 100.0),
+    real_output("armature", "kg.m2", "constant inertia of motor and screw about the hinge, which the host adds to the "
+                "fin's", 1.0, minimum=0.0),
 )
-_BEFORE = -1.0  # s: before any step
-STATES = (State("step_met", "s", "begin of the step to which the states belong"), State("elapsed", "s", "since then"),
-          State("host_angle", "rad", "of the host's fin at that time"), State("host_rate", "rad/s"),
+_BEFORE = -1.0  # s, `step_met` before the first step
+STATES = (State("step_met", "s", "beginning of the step to which the states belong"),
+          State("elapsed", "s", "time since then"),
+          State("host_angle", "rad", "angle of the host's fin then"), State("host_rate", "rad/s"),
           State("host_load", "N.m", "all other moments on the host's fin"),
-          State("rate_is_mean", "1", "1 for a host that integrates by semi-implicit Euler, else 0"))
-_CHANGED = 1e-9  # rad/s: a change of rate from which the kind of host follows, far above the rounding of an angle
-_RETURN = 1.0 / 3.0  # share of the way back to a stop per step; up to 6 - 4 sqrt(2) = 0.343 it does not overshoot
+          State("rate_is_mean", "1", "1 if the host integrates by semi-implicit Euler, otherwise 0"))
+_CHANGED = 1e-9  # rad/s, smallest change of rate that shows how the host integrates; far above rounding
+_RETURN = 1.0 / 3.0  # share of the way back to a stop in a step; there is no overshoot up to 6 - 4 sqrt(2) = 0.343
 
 
 def _ratio(ops: Ops, p: Any, motor_angle: Value) -> Value:
@@ -67,7 +70,7 @@ def armature(ops: Ops, p: Any) -> Value:
 
 
 def _inertia(ops: Ops, p: Any) -> Value:
-    """Return the inertia [kg.m2] that the host's fin has with the armature."""
+    """Return the inertia [kg.m2] of the host's fin with the armature."""
     return loads.fin_inertia(p) + armature(ops, p)
 
 
@@ -77,14 +80,14 @@ def _extend(actuator: Actuator) -> Actuator:
                          "host's; leave +faults out")
 
     def loaded(x: Record, u: PlantInputs) -> PlantInputs:
-        """Return the plant's inputs with the moment on the host's fin, which includes those of the vehicle's motion."""
+        """Return the plant's inputs with the moment on the host's fin, which includes that of the vehicle's motion."""
         return u.replace(**{**dict.fromkeys(loads.LOADS, 0.0), "aero_torque": x.host_load})
 
     def within(ops: Ops, p: Any, angle: Value) -> Value:
         return ops.clip(angle, -p.fin.stop_angle, p.fin.stop_angle)
 
     def reached(ops: Ops, p: Any, x: Record) -> tuple[Value, Value, Value]:
-        """Return the rates [rad/s] of host and fin inside after the time that has passed of a step [s], and 1/time."""
+        """Return the rates [rad/s] of the host's fin and of that inside after the elapsed time, and 1/time [1/s]."""
         tangent = kinematics.lever_tangent(ops, p, x.motor_angle)
         rate = x.motor_speed / kinematics.reduction_ratio(ops, p, tangent)
         per_time = ops.where(x.elapsed > 0.0, 1.0 / ops.where(x.elapsed > 0.0, x.elapsed, 1.0), 0.0)
@@ -93,7 +96,7 @@ def _extend(actuator: Actuator) -> Actuator:
         return ops.where(x.rate_is_mean > 0.0, mean, rate + back), rate, per_time
 
     def met(ops: Ops, p: Any, x: Record, u: Any) -> Record:
-        """Return the states, at the begin of a step with the motion of the host's fin."""
+        """Return the states; at the beginning of a step they have the motion of the host's fin."""
         built = actuator.plant_parameters(ops, p)
 
         def begun() -> tuple[Value, ...]:
@@ -135,9 +138,9 @@ def _extend(actuator: Actuator) -> Actuator:
         return {**actuator.output_values(ops, p, x, loaded(x, u)),
                 "actuator_torque": torque, "armature": armature(ops, built)}
 
-    described = {"hinge_torque": "moment on the host's fin without the actuator's, estimated from its motion",
-                 "fin_angle": "fin angle at the end of the step, as predicted from its begin",
-                 "fin_rate": "fin angular rate at the end of the step, as predicted from its begin"}
+    described = {"hinge_torque": "moment on the host's fin, except the actuator's, estimated from its motion",
+                 "fin_angle": "fin angle at the end of the step, predicted at its beginning",
+                 "fin_rate": "fin angular rate at the end of the step, predicted at its beginning"}
     return replace(
         actuator, states=(*actuator.states, *STATES), initial=initial, sample=sample, step=step,
         output_values=output_values, derivatives=None,

@@ -1,12 +1,12 @@
 """Two degrees of freedom: a trajectory generator, and feed-forward where the actuator has one.
 
-The command is shaped to a motion within limits of rate, acceleration and jerk (:mod:`emcas_fmu.control.trajectory`). An
-actuator with a feed-forward (`feed_forward` of its declaration) adds the reference that causes this motion, by the
-inverse of its plant. That acts some milliseconds later, so the position loop follows the motion as it was that long
-ago, with a setpoint weight of 1 and its rate fed forward. Feedback is left with what the model does not explain, and
+The command becomes a motion within limits of rate, acceleration and jerk (:mod:`emcas_fmu.control.trajectory`). An
+actuator with a feed-forward (`feed_forward` of its declaration) adds the reference for this motion, from the inverse of
+its plant. The reference acts some milliseconds later, so the position loop follows the motion delayed by that time,
+with a setpoint weight of 1 and its rate fed forward. The feedback only corrects what the model does not explain, and
 may have the gains of a robust loop. The controllers of other actuators follow the motion as their command.
 
-With trajectory.natural_frequency = 0 the actuator is unchanged. The motion begins where the fin is, at rest: at the
+With trajectory.natural_frequency = 0 the actuator is unchanged. The motion begins at rest at the fin's angle: at the
 start, whenever the drive is enabled, and after homing.
 """
 
@@ -29,24 +29,24 @@ from .declaration import Extension
 
 PARAMETERS = in_group(
     "trajectory",
-    parameter("natural_frequency", "rad/s", 0.0, 1e4, "natural frequency of the motion to a command (0: none)",
+    parameter("natural_frequency", "rad/s", 0.0, 1e4, "natural frequency of the generated motion (0: none)",
               quantity="AngularFrequency"),
-    tunable("damping", "1", 0.1, 10.0, "damping of that motion"),
-    tunable("rate_limit", "rad/s", radians(0.1), 1e3, "largest fin rate of that motion", display="deg/s"),
-    tunable("acceleration_limit", "rad/s2", 1e-3, 1e6, "largest acceleration of that motion"),
-    tunable("jerk_limit", "rad/s3", 1.0, 1e12, "fastest change of that acceleration"),
+    tunable("damping", "1", 0.1, 10.0, "damping of the generated motion"),
+    tunable("rate_limit", "rad/s", radians(0.1), 1e3, "largest fin rate of the generated motion", display="deg/s"),
+    tunable("acceleration_limit", "rad/s2", 1e-3, 1e6, "largest acceleration of the generated motion"),
+    tunable("jerk_limit", "rad/s3", 1.0, 1e12, "largest change of that acceleration with time"),
 )
 TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(1e-3), 10.0,
-                                          "angle of the fin behind that motion beyond which this slows down"))
-"""Parameters beside PARAMETERS of actuators whose motion is slowed down: with feed-forward and an integral."""
+                                          "lag of the fin behind the generated motion beyond which this slows down"))
+"""The additional parameters of actuators whose motion slows down: those with feed-forward and an integral."""
 _LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST + 1))
 _RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_lost")
 _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
           "command.update_time": 0.0}
-"""Parameters of controllers that follow a motion whose rate is fed forward at every sample."""
+"""Parameters of controllers that follow a motion with its rate fed forward at every sample."""
 _INTEGRAL = "controller.position.ki"
 _INTEGRALS = (_INTEGRAL, "controller.velocity.ki")
-_STILL = 0.5  # share of a motion that is lost beyond which the fin hardly moves: its error is integrated
+_STILL = 0.5  # lost share of a motion above which the fin hardly moves, and its error is integrated
 
 
 def extend(actuator: Actuator) -> Actuator:
@@ -89,7 +89,7 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     if actuator.feed_forward is not None:
         ahead, memory, time = actuator.feed_forward(ops, p, motion, x.trajectory_memory)
         followed = trajectory.delayed(ops, time / p.controller.sample_time, angles)
-        # What a motion that is slowed down would need is not fed forward, nor is its distance integrated.
+        # While a motion slows down, nothing is fed forward and the distance to it is not integrated.
         before = x.trajectory_lost
         inputs = inputs.replace(ahead=ahead._replace(active=ops.both(follows, ops.equal(before, 0.0))))
         held = ops.both(on, ops.both(before > 0.0, before < _STILL))
@@ -98,7 +98,7 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     out = actuator.sampled(ops, q, x, inputs.replace(command=ops.where(on, followed, inputs.command)))
     excess, lost = 0.0, 0.0
     if _slows(actuator):
-        slows = value_of(p, _INTEGRAL) > 0.0  # without integral a load keeps the fin behind
+        slows = value_of(p, _INTEGRAL) > 0.0  # without integral a load leaves a steady error
         excess, lost = (ops.where(slows, value, 0.0) for value in trajectory.excess(
             ops, p, motion, followed - out["measured_fin_angle"]))
     values = (trajectory.slowed(p, motion, excess), motion.acceleration, memory, lost)

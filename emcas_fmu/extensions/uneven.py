@@ -5,11 +5,11 @@
 C_f is the Coulomb friction about the hinge and C_m that at the motor (:mod:`emcas_fmu.physics.mechanics`), T_a the
 aerodynamic hinge moment, theta the motor's angle. A bearing of the bore d under a radial force F has the friction
 mu F d/2 (JTEKT, "Frictional coefficient", table 8-1); a fin's lift at the distance e from the hinge loads its
-two bearings with k = 1 + 2 b/c times the lift, b outside and c between them: s = mu k d/(2 e). Lift is not an
-input: it is taken as |T_a|/e. The variation is that of a screw or gear that runs out, once a revolution.
+two bearings with k = 1 + 2 b/c times the lift, acting at b outside bearings that are c apart: s = mu k d/(2 e). Lift is
+not an input: the model uses |T_a|/e. The variation over a revolution is that of an eccentric screw or gear.
 
-Friction of a step is that at the angle predicted for mid-step: of second order in the tick. At rest it is exact. It is
-never below 0, since a is below 1 and s not below 0: no step creates energy.
+A step has the friction at the angle predicted for mid-step: of second order in the tick, and exact at rest. Friction is
+never below 0, since a is below 1 and s is not negative: no step creates energy.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .declaration import Extension
 
 PARAMETERS = in_group(
     "uneven",
-    parameter("load_share", "1", 0.0, 1.0, "friction about the hinge over the aerodynamic hinge moment, s",
+    parameter("load_share", "1", 0.0, 1.0, "additional friction about the hinge over the aerodynamic hinge moment, s",
               sheet="bearings: friction coefficient, bore and spacing, and the distance of the lift from the hinge"),
     parameter("ripple", "1", 0.0, 0.9, "variation of Coulomb friction at the motor over a revolution, a",
               sheet="screw: fluctuation of its torque"),
@@ -36,7 +36,7 @@ PARAMETERS = in_group(
 
 
 def varied(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Any:
-    """Return the parameters with the friction in the middle of a step of `h` [s]."""
+    """Return the parameters with the friction at the middle of a step of `h` [s]."""
     angle = x.motor_angle + 0.5 * h * x.motor_speed
     factor = 1.0 + p.uneven.ripple * ops.cos(angle - p.uneven.phase)
     return with_values(p, {
