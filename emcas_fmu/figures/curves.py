@@ -1,4 +1,4 @@
-"""A figure as data: the lines, levels, bands and texts of its panels, for the script with which a reader zooms.
+"""A figure as data: the lines, levels, bands and texts of its panels, for the script that lets a reader zoom.
 
 They are read from Matplotlib's axes. A figure that contains anything else (an image, bars, contours) stays a static
 picture.
@@ -26,11 +26,11 @@ from .thinning import Values, packed, rounded, share, thinned
 
 INK = "#010203"
 """Placeholder for the page's text colour."""
-_PIXELS = 4.0 / 3.0  # of a point
+_PIXELS = 4.0 / 3.0  # per typographic point
 
 
 class _StaticError(Exception):
-    """The figure contains something that the script cannot draw."""
+    """The figure contains something that the script cannot plot."""
 
 
 def curves(plot: Figure) -> str:
@@ -40,7 +40,7 @@ def curves(plot: Figure) -> str:
         panels = [_panel(axes, plot) for axes in shown]
     except _StaticError:
         return ""
-    if len({tuple(panel["place"]) for panel in panels}) < len(panels):  # two axes over each other
+    if len({tuple(panel["place"]) for panel in panels}) < len(panels):  # overlapping axes
         return ""
     for axes, panel in zip(shown, panels, strict=True):
         for name, view in (("x", axes.get_shared_x_axes()), ("y", axes.get_shared_y_axes())):
@@ -95,11 +95,11 @@ def _numeric(text: str) -> bool:
 
 
 class _Contents:
-    """Lines, levels, bands and areas of axes, which it adds to a panel."""
+    """Adds the lines, levels, bands and areas of axes to a panel."""
 
     def __init__(self, axes: Axes, panel: dict[str, Any]) -> None:
         self.axes, self.panel = axes, panel
-        # For x and y: whether the axis is logarithmic, and its limits. Values are rounded to them.
+        # For x and y: whether the axis is logarithmic, and its limits, which set the rounding of values.
         self.scales = [(axis.get_scale() == "log", sorted(axis.get_view_interval()))
                        for axis in (axes.xaxis, axes.yaxis)]
 
@@ -115,7 +115,7 @@ class _Contents:
     def _line(self, line: Line2D) -> None:
         x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
         if not len(x):
-            return  # an entry of the legend
+            return  # only an entry of the legend
         entry = {**_look(line), "name": _name(line)}
         in_x, in_y = _in_data(line.get_transform(), self.axes)
         if in_x and in_y:
@@ -132,24 +132,24 @@ class _Contents:
             raise _StaticError
 
     def _points(self, x: Values, y: Values, markers: bool) -> dict[str, Any]:
-        """Return the points of a line: with markers all in view, else those that a thinned line needs."""
+        """Return the points of a line: all in view with `markers`, a thinned line if x never falls, otherwise all."""
         (log_x, limits_x), (log_y, limits_y) = self.scales
         finite = np.isfinite(x) & np.isfinite(y) & ~((x <= 0.0) & log_x) & ~((y <= 0.0) & log_y)
         along, up = share(x, log_x, limits_x), share(y, log_y, limits_y)
         rising = bool(np.all(np.diff(x[finite]) >= 0.0))
-        kept = np.arange(len(x))
+        rows = np.arange(len(x))
         if markers:
-            kept = kept[finite & (along >= -1e-9) & (along <= 1.0 + 1e-9)]
+            rows = rows[finite & (along >= -1e-9) & (along <= 1.0 + 1e-9)]
         elif rising:
-            kept = np.array(thinned(along, up, finite), dtype=int)
-        points: dict[str, Any] = self._packed(np.where(finite, x, np.nan)[kept], np.where(finite, y, np.nan)[kept])
+            rows = np.array(thinned(along, up, finite), dtype=int)
+        points: dict[str, Any] = self._packed(np.where(finite, x, np.nan)[rows], np.where(finite, y, np.nan)[rows])
         return points if rising else {**points, "loop": True}
 
     def _packed(self, x: Values, y: Values) -> dict[str, Any]:
         return {name: packed(values, *scale) for name, values, scale in zip("xy", (x, y), self.scales, strict=True)}
 
     def _fill(self, artist: Rectangle | PolyCollection) -> None:
-        """Add a filled range of one axis, or an area between lines."""
+        """Add a filled range of one axis, or an area between lines. Raises _StaticError."""
         if isinstance(artist, Rectangle):
             paths = [artist.get_patch_transform().transform_path(artist.get_path())]
         else:
@@ -183,7 +183,7 @@ def _text(text: Any, axes: Axes) -> dict[str, Any]:
 
 
 def _in_data(transform: Transform, axes: Axes) -> tuple[bool, bool]:
-    """Return for x and y whether a transform is from data to the screen."""
+    """Return for x and for y whether a transform maps data to the screen."""
     x, y = transform.contains_branch_seperately(axes.transData)
     return bool(x), bool(y)
 
@@ -197,7 +197,7 @@ def _color(artist: Any) -> str:
 
 
 def _look(line: Line2D) -> dict[str, Any]:
-    """Return colour, width, dashes and marker of a line, in pixels."""
+    """Return colour of a line, and width, dashes and marker [pixels]. Raises _StaticError for an invisible line."""
     look: dict[str, Any] = {"color": _color(line), "width": round(line.get_linewidth() * _PIXELS, 2)}
     marker = line.get_marker()
     if line.get_linestyle() in ("None", "none", " ", ""):

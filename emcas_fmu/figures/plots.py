@@ -34,7 +34,7 @@ from .curves import curves
 BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#e69f00", "#cc79a7"
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 GRAY = "#8a8f98"
-# Matplotlib lays out text with its DejaVu Sans; the others are as wide or narrower, so that no text is cut.
+# Matplotlib lays out text in DejaVu Sans. The other fonts are not wider, so no text is cut.
 FONTS = "'DejaVu Sans', Verdana, 'Liberation Sans', Arial, Helvetica, sans-serif"
 COMMAND: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
 LIMIT: Mapping[str, Any] = {"color": GRAY, "linewidth": 0.9, "linestyle": (0, (1, 1.2)), "zorder": 1.5}
@@ -76,7 +76,7 @@ def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2
 
 
 def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
-    """Return a figure of panels with labels `y` above each other, over the same `x`, and its axes; see `figure`."""
+    """Return a figure of panels labelled `y`, one above the other over the same `x`, and its axes; see `figure`."""
     empty, grid = figure(len(y), x=x, y=y, **{"sharex": True, **more})
     return empty, grid[:, 0]
 
@@ -94,12 +94,12 @@ def panels(count: int, columns: int, x: str = "", **more: Any) -> tuple[Figure, 
 
 
 def time_axis(duration: float) -> tuple[str, float]:
-    """Return the label of a time axis of a `duration` [s], in ms up to 1 s, and the number of its units in a second."""
+    """Return the label of a time axis for a `duration` [s], in ms up to 1 s, and its number of units per second."""
     return ("time [ms]", 1e3) if duration <= 1.0 else ("time [s]", 1.0)
 
 
 def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True, **look: Any) -> None:
-    """Draw levels as limits `across` the panel or along it, with `sides` also at their negatives.
+    """Plot levels as limits: horizontal lines if `across`, otherwise vertical, with `sides` also at -level.
 
     `look` are line properties that override `LIMIT`.
     """
@@ -110,7 +110,7 @@ def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True,
 def svg(plot: Figure, label: str = "", description: str = "") -> str:
     """Return an <svg> element for an HTML page; `label` and `description` are for screen readers.
 
-    The figure's layout is fixed from then on.
+    The call fixes the figure's layout.
     """
     text = StringIO()
     for axis in (axis for axes in plot.axes for axis in (axes.xaxis, axes.yaxis)):
@@ -128,7 +128,7 @@ def svg(plot: Figure, label: str = "", description: str = "") -> str:
     body = re.sub(r"\s*<metadata>.*?</metadata>|<!--.*?-->", "", body, flags=re.DOTALL)
     # A hundredth of a point is finer than a printer's resolution.
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
-    # The element declares the fonts once; each text keeps its size only.
+    # The element declares the fonts once; each text keeps only its size.
     body = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", body)
     body = re.sub(r"font-family: [^;\"]*;? ?", "", body)
     body = _unique_ids(body).replace(INK, "currentColor").replace(BLUE, "var(--blue)")  # lighter on a dark page
@@ -146,7 +146,7 @@ class Drawing(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A figure in a page; `curves` is its data for the page's script, empty if it stays a static picture."""
+    """A figure in a page; `curves` are its data for the page's script, empty for a static picture."""
 
     title: str
     svg: str
@@ -160,14 +160,14 @@ def picture(plot: Figure, title: str, caption: str) -> Picture:
 
 
 def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
-    """Return drawings for a page, without those that are None; a generator's are made in `style()`."""
+    """Return the pictures of the drawings that are not None. A generator makes its drawings in `style()`."""
     with style():
         return [picture(d.figure, d.title, d.caption) for d in drawings if d is not None]
 
 
 def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, marks: tuple[float, float],
          **look: Any) -> None:
-    """Plot a frequency response in two panels, with dots at the frequencies `marks` [Hz] of -3 dB and -90 deg."""
+    """Plot gain [dB] and phase [deg] over frequency [Hz], with dots at the frequencies `marks` of -3 dB and -90 deg."""
     gain.semilogx(frequency, gain_db, **look)
     phase.semilogx(frequency, phase_deg, **look)
     for axes, at, level in zip((gain, phase), marks, (-3.0, -90.0), strict=True):
@@ -191,10 +191,10 @@ def frequency_axis(axes: Axes, ticks: Iterable[float]) -> None:
 
 def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping[str, Any]]],
                         required: Iterable[float] = ()) -> Figure:
-    """Return gain, phase and coherence of frequency responses over frequency.
+    """Return a figure of gain, phase and coherence over frequency.
 
-    Of each response (`bench.frequency_response`) there are the frequencies [Hz] of -3 dB and -90 deg, which have dots,
-    and line properties. Lines are at the `required` bandwidths [Hz].
+    Each of the `curves` has a response (`bench.frequency_response`), its frequencies [Hz] of -3 dB and -90 deg, which
+    get dots, and line properties. Vertical lines are at the `required` bandwidths [Hz].
     """
     plot, (gain, phase, coherence) = column("", "", "coherence", height=1.9, height_ratios=(1.3, 1.3, 0.8))
     for response, marks, look in curves:
@@ -214,7 +214,7 @@ def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping
 
 
 def legend(owner: Axes | Figure, **more: Any) -> None:
-    """Add a legend to axes or a figure: each label once, in the order of drawing; the lowest layers come last."""
+    """Add a legend to axes or a figure: each label once, in the order of plotting, but upper layers first."""
     entries: dict[str, Any] = {}
     for axes in owner.axes if isinstance(owner, Figure) else [owner]:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -232,14 +232,14 @@ def legend_above(owner: Axes | Figure, columns: int = 6, **more: Any) -> None:
 
 
 def write(plot: Figure, path: Path) -> None:
-    """Write a figure of `style()` as ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for other endings."""
+    """Write a figure of `style()` as ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for an unknown ending."""
     check_ending(path)
     with whole(path) as file:
         plot.savefig(file, format=path.suffix[1:], dpi=150, facecolor="white")
 
 
 def shade(axes: Axes, time: Any, active: Any, label: str = "") -> None:
-    """Shade the times at which `active` holds; the two arrays are equally long."""
+    """Shade the times at which `active` is true; both arrays have the same length."""
     axes.fill_between(time, 0, 1, where=active, step="post", transform=axes.get_xaxis_transform(), color=GRAY,
                       alpha=0.22, linewidth=0.0, label=label or None)
 

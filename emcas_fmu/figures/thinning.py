@@ -1,4 +1,4 @@
-"""Curves in few characters: lines thinned, and numbers rounded, to the resolution of a screen."""
+"""Curves in few characters: lines are thinned, and numbers rounded, to the resolution of a screen."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
 
-# Resolution of a screen after a zoom of ten, as a share of an axis.
+# Resolution of a screen after a tenfold zoom, as a share of an axis.
 _FINEST = 1.0 / 20_000.0
 
 
@@ -29,10 +29,10 @@ def share(values: Values, log: bool, limits: Sequence[float]) -> Values:
 
 
 def thinned(x: Values, y: Values, finite: NDArray[np.bool_]) -> list[int]:
-    """Return the indices of the points of a rising line that keep it within the resolution (swinging door).
+    """Return the indices of the points that reproduce a line within the resolution (swinging door); x must not fall.
 
-    Points outside 0 <= x <= 1 are dropped except the nearest on each side; of each gap between finite points one index
-    remains.
+    `x` and `y` are shares [1] of the axes. Points outside 0 <= x <= 1 are dropped, except the nearest on each side; for
+    each gap between finite points one index remains.
     """
     inside = np.flatnonzero((x >= 0.0) & (x <= 1.0) & finite)
     if not len(inside):
@@ -47,9 +47,9 @@ def thinned(x: Values, y: Values, finite: NDArray[np.bool_]) -> list[int]:
 
 
 def _thinned_piece(x: Values, y: Values, begin: int, end: int) -> list[int]:
-    """Return the indices to keep of finite points from `begin` up to before `end`."""
+    """Return the indices to keep among the finite points `begin` to `end` - 1."""
     kept = [begin]
-    low, high = -inf, inf  # slopes from the point kept last that pass all points since
+    low, high = -inf, inf  # slopes from the last kept point that pass all later points
     at, up = x.tolist(), y.tolist()
     for i in range(begin + 1, end):
         along = at[i] - at[kept[-1]]
@@ -67,20 +67,20 @@ def _thinned_piece(x: Values, y: Values, begin: int, end: int) -> list[int]:
 
 
 def packed(values: Values, log: bool, limits: Sequence[float]) -> list[Any]:
-    """Return values as numbers of five digits on a logarithmic axis, None where they are not finite.
+    """Return values for JSON, None where they are not finite: on a logarithmic axis as numbers of five digits.
 
-    On a linear axis they are the number of decimals, then the differences of neighbours in units of the last decimal.
+    On a linear axis the list has the number of decimals, then the differences of neighbours in units of the last one.
     """
     if log:
         return [rounded(value, 5) if isfinite(value) else None for value in values.tolist()]
     decimals = min(max(ceil(-log10((limits[1] - limits[0]) * _FINEST)), -300), 300) if limits[1] > limits[0] else 0
     packed: list[Any] = [decimals]
-    before = 0
+    previous = 0
     for value in values.tolist():
         if isfinite(value):
             number = round(value * 10.0**decimals)
-            packed.append(number - before)
-            before = number
+            packed.append(number - previous)
+            previous = number
         else:
             packed.append(None)
     return packed

@@ -17,12 +17,12 @@ SHOWN: Mapping[str, tuple[str, float]] = {
     "error": ("error [mdeg]", degrees(1e3)), "fin_rate": ("fin rate [deg/s]", degrees(1.0)),
     "aero_torque": ("moment [N.m]", 1.0), "drive_reference": ("DAC [V]", 1.0), "motor_current": ("current [A]", 1.0),
     "motor_voltage": ("voltage [V]", 1.0), "supply_voltage": ("voltage [V]", 1.0), "supply_power": ("power [W]", 1.0)}
-"""The label of a variable's panel, and the factor from SI."""
+"""By variable, the label of its panel and the factor from SI to the unit in the label."""
 _MOST_POINTS = 6000  # of a line: more than a page has pixels
 
 
 def panels(names: Sequence[str], columns: int = 1, **more: Any) -> tuple[Figure, list[dict[str, Axes]]]:
-    """Return a figure with a row of panels for each variable, and of each column its panels by name.
+    """Return a figure with a row of panels for each variable, and for each column its panels by name.
 
     `more` are arguments of `plots.figure`.
     """
@@ -33,14 +33,15 @@ def panels(names: Sequence[str], columns: int = 1, **more: Any) -> tuple[Figure,
 
 def trace(axes: Axes, columns: Mapping[str, Any], name: str, window: tuple[float, float] = (-inf, inf), *,
           zero: float = 0.0, unit: float = 1.0, every: int = 1, **look: Any) -> None:
-    """Plot every nth point of a variable over the time after `zero` [s], within a `window` [s] of ``time``.
+    """Plot a variable over the time since `zero` [s], within a `window` [s] of ``time``.
 
-    `unit` is the number of units of the time axis in a second. A command is plotted in steps.
+    `every` is the least number of rows between plotted points. `unit` is the number of units of the time axis in a
+    second. A command is plotted in steps.
     """
     at = _within(columns, window)
     at = at[::max(every, len(at) // _MOST_POINTS)]
-    held = {"label": "command", "drawstyle": "steps-post", **plots.COMMAND} if name == "fin_command" else {}
-    axes.plot((columns["time"][at] - zero) * unit, columns[name][at] * SHOWN[name][1], **{**held, **look})
+    command = {"label": "command", "drawstyle": "steps-post", **plots.COMMAND} if name == "fin_command" else {}
+    axes.plot((columns["time"][at] - zero) * unit, columns[name][at] * SHOWN[name][1], **{**command, **look})
 
 
 def shade(axes: Axes, columns: Mapping[str, Any], flag: str, window: tuple[float, float], label: str,
@@ -51,5 +52,5 @@ def shade(axes: Axes, columns: Mapping[str, Any], flag: str, window: tuple[float
 
 
 def _within(columns: Mapping[str, Any], window: tuple[float, float]) -> Any:
-    """Return the rows within a window [s], its ends included within rounding."""
+    """Return the indices of the rows within a window [s], including its ends."""
     return np.flatnonzero((columns["time"] >= window[0] - 1e-9) & (columns["time"] <= window[1] + 1e-9))

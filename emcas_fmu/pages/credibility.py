@@ -1,7 +1,7 @@
-"""The credibility card of a model: its use and limits, what is known of it, and what was not done.
+"""The credibility card of a model: its use, its limits, facts about it, and checks that were not done.
 
 The factors are those of NASA-STD-7009A (2016); the card claims none of the standard's levels. A fact is computed when
-the card is made, or read from the parameter files, or not known: then it has the command that finds it.
+the card is made, or read from the parameter files. A missing fact has the command that determines it, if there is one.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from ..reference.files import parameters_hash
 from .provenance import repeatable
 
 SCHEMA = "emcas-credibility/1"
-"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+"""Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
 FILE = "documentation/credibility.json"
-"""Name of the card in an FMU."""
+"""Path of the card inside an FMU."""
 NOT_DONE = "not done here"
 USE = "In a 6-DOF simulation it turns fin commands and hinge moments into fin angles."
-APPLIES = "it applies to a device as far as the parameters are those of the device"
+APPLIES = "they apply to a device as far as the parameters are those of the device"
 DATA, VERIFICATION, VALIDATION, INPUTS, UNCERTAINTY, ROBUSTNESS, HISTORY, MANAGEMENT = (
     "Data pedigree", "Verification", "Validation", "Input pedigree", "Uncertainty characterization",
     "Results robustness", "M&S history", "M&S process/product management")
-CONVERGENCE, TEST_INPUTS = "accuracy of the stepping, by a shorter tick", "inputs, which the host supplies"
+CONVERGENCE, TEST_INPUTS = "accuracy of the stepping, checked with a shorter tick", "inputs, which the host supplies"
 
 
 @dataclass(frozen=True)
 class Fact:
-    """A fact: its `value` in `unit` or in words, the `names` that it counts, and the `command` that finds it.
+    """A fact that `what` names, with its `value` in `unit` or in words, and the `names` of parameters that it concerns.
 
-    The value is NOT_DONE if it was not found; `command` is empty if none finds it.
+    `command` determines the fact; it is empty if no command does. The value is NOT_DONE if it was not determined.
     """
 
     what: str
@@ -51,7 +51,7 @@ class Fact:
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor of credibility, and the facts about it."""
+    """A factor of credibility, and the facts for it."""
 
     name: str
     facts: tuple[Fact, ...]
@@ -59,7 +59,7 @@ class Factor:
 
 @dataclass(frozen=True)
 class Card:
-    """The credibility card of an actuator, or of several fins with a hash of the values of each."""
+    """The credibility card of an actuator or of several fins, with the hash of the parameter values of each fin."""
 
     schema: str
     model: str
@@ -70,31 +70,31 @@ class Card:
 
     @property
     def rows(self) -> list[tuple[str, Fact]]:
-        """The facts, each with its factor's name where that begins."""
+        """The facts; the first fact of a factor has the name of the factor, the others an empty one."""
         return [(factor.name * (not k), fact) for factor in self.factors for k, fact in enumerate(factor.facts)]
 
     @property
     def not_done(self) -> list[str]:
-        """What was not done, in words."""
+        """The names of the facts that were not determined."""
         return [fact.what for _, fact in self.rows if fact.value == NOT_DONE]
 
     def having(self, name: str, *facts: Fact) -> Card:
-        """Return the card with facts of a factor; those of the same words are replaced, their commands stay."""
+        """Return the card with `facts` in the factor `name`; one with the same `what` keeps only its command."""
         new = {fact.what: fact for fact in facts}
 
-        def added(factor: Factor) -> Factor:
-            kept = [replace(new.pop(f.what), command=f.command) if f.what in new else f for f in factor.facts]
-            return replace(factor, facts=(*kept, *new.values()))
+        def updated(factor: Factor) -> Factor:
+            present = [replace(new.pop(f.what), command=f.command) if f.what in new else f for f in factor.facts]
+            return replace(factor, facts=(*present, *new.values()))
 
-        return replace(self, factors=tuple(added(each) if each.name == name else each for each in self.factors))
+        return replace(self, factors=tuple(updated(each) if each.name == name else each for each in self.factors))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the card for JSON, with the list of what was not done."""
+        """Return the card for JSON, with the list `not_done`."""
         return {**asdict(self), "not_done": self.not_done}
 
 
 def read(content: bytes) -> Card | None:
-    """Return a card from JSON, None if it has another layout. Raises ValueError if it is damaged."""
+    """Return the card from a JSON file's content, None if its layout is another. Raises ValueError if it is damaged."""
     try:
         document = json.loads(content)
         return TypeAdapter(Card).validate_json(content, strict=True) if document["schema"] == SCHEMA else None
@@ -106,8 +106,8 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
          compared: Sequence[Fact] = ()) -> Card:
     """Return the card of fins with these parameters; `fmu` is the file's name, empty for parameters alone.
 
-    `configuration` is further facts of management; `compared`, without a command, are comparisons with an independent
-    reference.
+    `configuration` are additional facts for management, `compared` comparisons with an independent reference, whose
+    commands are added here.
     """
     model = sets[0].model
     actuator, extensions = parts(model)
@@ -119,19 +119,19 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     own = f" {option}" if source else ""
     make, article = f"emcas build{settings} --output A.fmu; ", shlex.quote(fmu or "A.fmu") + own
     identified = {e.variable.name: e.note for p in sets for e in p.entries if e.source == IDENTIFIED}
-    certain = tuple(name for name, note in identified.items() if "1 sigma" in note)
+    with_sigma = tuple(name for name, note in identified.items() if "1 sigma" in note)
     records = list(dict.fromkeys(record[1:] for p in sets for record in p.measured))
     factors = {
         DATA: [*([Fact("equations", get(model).origin)] if get(model).origin else ()), *_sources(sets, settings)],
         VERIFICATION: [*(replace(fact, command=f"emcas validate {article}") for fact in compared),
                        *([] if compared else [Fact(
                            "comparison with an independent integration", NOT_DONE,
-                           note="" if integrated else "there is none of this actuator",
+                           note="" if integrated else "this actuator has none",
                            command=f"{make}emcas validate A.fmu{own}" if integrated else "")]),
                        Fact(CONVERGENCE, NOT_DONE, command=f"{'' if fmu else make}emcas report {article}"),
                        Fact("Python against native FMU", NOT_DONE, command=
                             "emcas baseline record PYTHON.fmu; emcas baseline check NATIVE.fmu")],
-        VALIDATION: [*(Fact(f"record {name}", use or "identified from it; the file says no more",
+        VALIDATION: [*(Fact(f"record {name}", use or "parameters were identified from it",
                             note=f"SHA-256 {sha256}") for name, sha256, use in records),
                      *([Fact("records of the identified parameters", NOT_DONE, note="the parameter file names none")]
                        if identified and not records else ()),
@@ -139,50 +139,50 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
                              f"emcas calibrate FITTED.csv --hold-out OTHER.csv --free NAMES{settings}")]
                        if not any(use.startswith("held out") for *_, use in records) else ())],
         INPUTS: [Fact(TEST_INPUTS, NOT_DONE)],
-        UNCERTAINTY: [*([Fact("1 sigma of identified parameters, in their notes above", len(certain), names=certain)]
-                        if certain else ()),
+        UNCERTAINTY: [*([Fact("identified parameters, 1 sigma in their notes", len(with_sigma), names=with_sigma)]
+                        if with_sigma else ()),
                       Fact("effect of uncertain parameters, loads and faults on results", NOT_DONE,
                            command=f"emcas campaign CAMPAIGN.toml{f' --fmu {shlex.quote(fmu)}' if fmu else ''}")],
         ROBUSTNESS: [Fact("sensitivity to each estimate", NOT_DONE,
                           command=f"emcas parameters{settings} --sensitivity TORQUE")],
-        HISTORY: [Fact("earlier uses and what came of them", NOT_DONE)],
+        HISTORY: [Fact("earlier uses and their results", NOT_DONE)],
         MANAGEMENT: [*_configuration(sets), *configuration,
-                     *([Fact("second build, with the same bytes", NOT_DONE, note="emcas build with the same options")]
+                     *([Fact("second build with the same bytes", NOT_DONE, note="emcas build with the same options")]
                        if fmu else ())]}
     missing = [name for name in EXTENSIONS if name not in extensions]
     warnings = dict.fromkeys(warning for p in sets for warning in p.warnings)
     return Card(
         SCHEMA, get(model).name, tuple(parameters_hash(p.values) for p in sets), USE,
-        (f"What is computed is how the model behaves; {APPLIES}.",
-         *([f"It is built without the effects of the extensions {', '.join(missing)}."] if missing else ()), *warnings),
+        (f"Results describe the model; {APPLIES}.",
+         *([f"It has none of the effects of the extensions {', '.join(missing)}."] if missing else ()), *warnings),
         tuple(Factor(name, tuple(facts)) for name, facts in factors.items()))
 
 
 def _sources(sets: Sequence[ParameterSet], settings: str) -> Iterator[Fact]:
-    """Yield how many parameters have which source, and the identified values; of several fins with equal ones once."""
+    """Yield the number of parameters from each source, and the identified values; equal ones of several fins once."""
     counted: dict[tuple[str, tuple[str, ...]], list[int]] = {}
-    found: dict[tuple[str, float, str, str], list[int]] = {}
+    identified: dict[tuple[str, float, str, str], list[int]] = {}
     for fin, p in enumerate(sets, 1):
         by_source: dict[str, list[str]] = {}
         for e in p.entries:
             by_source.setdefault(e.source or "none", []).append(e.variable.name)
             if e.source == IDENTIFIED:
-                found.setdefault((e.variable.name, e.value, e.variable.unit, e.note), []).append(fin)
+                identified.setdefault((e.variable.name, e.value, e.variable.unit, e.note), []).append(fin)
         for source, names in by_source.items():
             counted.setdefault((source, tuple(names)), []).append(fin)
 
-    def of(fins: list[int]) -> str:
+    def of_fins(fins: list[int]) -> str:
         return "" if len(fins) == len(sets) else f" of fin {', '.join(map(str, fins))}"
 
     for (origin, listed), fins in counted.items():
-        yield Fact(f"parameters{of(fins)}, source: {origin}", len(listed), names=listed,
+        yield Fact(f"parameters{of_fins(fins)}, source: {origin}", len(listed), names=listed,
                    command=f"emcas parameters{settings}")
-    for (name, value, unit, note), fins in found.items():
-        yield Fact(f"{name}{of(fins)}", value, unit, note=note)
+    for (name, value, unit, note), fins in identified.items():
+        yield Fact(f"{name}{of_fins(fins)}", value, unit, note=note)
 
 
 def _configuration(sets: Sequence[ParameterSet]) -> Iterator[Fact]:
-    """Yield version, actuator, parameter files and hashes."""
+    """Yield the version, the actuator, the parameter files, and the hashes of files and values."""
     yield Fact("version", f"emcas {__version__}")
     yield Fact("actuator", get(sets[0].model).name)
     actuator = get(parts(sets[0].model)[0])

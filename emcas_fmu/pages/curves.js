@@ -1,12 +1,12 @@
 "use strict";
 /* Pictures of a page as uPlot charts: zoom by dragging, values under the cursor, curves switched on and off by name.
-   Without this script, and in print, the page shows its pictures. */
-const INCH = 112;  // pixels of an inch of the picture
-const NEAR = 40;  // pixels from a loop within which its value is shown
-const MOST_READ = 14;  // values under the cursor
-const BLUE = "#0072b2";  // of pictures, the only colour too dark for a dark page
+   Without this script, and in print, the page shows the static pictures. */
+const INCH = 112;  // pixels of the page per inch of the picture
+const NEAR = 40;  // pixels between cursor and closed curve within which a point of the curve is shown
+const MOST_READ = 14;  // most values shown under the cursor
+const BLUE = "#0072b2";  // the only colour of pictures that is too dark for a dark page
 
-/** The values of a packed column: its decimals and differences, or, along a logarithmic axis, the numbers. */
+/** The values of a column packed as decimals and differences, or as numbers along a logarithmic axis. */
 function unpacked(packed, log) {
     if (log) return packed;
     const unit = 10 ** -packed[0];
@@ -14,21 +14,21 @@ function unpacked(packed, log) {
     return packed.slice(1).map(step => step === null ? null : (sum += step) * unit);
 }
 
-/** A number for people: at most five digits. */
+/** A number as text, with at most five digits. */
 function shown(value) {
     if (!Number.isFinite(value)) return "–";
     const size = Math.abs(value), plain = !size || size >= 1e-4 && size < 1e5;
     return (plain ? String(Number(value.toPrecision(5))) : value.toExponential(3)).replace("-", "−");
 }
 
-/** A colour of a picture, blue as light as the page is dark: on a canvas, and in a style, without transparency. */
+/** A colour of a picture, with the blue of the page: for a canvas, and for a style, where blue is opaque. */
 const tint = color => color ? color.replace(BLUE, css("--blue")) : ink();
-const sample = color => !color ? "var(--text)" : color.startsWith(BLUE) ? "var(--blue)" : color;
+const styled = color => !color ? "var(--text)" : color.startsWith(BLUE) ? "var(--blue)" : color;
 
 const inside = (at, min, max) => at >= min - 1e-3 * Math.abs(min) && at <= max + 1e-3 * Math.abs(max);
 const ascending = ([from, to]) => from < to ? [from, to] : [to, from];
 
-/** The ticks of a zoomed logarithmic axis: 1, 2, 5 of each decade. */
+/** The ticks of a logarithmic axis: 1, 2, 5 of each decade, or 1 alone over more than 2.5 decades. */
 function decades(min, max) {
     const marks = [], digits = Math.log10(max / min) > 2.5 ? [1] : [1, 2, 5];
     for (let power = Math.floor(Math.log10(min)); power <= Math.log10(max); ++power) {
@@ -50,7 +50,7 @@ function shownTick(value, log) {
     return String(Number(value.toPrecision(8))).replace("-", "−");
 }
 
-/** The interpolated value of a curve at a position along x; null beyond its ends. */
+/** The interpolated value of a curve at a position along x, as text; null beyond its ends. */
 function interpolated({x, y}, at, {log, range}) {
     const high = x.findIndex(value => value !== null && value > at), low = (high < 0 ? x.length : high) - 1;
     if (low < 0 || x[low] === null) return null;
@@ -61,7 +61,7 @@ function interpolated({x, y}, at, {log, range}) {
     return shown(Number(value.toFixed(Math.min(Math.max(digits, 0), 12))));
 }
 
-/** The coordinates of a loop's point that is nearest to the cursor; null if none is near. */
+/** The coordinates, as text, of the point of a closed curve nearest to the cursor; null if none is near. */
 function nearest(u, {x, y}, left, top) {
     let best = NEAR, label = null;
     x.forEach((at, i) => {
@@ -72,7 +72,7 @@ function nearest(u, {x, y}, left, top) {
     return label;
 }
 
-/** The builder of the path through a line's points, in pixels of the canvas, with dots where it has markers. */
+/** The function that builds a line's path, in pixels of the canvas, with dots at its points if it has markers. */
 function path({width, marker = 0, hollow}) {
     return (u, k) => {
         const [xs, ys] = u.data[k], stroke = new Path2D(), fill = new Path2D(), dots = hollow ? stroke : fill;
@@ -132,7 +132,7 @@ class Panel {
         };
     }
 
-    /** Width of the longest number or word along the vertical axis. */
+    /** Width [pixels] of the vertical axis, by its longest number or word. */
     get wide() {
         const words = this.data.y.ticks?.[1] ?? this.data.y.range.map(shown);
         return Math.min(22 + 7.5 * Math.max(4, ...words.map(text => text.length)), 150);
@@ -144,7 +144,7 @@ class Panel {
         const scale = which => ({auto: false, range: () => this[which], distr: data[which].log ? 3 : 1,
             dir: data[which].range[0] > data[which].range[1] ? -1 : 1});
         this.plot = new uPlot({
-            mode: 2, ...this.size, legend: {show: false}, padding: [8, 22, 0, 0],  // half of a number at the end of the axis
+            mode: 2, ...this.size, legend: {show: false}, padding: [8, 22, 0, 0],  // room for half of the axis's last number
             cursor: {
                 points: {show: false}, dataIdx: () => null, focus: {prox: -1},
                 drag: {x: true, y: true, uni: 30, setScale: false},
@@ -176,7 +176,7 @@ class Panel {
         if (plot && (size.width !== plot.width || size.height !== plot.height)) plot.setSize(size);
     }
 
-    /** Draws bands, areas and levels below the curves. */
+    /** Paints bands, areas and levels below the curves. */
     under(ctx, x, y, frame) {
         const {left, top, width, height} = frame, {bands, areas, levels} = this.data;
         const on = ({name}) => !this.chart.off.has(name);
@@ -199,7 +199,7 @@ class Panel {
         }
     }
 
-    /** Draws texts above the curves. */
+    /** Paints texts above the curves. */
     over(ctx, x, y, {left, top, width, height}) {
         ctx.font = SMALL();
         for (const {text, at, share, align, base, color} of this.data.texts) {
@@ -229,7 +229,7 @@ class Panel {
         this.plot.setScale(which, {min, max});
     }
 
-    /** Shows the values under the cursor, of a closed curve those of its nearest point. */
+    /** Shows the values under the cursor; for a closed curve, those of its nearest point. */
     tell(u) {
         const {left, top, event} = u.cursor, {lines, y} = this.data;
         this.read.hidden = !(left >= 0 && event && u.over.contains(event.target));
@@ -238,7 +238,7 @@ class Panel {
         const rows = lines.filter((_, k) => u.series[k + 1].show).map(line =>
             [line, line.loop || !line.width ? nearest(u, line, left, top) : interpolated(line, at, y)]);
         const values = rows.filter(([, value]) => value !== null).slice(0, MOST_READ).map(([{color, name}, value]) =>
-            element("div", {}, element("i", {style: `background:${sample(color)}`}),
+            element("div", {}, element("i", {style: `background:${styled(color)}`}),
                 `${name || y.label.replace(/ *\[.*/, "") || "value"} `, element("b", {}, value)));
         this.read.replaceChildren(element("div", {class: "at"}, `${shown(at)} ${unit}`), ...values);
         this.read.hidden = !values.length;
@@ -275,7 +275,7 @@ class Chart {
         return element("div", {class: "panels"}, ...rows.filter(Boolean));
     }
 
-    /** Buttons that switch curves, levels and bands, in the order of the picture's legend. */
+    /** Buttons that switch curves, levels and bands on and off, in the order of the picture's legend. */
     legend(order) {
         const every = this.panels.flatMap(({data}) => [...data.lines, ...data.levels, ...data.bands]);
         const names = every.map(({name}) => name).filter(Boolean);
@@ -283,7 +283,7 @@ class Chart {
             const {color, width, dash, ranges} = every.find(each => each.name === name);
             const thick = Math.min(Math.max(width || 2, 1.5), 4);
             const look = ranges ? "band" : !width ? "dot" : dash ? "dashed" : "";
-            const swatch = element("i", {class: look, style: `--swatch:${sample(color)};--thick:${thick}px`});
+            const swatch = element("i", {class: look, style: `--swatch:${styled(color)};--thick:${thick}px`});
             const button = element("button", {type: "button", "aria-pressed": "true"}, swatch, name);
             button.addEventListener("click", () => this.toggle(name, button));
             return button;
@@ -311,7 +311,7 @@ class Chart {
         this.reset.hidden = true;
     }
 
-    /** Width left of a column of panels, the same for all panels in it. */
+    /** Width [pixels] of the vertical axes in a column of panels: that of the widest. */
     room(column) {
         return Math.max(...this.panels.filter(({data}) => data.place[1] === column).map(panel => panel.wide));
     }

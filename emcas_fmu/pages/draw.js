@@ -1,5 +1,5 @@
 "use strict";
-/* What every page with plots by uPlot uses: elements, the page's colours, and paint on a plot. */
+/* Functions of every page with plots by uPlot: elements, the page's colours, and painting on a plot. */
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const ink = () => css("--text"), faint = () => css("--line");
 const FONT = "12px system-ui, sans-serif", SMALL = () => `${11 * devicePixelRatio}px system-ui, sans-serif`;
@@ -21,7 +21,7 @@ const element = (tag, attributes = {}, ...children) => set(document.createElemen
 function paint(u, paints, within = false) {
     const {ctx, bbox} = u, {left, top, width, height} = bbox;
     ctx.save();
-    ctx.setLineDash([]);  // that of the last curve
+    ctx.setLineDash([]);  // otherwise those of the last curve
     ctx.beginPath();
     if (within) {
         ctx.rect(left, top, width, height);
@@ -32,7 +32,7 @@ function paint(u, paints, within = false) {
     ctx.restore();
 }
 
-/** Takes a pen: colour, thickness and dashes [pixels of the page]. */
+/** Sets the colour, and thickness and dashes [pixels of the page] of lines. */
 function pen(ctx, color, thick, dash = []) {
     Object.assign(ctx, {strokeStyle: color, fillStyle: color, lineWidth: thick * devicePixelRatio});
     ctx.setLineDash(dash.map(length => length * devicePixelRatio));

@@ -1,4 +1,4 @@
-"""Figures and units as people read them on pages and terminals."""
+"""Numbers and units as text on pages and terminals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from math import isfinite
 
 
 def rounded(value: float, form: str) -> str:
-    """Return a number in a format such as ``+.3f`` for people: 0 has no sign, inf and nan are a dash."""
+    """Return a number as text in a format such as ``+.3f``: 0 has no sign, inf and nan are a dash."""
     if not isfinite(value):
         return "–"
     text = format(value, form)
@@ -15,7 +15,10 @@ def rounded(value: float, form: str) -> str:
 
 
 def number(value: float | bool | None) -> str:
-    """Return a figure for people: four digits, a dash for none, words for infinity."""
+    """Return a figure as text: four significant digits, or whole numbers from 1e4 on.
+
+    None and nan are a dash, inf is ``not reached``, a bool ``yes`` or ``no``.
+    """
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None or value != value:
@@ -26,7 +29,7 @@ def number(value: float | bool | None) -> str:
 
 
 def beside(value: float | bool | None, limit: float) -> str:
-    """Return a figure for people as `number`, with more digits where they are needed to tell it from its limit."""
+    """Return a figure as `number` does, with more digits where four do not distinguish it from its limit."""
     text = number(value)
     if value is None or not isfinite(value) or value == limit:
         return text
@@ -35,7 +38,7 @@ def beside(value: float | bool | None, limit: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in whole percent for people; one that would round to 0 has one significant digit."""
+    """Return a share [1] as text in whole percent; a share that would round to 0 has one significant digit."""
     value = 100.0 * share
     text = rounded(value, ".0f")
     return f"{text if text != '0' or not value else rounded(value, '.1g')} %".replace("-", "−")
@@ -44,8 +47,8 @@ def percent(share: float) -> str:
 def with_unit(value: float | bool | None, unit: str, limit: float | None = None) -> str:
     """Return a figure with its unit, typeset; a time of less than a second is in ms.
 
-    With a `limit` it has the digits that are needed to tell it from the limit. An angle of less than 1e-9 deg is 0:
-    doubles near 20 deg are 4e-15 deg apart, and the sums of a simulation round in some thousands of steps.
+    With a `limit`, in `unit`, it has the digits that distinguish it from the limit. An angle below 1e-9 deg is shown as
+    0: doubles near 20 deg are 4e-15 deg apart, and a simulation adds up the rounding of some thousands of steps.
     """
     if unit == "deg" and value and abs(value) < 1e-9:
         value = 0.0
@@ -58,6 +61,6 @@ def with_unit(value: float | bool | None, unit: str, limit: float | None = None)
 
 
 def typeset(unit: str) -> str:
-    """Return a unit as a page shows it."""
+    """Return a unit as pages show it: ``°`` for deg, ``·`` for the dot, ``²`` for 2; empty for 1."""
     raised = re.sub(r"(?<=[A-Za-z)])[23]", lambda digit: "²³"[int(digit[0]) - 2], unit).replace(".", "·")
     return {"1": "", "deg": "°", "deg/s": "°/s", "degC": "°C"}.get(unit, raised)

@@ -1,4 +1,4 @@
-"""Pages of one look with nothing outside them: blocks of macros.html.j2 over base.html.j2."""
+"""Self-contained pages in one style: blocks of macros.html.j2 over base.html.j2."""
 
 from __future__ import annotations
 
@@ -22,36 +22,37 @@ from .provenance import Source, made
 
 _SCRIPTS = {"uplot": "uplot/uPlot.iife.min.js", "uplot_style": "uplot/uPlot.min.css",
             "uplot_licence": "uplot/LICENSE", "draw_script": "draw.js", "curves_script": "curves.js"}
-_LONG, _MOST_LISTED = 4, 40  # headings: of a page that has a list of contents, and of one whose h3 are in it
+_LONG = 4  # headings from which a page has a list of contents
+_MOST_LISTED = 40  # headings up to which the list contains h3, too
 
 
 def stated(value: float | bool, unit: str, name: str = "") -> Markup:
     """Return a value with its unit, and the name of its parameter or input."""
-    of = Markup(' <span class="quiet">{}</span>').format(code(name)) if name else ""
-    return escape(with_unit(value, unit)) + of
+    label = Markup(' <span class="quiet">{}</span>').format(code(name)) if name else ""
+    return escape(with_unit(value, unit)) + label
 
 
 def code(text: str) -> Markup:
-    """Return a name as a page shows it; empty for an empty one."""
+    """Return a text as HTML code; an empty text stays empty."""
     return Markup("<code>{}</code>").format(text) if text else Markup("")
 
 
 def prose(text: str) -> Markup:
     """Return a docstring or note as HTML.
 
-    Names between backticks become code, without Sphinx role and package.
+    Names between backticks become code, without a Sphinx role and the package's name.
     """
     return Markup(re.sub(r"(?::\w+:)?(`{1,2})(?:emcas_fmu\.)?(.+?)\1", r"<code>\2</code>", str(escape(text))))
 
 
 def css_text(text: str) -> str:
-    """Return a text for a style sheet's quotes, escaped so that it ends neither the quotes nor the element."""
+    """Return a text escaped for a quoted string of a style sheet: it ends neither the string nor the element."""
     return re.sub(r"[^\w .,+-]", lambda found: f"\\{ord(found[0]):x} ", text)
 
 
 @cache
 def environment() -> Environment:
-    """Return Jinja's environment of the templates, with the filters for numbers, names and units that they use."""
+    """Return Jinja's environment for the templates, with their filters for numbers, names and units."""
     made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
                        lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
@@ -61,8 +62,8 @@ def environment() -> Environment:
     made.filters["breakable"] = lambda name: Markup("_<wbr>").join(name.split("_"))
     made.filters["right"] = lambda names: [Markup(">") + name for name in names]  # columns of numbers
     made.filters["css"] = lambda text: Markup(css_text(text))
-    made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # what is in it was escaped before
-    made.tests["tuple"] = lambda row: type(row) is tuple  # none with names
+    made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # the body is escaped already
+    made.tests["tuple"] = lambda row: type(row) is tuple  # not a named tuple
     made.globals.update(version=__version__, applies=APPLIES, **{
         name: files("emcas_fmu.pages").joinpath(file).read_text(encoding="utf-8") for name, file in _SCRIPTS.items()})
     made.globals["m"] = made.get_template("pages/macros.html.j2").module  # the blocks that pages are made of
@@ -70,20 +71,21 @@ def environment() -> Environment:
 
 
 def page(template: str | Path, **context: Any) -> str:
-    """Return the text of a template, named relative to the package (``studies/report/page.html.j2``) or any file.
+    """Return the page of a template: a name relative to the package (``studies/report/page.html.j2``) or a file's path.
 
     The same context gives the same text.
     """
-    made = environment()
-    found = made.from_string(template.read_text("utf-8")) if isinstance(template, Path) else made.get_template(template)
-    return found.render(**context)
+    jinja = environment()
+    if isinstance(template, Path):
+        return jinja.from_string(template.read_text("utf-8")).render(**context)
+    return jinja.get_template(template).render(**context)
 
 
 def write_page(path: Path, template: str | Path, of: Iterable[ParameterSet | Source], date: str = "",
                **context: Any) -> None:
     """Write the page of a template that extends ``pages/base.html.j2``; see `page`.
 
-    It ends with its provenance: the sources `of` it, and the `date`, by default today.
+    The page ends with its provenance: its sources, `of`, and the `date`, by default today.
     """
     how = made(*of)
     text = page(template, made=replace(how, date=date) if date else how, **context)
@@ -91,14 +93,14 @@ def write_page(path: Path, template: str | Path, of: Iterable[ParameterSet | Sou
 
 
 def _words(html: str) -> str:
-    """Return a line of HTML without its elements, for an attribute."""
+    """Return a line of HTML without its tags, for an attribute."""
     return re.sub("<[^>]*>", "", html).replace('"', "&quot;")
 
 
 def outlined(body: str) -> str:
-    """Return a page's body with numbered figures and tables, and the contents before the first heading.
+    """Return a page's body with numbered figures and tables, and in a long page a list of contents before the first h2.
 
-    Boxes in which a table scrolls get the keyboard's focus and its caption as name.
+    Boxes in which a table scrolls can have the keyboard's focus; their label is the table's caption.
     """
     for element, word in (("figcaption", "Figure"), ("caption", "Table")):
         first, *others = body.split(f"<{element}>")

@@ -30,7 +30,7 @@ def made_by(arguments: Sequence[str]) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Source:
-    """A source of a page: `file` and its hash, the hash of all values, and the values `changed` beyond the files."""
+    """A source of a page: a `file` and its hash, the hash of all values, and names of values `changed` afterwards."""
 
     what: str
     file: str
@@ -50,15 +50,15 @@ class Made:
 
 
 def made(*of: ParameterSet | Source) -> Made:
-    """Return how a page with these sources is made now."""
+    """Return the provenance of a page that is made now from these sources."""
     sources = [source for each in of for source in ((each,) if isinstance(each, Source) else _of_a_set(each))]
     return Made(tuple(dict.fromkeys(sources)), _COMMAND.get(), today())
 
 
 def repeatable(*fins: ParameterSet) -> Made:
-    """Return how a page about fins with these parameters was made; the same at every build.
+    """Return the provenance of a page about fins with these parameters, the same at every build.
 
-    It has no date, command and folders. The sources of several fins have the numbers of the fins, from 1.
+    It has no date, no command and no folders. The sources of several fins have the numbers of the fins, from 1.
     """
     sources = [replace(source, file=PurePath(source.file).name, what=source.what + f" of fin {n}" * (len(fins) > 1),
                        model=source.model if n == len(fins) else "")
@@ -69,8 +69,8 @@ def repeatable(*fins: ParameterSet) -> Made:
 def shipped(model: str) -> str:
     """Return the name of an actuator's default parameters in words."""
     actuator = get(model)
-    users = actuator.source.name if actuator.source else actuator.name
-    return SHIPPED if is_shipped(model) else f"the parameters of {users}"
+    name = actuator.source.name if actuator.source else actuator.name
+    return SHIPPED if is_shipped(model) else f"the parameters of {name}"
 
 
 def _of_a_set(p: ParameterSet) -> Iterator[Source]:

@@ -13,11 +13,11 @@ from rich.text import Text
 
 from .numbers import number
 
-_SHORT = 10  # characters of a word that is not broken, other than figures
+_SHORT = 10  # characters; words up to this length are broken only after longer ones, numbers never
 
 
 class _Fitting(Table):
-    """A table that folds its longest texts to the terminal's width: first those that are not to be `whole`."""
+    """A table that folds its longest texts to the terminal's width, those of the columns `whole` last."""
 
     whole: Collection[int] = ()
 
@@ -30,9 +30,9 @@ class _Fitting(Table):
                  for each, column in zip(texts, self.columns, strict=True)]
         room = options.max_width - (3 * len(widths) + 1 if self.pad_edge else 2 * len(widths))  # lines and spaces
         every = range(len(widths))
-        left = [k for k in every if self.columns[k].justify == "left"]
+        texts_only = [k for k in every if self.columns[k].justify == "left"]
         others = [k for k in every if k not in self.whole]
-        for able, floor in ((others, least), (every, least), (left, [1] * len(least))):
+        for able, floor in ((others, least), (every, least), (texts_only, [1] * len(least))):
             while sum(widths) > room and (wide := [k for k in able if widths[k] > floor[k]]):
                 widths[max(wide, key=widths.__getitem__)] -= 1
         for column, width in zip(self.columns, widths, strict=True):
@@ -42,11 +42,10 @@ class _Fitting(Table):
 
 def table(columns: Iterable[str], rows: Iterable[Iterable[Any] | None], title: str = "", whole: Collection[int] = (),
           plain: bool = False) -> Table:
-    """Return a table of texts and of numbers, which have four digits; None is a dash, a row that is None a line.
+    """Return a table of texts and numbers with four digits; a cell None is a dash, a row None a line.
 
-    Columns whose name begins with ">" are aligned to the right. Nothing is cut on a narrow terminal: texts are folded,
-    between words and within long names, those of the columns with indices in `whole` last. A `plain` table has no
-    frame.
+    Columns whose name begins with ">" are aligned to the right. A narrow terminal cuts nothing: it folds texts
+    between words and within long names, those of the columns in `whole` (indices) last. A `plain` table has no frame.
     """
     made = _Fitting(title=title or None, title_justify="left", box=SIMPLE_HEAD if plain else HEAVY_HEAD,
                     padding=(0, 1, 0, 0) if plain else (0, 1), pad_edge=not plain)

@@ -427,12 +427,12 @@ def test_the_credibility_card_has_figures_of_the_tests(shipped: Result, tmp_path
     document: Any = plain(as_dict(shipped))
     facts = {fact["what"]: fact for factor in document["credibility"]["factors"] for fact in factor["facts"]}
     off = [group["fin_angle_deg"] for group in document["figures"]["stepping"].values()]
-    assert facts["accuracy of the stepping, by a shorter tick"]["value"] == max(off)
+    assert facts["accuracy of the stepping, checked with a shorter tick"]["value"] == max(off)
     static = {what: fact["value"] for what, fact in facts.items() if what.startswith("largest static error, ")}
     assert [*static.values()] == [group["largest_error_deg"]
                                   for group in document["figures"]["static_accuracy"].values()]
     assert "mission profile is made up" in facts["inputs, which the host supplies"]["note"]
-    assert {"comparison with an independent integration", "earlier uses and what came of them"} <= {
+    assert {"comparison with an independent integration", "earlier uses and their results"} <= {
         *document["credibility"]["not_done"]}
     text = page(shipped, tmp_path)
     assert all(f"<td>{what}</td>" in text for what in facts)

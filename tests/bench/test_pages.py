@@ -93,7 +93,7 @@ def test_a_page_says_how_it_was_made_and_is_the_same_again(tmp_path: Path, monke
     assert text == pages[1].read_text(encoding="utf-8")
     (source,) = made(parameters).sources
     for part in ("emcas envelope -p &#39;a file.toml&#39;", str(mine), source.sha256, source.values_sha256,
-                 "then changed: <code>motor.inductance</code>", f"emcas {emcas_fmu.__version__}", "2026-04-01"):
+                 "changed afterwards: <code>motor.inductance</code>", f"emcas {emcas_fmu.__version__}", "2026-04-01"):
         assert part in text
     assert "uPlot" not in text  # a picture without curves needs no script
 

@@ -46,7 +46,7 @@ def test_a_run_and_one_sample_of_it(write: Write, tmp_path: Path) -> None:
     assert len(list((folder / "samples").iterdir())) == 3  # nothing was left to run
     made = [path.read_text(encoding="utf-8").splitlines() for path in (tmp_path / "r.html", folder / "summary.html")]
     differing = [one for one, other in zip(*made, strict=True) if one != other]
-    assert all('<th scope="row">by</th>' in line for line in differing)  # the command
+    assert all('<th scope="row">made by</th>' in line for line in differing)  # the command
     changed = campaign(write(SMALL.replace("seed = 5", "seed = 6")), "--output", folder, "--workers", 0)
     assert changed.exit_code == 2
     assert "campaign.seed: 5 then, 6 now" in changed.stderr.replace("\n", "")

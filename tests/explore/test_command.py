@@ -128,7 +128,7 @@ def test_a_page_starts_from_what_is_given(explore: Any, tmp_path: Path) -> None:
 def test_a_page_says_that_its_linear_model_has_no_dead_time(explore: Any) -> None:
     """In the words of the page of `emcas analyse`."""
     words = environment().from_string("{{ m.no_dead_time(true) }}").render()
-    assert "the inverter's dead time left out" in words
+    assert "the inverter's dead time, a series resistance at rest, is left out" in words
     for model, count in (("nonlinear", 0), ("nonlinear+inverter", 1)):
         assert explore("--model", model).exit_code == 0
         assert Path("explore.html").read_text(encoding="utf-8").count(words) == count

@@ -235,7 +235,7 @@ def test_refusals() -> None:
                              "an envelope needs a supply that limits the motor voltage; ozkan+heat has none"),
                             (["--preload", "1"], "from 0 to below 1"),
                             (["--model", "second-order+heat"], "needs a motor current"),
-                            (["--plot", "a.jpeg"], "a plot ends in")):
+                            (["--plot", "a.jpeg"], "the name of a plot must end in")):
         done = _emcas(*arguments)
         assert done.exit_code == 2
         assert text in " ".join(done.stderr.split())
