@@ -144,7 +144,7 @@ class Panel {
         const scale = which => ({auto: false, range: () => this[which], distr: data[which].log ? 3 : 1,
             dir: data[which].range[0] > data[which].range[1] ? -1 : 1});
         this.plot = new uPlot({
-            mode: 2, ...this.size, legend: {show: false}, padding: [8, 22, 0, 0],  // room for half of the axis's last number
+            mode: 2, ...this.size, legend: {show: false}, padding: [8, 22, 0, 0],  // half of a last number
             cursor: {
                 points: {show: false}, dataIdx: () => null, focus: {prox: -1},
                 drag: {x: true, y: true, uni: 30, setScale: false},

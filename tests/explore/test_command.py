@@ -92,8 +92,8 @@ def test_presets_are_those_of_the_actuator() -> None:
     assert {"cold", "sag", "robust"} <= found["nonlinear"].keys()
     assert "two-degrees-of-freedom" not in found["nonlinear"]  # its extensions are not in the page
     assert two <= found["nonlinear+filters+trajectory"]["two-degrees-of-freedom"]
-    assert found["servo"].keys() == {"as the page begins", "sag", "xl330"}
-    assert found["second-order"].keys() == {"as the page begins"}
+    assert found["servo"].keys() == {"initial values", "sag", "xl330"}
+    assert found["second-order"].keys() == {"initial values"}
     cold = described(load_parameters(model="nonlinear").with_values({"friction.temperature": -6.0}))["presets"]
     assert "cold" not in {p["name"] for p in cold}  # the page begins so
 
@@ -118,7 +118,7 @@ def test_a_page_starts_from_what_is_given(explore: Any, tmp_path: Path) -> None:
     assert (values["aero_torque"], values["supply_voltage"]) == (-20.0, 30.0)
     assert "emcas explore --parameters mine.toml --set controller.position.kp=60" in text
     assert "2026-03-31" in text
-    assert "2 differ from the default ones" in text
+    assert "2 differ from the defaults" in text
     again = explore("-p", "mine.toml", "--set", "controller.position.kp=60", "--set", "aero_torque=-20", "--set",
                     "supply_voltage=30", "--date", "2026-03-31", "-o", "mine.html")
     assert again.exit_code == 0

@@ -43,7 +43,7 @@ def test_a_preset_is_the_shipped_set(opened: Browser) -> None:
     assert opened.run(CHOSEN) == "robust"
     choose(opened, "preset", "sag")
     assert opened.run("window.page.live.setting.get('supply_voltage')") == pytest.approx(28.0)
-    choose(opened, "preset", "as the page begins")
+    choose(opened, "preset", "initial values")
     assert opened.run("Object.keys(window.page.live.setting.values)") == ["excitation.kind"]
 
 

@@ -71,7 +71,7 @@ def test_a_page_whose_unit_does_not_run_says_so(browser: Browser, tmp_path: Path
                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "compiled", lambda files: b"")
     browser.open(written(tmp_path, "nonlinear"))
-    assert "does not run the page's actuator" in browser.run("document.getElementById('problems').textContent")
+    assert "cannot run the page's actuator" in browser.run("document.getElementById('problems').textContent")
 
 
 def test_messages_have_their_numbers_as_in_python(scripts: Browser) -> None:

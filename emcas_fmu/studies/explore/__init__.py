@@ -1,1 +1,1 @@
-"""A page in which the browser runs an actuator's generated C."""
+"""The page of an actuator whose generated C runs in the browser."""

@@ -1,7 +1,7 @@
 "use strict";
-/* The actuator: its generated C as WebAssembly, limits and rules of its parameters, runs of it. SI throughout. */
+/* The actuator: its generated C as WebAssembly, limits and rules of its parameters, and runs. SI throughout. */
 
-/** A number in C's format %.{digits}g. */
+/** A number as text in C's format %.{digits}g. */
 function general(x, digits) {
     if (!Number.isFinite(x)) return Number.isNaN(x) ? "nan" : x > 0 ? "inf" : "-inf";
     if (x === 0) return "0";
@@ -19,7 +19,7 @@ function formatted(message, values) {
         kind === "%" ? "%" : kind === "s" ? values[next++] : general(values[next++], Number(digits ?? 6)));
 }
 
-const MOST_ARGUMENTS = 256; // of an equation, and of its results
+const MOST_ARGUMENTS = 256; // most arguments, and most results, of an equation
 
 class Actuator {
     static async load(base64) {
@@ -50,7 +50,7 @@ class Actuator {
         return address;
     }
 
-    /** The addresses of memory for so many doubles each, until the next call. */
+    /** The addresses of memory for `counts` doubles each; the next call overwrites it. */
     scratch(...counts) {
         const {top} = this, addresses = counts.map(count => this.reserve(count));
         this.top = top;
@@ -65,7 +65,7 @@ class Actuator {
         this.doubles(this.parameters, DATA.parameters.length).set(DATA.parameters.map(p => Number(values[p.name])));
     }
 
-    /** Problems of parameters, in the words of rules.py: of single values, otherwise of combinations. */
+    /** Messages, as in rules.py, for parameters outside their limits; if there are none, for combinations. */
     problems(values) {
         const single = DATA.parameters.filter(p => p.kind !== "Boolean").flatMap(p => {
             const value = values[p.name], of = DATA.limits;
@@ -76,7 +76,7 @@ class Actuator {
         return single.length ? single : this.broken(values, false);
     }
 
-    /** Messages of the rules that parameters within their limits break: refusals, or `warnings`. */
+    /** Messages of the rules that parameters within their limits break: errors, or only `warnings`. */
     broken(values, warnings) {
         this.put(values);
         return DATA.rules.flatMap((rule, i) => {
@@ -95,7 +95,7 @@ class Actuator {
     }
 
     /** The equations of bench/linear/equations.py: start values, functions of arrays, and the schedule. With `hold` the
-        functions' conditions are those of the call before. */
+        functions reuse the conditions of the previous call. */
     equations(values, supply) {
         this.put(values);
         this.code.at_rest_prepare(this.parameters, this.constants);
@@ -111,21 +111,21 @@ class Actuator {
             controllers: of("at_rest_controllers", kept + 2 + sampled)};
     }
 
-    /** Simulates a setting with changed parameters: the run has the excitation, and outputs of `names` as columns.
-        Throws an Error. */
+    /** Simulates a setting with changed parameters. The run has the excitation, and the outputs `names` as columns.
+        Throws an Error if it does not reach its end. */
     run(setting, excitation, names = DATA.outputs, changes = {}) {
         const inputs = setting.inputs(excitation), rows = excitation.time.length;
         this.put({...setting.parameters, ...changes});
-        const [given, made] = this.scratch(rows * DATA.inputs.length, rows * DATA.outputs.length);
+        const [ins, outs] = this.scratch(rows * DATA.inputs.length, rows * DATA.outputs.length);
         const column = (table, index) => this.doubles(table + 8 * rows * index, rows);
         DATA.inputs.forEach(({name}, index) => {
-            if (typeof inputs[name] === "object") column(given, index).set(inputs[name]);
-            else column(given, index).fill(Number(inputs[name]));
+            if (typeof inputs[name] === "object") column(ins, index).set(inputs[name]);
+            else column(ins, index).fill(Number(inputs[name]));
         });
-        const reached = this.code.simulate_rows(this.parameters, rows, STEP, given, made, this.result);
+        const reached = this.code.simulate_rows(this.parameters, rows, STEP, ins, outs, this.result);
         const reason = new Int32Array(this.code.memory.buffer, this.result, 1)[0];
         if (reached < rows) throw new Error(`at ${general(reached * STEP, 6)} s: ${DATA.reasons[reason]}`);
         return {excitation, outputs: Object.fromEntries(names.map(name =>
-            [name, column(made, DATA.outputs.indexOf(name)).slice()]))};
+            [name, column(outs, DATA.outputs.indexOf(name)).slice()]))};
     }
 }

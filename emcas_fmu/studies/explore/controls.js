@@ -1,8 +1,8 @@
 "use strict";
-/* The fields of the page: numbers, with sliders for the main values, and a searchable list of all values. */
+/* The fields of the page: the main values with sliders, and a searchable list of all values. */
 
-/** The range of a slider [SI]: a declared one; up to three times a value above zero, except in °C; all values of a
-    limited range; otherwise null. */
+/** The range of a slider [SI]: the declared one; up to three times a positive value, except in °C; all allowed values
+    if their range is small; otherwise null. */
 function sliderRange({range, unit, value, minimum, maximum}) {
     if (range) return range;
     if (value > 0 && unit !== "degC" && !(maximum - minimum <= 4 * value)) {
@@ -12,7 +12,7 @@ function sliderRange({range, unit, value, minimum, maximum}) {
 }
 
 class Control {
-    /** Calls `change(name, value)` with values that the user sets in a row of the page, in SI. */
+    /** Calls `change(name, value)` with each value [SI] that the user sets in a row of the page. */
     constructor(row, change) {
         const within = selector => row.querySelector(selector);
         Object.assign(this, {row, control: CONTROLS.get(row.dataset.name), field: within(".number input")});
@@ -40,7 +40,7 @@ class Control {
         this.slide.querySelectorAll(".end").forEach((end, k) => { end.textContent = shownNumber(ends[k]); });
     }
 
-    /** Widens the slider's range to an accepted value. */
+    /** Widens the slider's range to an accepted value outside it. */
     widen(setting) {
         if (!this.slider) return;
         const value = setting.get(this.control.name), range = this.range ?? sliderRange({...this.control, value});
@@ -49,7 +49,7 @@ class Control {
         this.show(setting);
     }
 
-    /** Reads the field; a text that is not a number is passed on, to be refused. */
+    /** Reads the field; a text that is not a number is passed on and refused later. */
     entered() {
         if (this.field.type === "checkbox") return this.change(this.field.checked);
         const text = this.field.value.trim(), value = Number(text.replace(",", ".").replace("−", "-"));
@@ -59,7 +59,7 @@ class Control {
     /** Shows a setting's value. */
     show(setting) {
         const {name, minimum, maximum} = this.control, value = setting.get(name), start = setting.default(name);
-        if (start !== this.start) this.range = null;  // another kind's start
+        if (start !== this.start) this.range = null;  // another kind of excitation has another initial value
         this.start = start;
         this.row.classList.toggle("changed", value !== start);
         this.again.hidden = value === start;
@@ -72,7 +72,7 @@ class Control {
     }
 }
 
-/** Shows the controls of all parameters and constant inputs in whose texts all words of a search are. */
+/** Shows the controls whose texts contain all words of a search, among all parameters and constant inputs. */
 function find(text) {
     const words = text.toLowerCase().split(/\s+/).filter(Boolean);
     for (const group of document.querySelectorAll("#controls details")) {

@@ -1,12 +1,12 @@
 "use strict";
-/* A command that is drawn by hand in the plot of the fin angle, or written as points: a CSV file like any other. */
+/* A command that the user draws in the plot of the fin angle, or writes as points; it is kept as a CSV file. */
 
 const DRAWN = "drawn command";
 const NUMBER = "([-+]?(?:\\d+\\.?\\d*|\\.\\d+)(?:e[-+]?\\d+)?)";
 const POINT = new RegExp(`^${NUMBER}(?:\\s*[,;]\\s*|\\s+)${NUMBER}$`, "i"); // a line with two decimal numbers
-const STRAIGHT = 1e-14; // rad from the line between its neighbours, of rounding: a row is no point
+const STRAIGHT = 1e-14; // rad, second difference due to rounding: such a row is on the line between its neighbours
 
-/** The points of a setting's CSV file, time [s] and command [rad]; rows with other columns are thinned. */
+/** The points of a setting's CSV file, time [s] and command [rad]; from a file with other columns, only its corners. */
 function pointsOf({kind, file}) {
     if (kind !== "csv" || !file?.columns.fin_command) return [];
     if (Object.keys(file.columns).length === 1) return file.points;
@@ -15,7 +15,7 @@ function pointsOf({kind, file}) {
         Math.abs(command[k - 1] - 2 * command[k] + command[k + 1]) > STRAIGHT);
 }
 
-/** The CSV file of points, with the other columns of a setting's file. Throws an Error. */
+/** The text of a CSV file of points, with the other columns of a setting's file. Throws an Error. */
 function drawnFile(points, {kind, file}) {
     const text = ["time,fin_command", ...points.map(point => point.join(",")), ""].join("\n");
     const {fin_command: _, ...others} = kind === "csv" && file ? file.columns : {};
@@ -25,7 +25,8 @@ function drawnFile(points, {kind, file}) {
     return csv({time, ...columns, ...Object.fromEntries(kept)});
 }
 
-/** The points with those of a stroke in their place; without points before it the command is 0, after it it is held. */
+/** The points, with a stroke in place of those it covers. Without points, the command is 0 before the stroke, and
+    constant after it. */
 function drawnOver(points, stroke, end) {
     const [[first], [last, level]] = [stroke[0], stroke.at(-1)];
     const [times, angles] = [0, 1].map(k => points.map(point => point[k]));
@@ -36,7 +37,7 @@ function drawnOver(points, stroke, end) {
 }
 
 class Drawing {
-    /** Calls `done(points)` when a stroke over a plot ends, or points are written; `points()` are the whole command. */
+    /** Calls `done(points)` after a stroke over a plot or a change of the text; `points()` returns the whole command. */
     constructor(plot, done) {
         Object.assign(this, {plot, done, stroke: null, button: $("draw"), field: $("points")});
         this.button.addEventListener("click", () => this.turn(!this.on));
@@ -46,7 +47,7 @@ class Drawing {
             pointercancel: () => this.end(), mousedown: () => undefined})) {
             plot.box.addEventListener(event, at => {
                 if (!this.on || !(this.stroke || at.target.closest(".u-over"))) return;
-                at.stopPropagation();  // a drag is no zoom
+                at.stopPropagation();  // otherwise the drag would zoom
                 action(at);
             }, true);
         }
@@ -58,7 +59,7 @@ class Drawing {
         return this.button.getAttribute("aria-pressed") === "true";
     }
 
-    /** Begins or ends drawing. While it is on, the plot reaches to the largest command. */
+    /** Switches drawing on or off. While it is on, the plot reaches to the largest command. */
     turn(on) {
         this.button.setAttribute("aria-pressed", String(on));
         this.plot.box.classList.toggle("drawing", on);
@@ -92,7 +93,7 @@ class Drawing {
         this.stroke = [this.under(at)];
     }
 
-    /** Adds a point; going back takes points away. */
+    /** Adds a point; moving back removes points. */
     move(at) {
         if (!this.stroke) return;
         const point = this.under(at);
@@ -105,12 +106,12 @@ class Drawing {
         const {stroke, plot: {chart}} = this;
         this.stroke = null;
         this.plot.redraw();
-        if (!stroke || stroke.length < 2) return;  // a click is no command
+        if (!stroke || stroke.length < 2) return;  // a click, not a stroke
         const end = Math.round(chart.data[0].at(-1) / STEP) / Math.round(1 / STEP);
         this.done(() => drawnOver(pointsOf(this.setting), stroke, end));
     }
 
-    /** The points that are written: a line each, time [s] and angle [°]. Throws an Error. */
+    /** The points in the text field, one per line: time [s] and angle [°]. Throws an Error. */
     get written() {
         const texts = this.field.value.split("\n").map(text => text.trim());
         return texts.flatMap((text, k) => {

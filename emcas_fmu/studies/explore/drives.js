@@ -1,8 +1,8 @@
 "use strict";
-/* What moves the fin in the sketch of the mechanism: parts with shapes, each of which shows a row of the outputs. */
+/* The drive in the sketch of the mechanism: parts with shapes, which each show a row of the outputs. */
 
-const ARM = 55; // of the lever, in the drawing
-const WHEEL = 38; // radius of the worm wheel, in the drawing
+const ARM = 55; // length of the lever in the drawing
+const WHEEL = 38; // radius of the worm wheel in the drawing
 
 /** An element of a drawing. */
 const shape = (tag, attributes, ...children) =>
@@ -15,11 +15,11 @@ function motor(x, y) {
         show: ({motor_angle: angle}) => set(spoke, {transform: `rotate(${degrees(angle)})`})};
 }
 
-/** The place of a lever's end along its line, from the position [m] of what moves it; to the right positive. */
+/** The position of a lever's end in the drawing, to the right positive, from the position [m] of the nut or rod. */
 const along = (position, {"kinematics.moment_arm": arm, "kinematics.initial_angle": initial}) =>
     ARM * (position / arm + Math.tan(initial));
 
-/** A lever and the nut or rod that moves its end, before further shapes. */
+/** A lever, and the nut or rod that moves its end, in front of other shapes. */
 function lever(position, mover, ...behind) {
     const arm = shape("path", {class: "lever"});
     return {shapes: [...behind, arm, mover], show(outputs, parameters) {
@@ -28,7 +28,7 @@ function lever(position, mover, ...behind) {
     }};
 }
 
-/** A worm below its wheel on the fin's hinge; its threads move by the motor's angle, the wheel by the fin's. */
+/** A worm below its wheel on the fin's hinge; the motor angle moves its threads, the fin angle the wheel. */
 function worm() {
     const wheel = shape("path", {class: "nut wheel"}), threads = shape("path", {class: "worm"});
     const [top, middle, bottom] = [3, 14, 25].map(y => WHEEL + y);
@@ -42,14 +42,14 @@ function worm() {
         });
         set(wheel, {d: spokes.join(" ")});
         /* Where a tooth is at the bottom, a gap between threads is. */
-        const late = (WHEEL * outputs.motor_angle * starts / teeth / pitch + 0.5) % 1, half = Math.ceil(46 / pitch);
-        const lines = Array.from({length: 2 * half + 1}, (_, k) => pitch * (k - half + late)).filter(
+        const offset = (WHEEL * outputs.motor_angle * starts / teeth / pitch + 0.5) % 1, half = Math.ceil(46 / pitch);
+        const lines = Array.from({length: 2 * half + 1}, (_, k) => pitch * (k - half + offset)).filter(
             x => x > -42 && x < 46).map(x => `M${x} ${WHEEL + 3} L${x - 4} ${WHEEL + 25}`);
         set(threads, {d: lines.join(" ")});
     }};
 }
 
-/** A cylinder, its chambers as dark as their pressures, with a valve's spool or the direction of a pump. */
+/** A cylinder with chambers as dark as their pressures are high, and a valve's spool or the direction of a pump. */
 function cylinder() {
     const chambers = [0, 1].map(() => shape("rect", {class: "pressure", y: ARM - 11, height: 22}));
     const valve = DATA.outputs.includes("valve_position"), [left, right] = valve ? [-101, -55] : [-89, -67];
@@ -67,7 +67,7 @@ function cylinder() {
     }};
 }
 
-/** The parts of the drive of the page's actuator; none if nothing is known of it but the fin. */
+/** The parts of the drive of the page's actuator; none if its outputs show only the fin. */
 function drive() {
     const has = name => DATA.outputs.includes(name), turned = y => has("motor_angle") ? [motor(-88, y)] : [];
     const path = (name, d) => shape("path", {class: name, d});

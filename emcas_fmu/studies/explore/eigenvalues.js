@@ -1,15 +1,15 @@
 "use strict";
 /* Eigenvalues of a real matrix (Golub & Van Loan, "Matrix Computations", sections 7.4 and 7.5). */
 
-/** A matrix scaled by powers of 2 so that its rows are as large as its columns, which leaves its eigenvalues. */
+/** A matrix with the same eigenvalues, scaled by powers of 2 so that its rows are about as large as its columns. */
 function balanced(a) {
     const whole = a.map(row => Float64Array.from(row));
     const sum = values => values.reduce((s, x) => s + Math.abs(x), 0);
     for (let again = true; again;) {
         again = false;
         for (const k of a.keys()) {
-            const own = Math.abs(whole[k][k]), rows = sum(whole[k]) - own;
-            const columns = sum(whole.map(row => row[k])) - own;
+            const diagonal = Math.abs(whole[k][k]), rows = sum(whole[k]) - diagonal;
+            const columns = sum(whole.map(row => row[k])) - diagonal;
             const factor = rows && columns ? 2 ** Math.round(Math.log2(rows / columns) / 2) : 1;
             if (rows / factor + columns * factor >= 0.95 * (rows + columns)) continue;
             again = true;
@@ -20,7 +20,7 @@ function balanced(a) {
     return whole;
 }
 
-/** A similar matrix without elements below the first subdiagonal, by elimination; of the argument. */
+/** A similar matrix without elements below the first subdiagonal, by elimination; overwrites the argument. */
 function hessenberg(h) {
     const n = h.length;
     for (let m = 1; m < n - 1; ++m) {
@@ -45,7 +45,7 @@ const multiplied = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c];
 const divided = ([a, b], [c, d]) => [(a * c + b * d) / (c * c + d * d), (b * c - a * d) / (c * c + d * d)];
 const conjugate = ([a, b]) => [a, -b];
 
-/** The eigenvalue of the complex matrix [[a, b], [c, d]] next to d. */
+/** The eigenvalue of the complex matrix [[a, b], [c, d]] that is nearest to d. */
 function shiftOf(a, b, c, d) {
     const half = minus(a, d).map(x => x / 2), [x, y] = plus(multiplied(half, half), multiplied(b, c));
     const size = Math.sqrt(Math.hypot(x, y)), angle = Math.atan2(y, x) / 2;

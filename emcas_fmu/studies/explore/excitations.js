@@ -7,7 +7,7 @@ function times(stop) {
     return Float64Array.from({length: Math.round(stop / STEP) + 1}, (_, k) => k * STEP);
 }
 
-/** The command over the amplitude, by kind, at a time [s] since the beginning of the motion: a port of motions.py. */
+/** By kind, the command as a share of its amplitude, at a time [s] since the start of the motion. */
 const SHARES = {
     step: since => Number(since > -STEP / 2),
     slew: since => since > -STEP / 2 ? 1 : -1,
@@ -19,7 +19,7 @@ const SHARES = {
     },
 };
 
-/** The excitation of a kind, from its fields; a torque rises with the motion, or is constant. Throws an Error. */
+/** The excitation of a kind, from its fields; a torque rises from the start of the motion or is constant. Throws an Error. */
 function excited(kind, fields) {
     const {amplitude = 0, torque, duration, settle: begin = DATA.constants.LEAD_IN, low, high} = fields;
     if (low >= high) {
@@ -33,22 +33,22 @@ function excited(kind, fields) {
     return {time, begin, columns};
 }
 
-/** The excitation of a CSV file, under a constant torque if it has none. */
+/** The excitation of a CSV file, with a constant torque if the file has no torque. Throws an Error without a file. */
 function ofFile(file, torque) {
     if (!file) throw new Error("choose a CSV file: a column time [s] and columns of inputs, SI");
     const {time, columns} = file, constant = torque ? {aero_torque: time.map(() => torque)} : {};
     return {time, begin: 0, columns: {...constant, ...columns}};
 }
 
-/** The jumps of a command: instant [s], level, and when the next one comes or the rows end [s]. */
+/** The jumps of a command: instant [s], level [rad], and the instant [s] of the next jump or the last row. */
 function moves(time, command) {
     const jumps = [];
     for (let k = 1; k < time.length; ++k) if (command[k] !== command[k - 1]) jumps.push(k);
     return jumps.map((row, i) => ({start: time[row], level: command[row], end: time[jumps[i + 1] ?? time.length - 1]}));
 }
 
-/** Rows of inputs from the text of a CSV file, linear between its rows, as in bench/excitation.py, and the file's own
-    rows of the command as `points`. Throws an Error. */
+/** Inputs at every step from the text of a CSV file, interpolated linearly, as in bench/excitation.py; `points` are the
+    file's own rows of the command. Throws an Error. */
 function fromCsv(text, title) {
     const [names = [], ...lines] = text.replace(/^\uFEFF/, "").split(/\r?\n/).filter(line => line.trim()).map(line =>
         line.split(",").map(cell => cell.trim().replace(/^"(.*)"$/, "$1")));
@@ -58,13 +58,13 @@ function fromCsv(text, title) {
     const twice = names.find((name, i) => names.indexOf(name) !== i), unknown = inputs.filter(n => !known.includes(n));
     const stop = time[time.length - 1], steps = stop / STEP;
     const problem = !names.includes("time") ? `has no column time; its columns are ${inputs.join(", ")}` :
-        twice ? `column ${twice} is given twice` :
+        twice ? `column ${twice} appears twice` :
         unknown.length ? `${unknown.join(", ")} is not an input; inputs are ${known.join(", ")}` :
         !inputs.length ? `has no column of an input; inputs are ${known.join(", ")}` :
-        rows.length < 2 ? "needs two rows of numbers or more" :
+        rows.length < 2 ? "needs two or more rows of numbers" :
         rows.some(row => row.length !== names.length || row.some(x => !Number.isFinite(x))) ?
             "has an empty or non-finite value, or a row of another length" :
-        time[0] < 0 || time.some((t, k) => t < time[k - 1]) ? "time must begin at 0 or later and not run backwards" :
+        time[0] < 0 || time.some((t, k) => t < time[k - 1]) ? "time must begin at 0 or later and must not decrease" :
         steps < 1 || steps > DATA.constants.MOST_ROWS || Math.abs(steps - Math.round(steps)) > 1e-6 ?
             `the end at ${general(stop, 6)} s must be a whole number of steps of ${STEP} s, ` +
             `${DATA.constants.MOST_ROWS} at most` : "";

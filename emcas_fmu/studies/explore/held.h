@@ -1,9 +1,9 @@
-/* Conditions of the equations at rest: those of one call, in their order, which another call may keep. */
+/* The conditions of the equations at rest in one call, in order; the next call may reuse them. */
 static int condition_kept[LINEAR_CONDITIONS];
 static int conditions_hold;
 static size_t next_condition;
 
-/* Begins a call; its conditions hold as in the call before, or are kept for the next. */
+/* Begins a call; it reuses the conditions of the last recorded call, or records its own. */
 static void at_rest_begin(int hold)
 {
     conditions_hold = hold;

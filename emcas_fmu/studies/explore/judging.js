@@ -1,7 +1,7 @@
 "use strict";
-/* Long computations of a setting, in a worker: the tests of the requirements, and frequency responses. */
+/* Long computations for a setting, in a worker: the tests of the requirements, and frequency responses. */
 
-/** The function `respond` of measure.js for a setting with changes. */
+/** The function `respond` of measure.js for a setting with changed parameters. */
 function responding(actuator, setting, changes) {
     return (excitation, names) => {
         try {
@@ -12,7 +12,7 @@ function responding(actuator, setting, changes) {
     };
 }
 
-/** Amplitude [rad] and load [N.m] of the frequency responses: of requirements, and of a sine or sweep that is set. */
+/** Amplitude [rad] and load [N.m] of each frequency response: of the requirements, and of a sine or sweep if chosen. */
 function sinesOf({kind, fields: {amplitude, torque}}) {
     const required = DATA.tests.filter(test => test.kind === "sine").map(test => [test.amplitude, 0]);
     const known = required.some(([size, load]) => size === amplitude && load === torque);
@@ -32,8 +32,8 @@ const LONG = {
         [sine, frequencyResponse(...sine, responding(actuator, setting, DATA.at_start))]),
 };
 
-/** The worker's program: answers the name of a computation and a setting's values with the result, or with nothing and
-    what went wrong. */
+/** The worker's program: it receives the name of a computation and a setting's values, and posts [result], or
+    [null, message] if the computation fails. */
 function answering(loaded) {
     onmessage = async ({data: [name, values]}) => {
         try {
@@ -56,7 +56,7 @@ class Worked {
         this.worker?.terminate();
     }
 
-    /** Promises the answer to a computation of LONG, or throws an Error; ends an earlier one. */
+    /** Promises the result of a computation of LONG, or rejects with an Error; ends an earlier computation. */
     ask(name, setting) {
         this.end();
         this.worker = new Worker(this.source);
@@ -64,7 +64,7 @@ class Worked {
         return new Promise((resolve, reject) => {
             this.worker.onmessage = ({data: [answer, problem]}) =>
                 problem ? reject(new Error(problem)) : resolve(answer);
-            this.worker.onerror = ({message}) => reject(new Error(message || "the browser does not start it"));
+            this.worker.onerror = ({message}) => reject(new Error(message || "the browser does not start the worker"));
         });
     }
 }

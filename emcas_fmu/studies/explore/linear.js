@@ -1,8 +1,8 @@
 "use strict";
 /* The actuator linearised at rest at 0, and the margins of its loop broken at the drive's reference: a port of
- * bench/linear. Its equations, the kernel's without quantisation, are differenced; sampling and delay are exact. */
+ * bench/linear. Finite differences of the kernel's equations without quantisation; sampling and delay are exact. */
 
-const DIFFERENCE = 1e-6; // of an argument above 1; Jacobians are accurate to 1e-7
+const DIFFERENCE = 1e-6; // step, relative to arguments above 1; Jacobians are accurate to 1e-7
 const AT_A_POLE = 1e-6; // distance from a pole below which a loop has no value, as in bench/linear/frequency.py
 const DECAYS = 1 - 1e-10; // largest magnitude of a pole z of a stable loop, as in bench/linear/systems.py
 
@@ -26,7 +26,7 @@ function differenced(f, at) {
     return {values, slopes};
 }
 
-/** Solves linear equations by elimination; rows have the right side as their last element. */
+/** Solves linear equations by elimination; the last element of a row is its right side. */
 function solved(rows) {
     for (const k of rows.keys()) {
         let p = k;
@@ -38,7 +38,7 @@ function solved(rows) {
     return rows.map(row => row.at(-1));
 }
 
-/** The exponential of a matrix, by its series for a share of it, squared. */
+/** The exponential of a matrix, by the series of a fraction of it, squared repeatedly. */
 function exponential(a) {
     const size = largest(a.map(row => row.reduce((sum, x) => sum + Math.abs(x), 0)));
     const halvings = Math.max(0, Math.ceil(Math.log2(size)) + 2), scale = 2 ** -halvings;
@@ -51,10 +51,10 @@ function exponential(a) {
     return sum;
 }
 
-/** The sum of a row's elements. */
+/** The sum of a row's elements at some indices. */
 const over = (row, indices) => indices.reduce((sum, j) => sum + row[j], 0);
 
-/** The states that move, in groups of those with equal rates, which are one mode. */
+/** The states that move, in groups; states with equal rates are one mode. */
 function groupsOf(values, slopes, count) {
     const groups = new Map();
     for (let i = 0; i < count; ++i) {
@@ -87,8 +87,8 @@ function rested(plant, start, held) {
     return null;
 }
 
-/** The matrices of a sample, transposed, of the loop that is open at the reference and of the closed one, of a setting
-    with changed parameters; the sample time [s]. Null if the actuator cannot rest at 0. */
+/** The transposed matrices of a sample, of the loop open at the reference and of the closed loop, and the sample time
+    [s], for a setting with changed parameters. Null if the actuator cannot rest at 0. */
 function linearised(actuator, setting, changes) {
     const {states: count, kept, sampled, supply} = DATA.linear;
     const {start, plant, controllers, schedule} = actuator.equations(
@@ -96,7 +96,7 @@ function linearised(actuator, setting, changes) {
     const [period, , , arrival, , , whole] = schedule;
     const rest = rested(plant, start.slice(0, count), start.slice(count + kept - sampled));
     if (!rest) return null;
-    const {x, moving, slopes} = rest, n = moving.length, ins = 1 + sampled, late = whole + Number(arrival > 0);
+    const {x, moving, slopes} = rest, n = moving.length, ins = 1 + sampled, delayed = whole + Number(arrival > 0);
     /* The plant over the parts of a period before and after the delayed reference arrives. */
     const sources = [[count], ...Array.from({length: sampled}, (_, k) => [count + 2 + k])];
     const [before, after] = [arrival, period - arrival].map(time => exponential([
@@ -104,23 +104,24 @@ function linearised(actuator, setting, changes) {
         ...zeros(ins, n + ins)]));
     /* The controllers, without constant states such as an integral whose gain is 0. */
     const {slopes: of} = differenced(controllers, [...start.slice(count), ...x.slice(0, count), 0]);
-    const own = [...Array(kept).keys()].filter(i => of[i].some((slope, j) => slope !== Number(i === j)));
-    /* The states after a sample: of the plant, the delayed references, the newest first, of the controllers. */
+    const varying = [...Array(kept).keys()].filter(i => of[i].some((slope, j) => slope !== Number(i === j)));
+    /* The states after a sample: of the plant, the delayed references (newest first), of the controllers. */
     const sample = (states, closed) => {
         const at = Array(kept + count + 1).fill(0);
         moving.forEach((group, k) => group.forEach(i => { at[kept + i] = states[k]; }));
-        own.forEach((i, k) => { at[i] = states[n + late + k]; });
+        varying.forEach((i, k) => { at[i] = states[n + delayed + k]; });
         const answer = applied(of, at), held = answer.slice(kept + 2);
-        const sent = [closed ? answer[kept] : 0, ...states.slice(n, n + late), 0];
+        const sent = [closed ? answer[kept] : 0, ...states.slice(n, n + delayed), 0];
         const middle = applied(before, [...states.slice(0, n), sent[whole + 1], ...held]);
         const end = applied(after, [...middle.slice(0, n), sent[whole], ...held]);
-        return [...end.slice(0, n), ...sent.slice(0, late), ...own.map(i => answer[i])];
+        return [...end.slice(0, n), ...sent.slice(0, delayed), ...varying.map(i => answer[i])];
     };
-    const [open, closed] = [false, true].map(each => unit(n + late + own.length).map(states => sample(states, each)));
+    const size = n + delayed + varying.length;
+    const [open, closed] = [false, true].map(each => unit(size).map(states => sample(states, each)));
     return closed.every(row => row.every(Number.isFinite)) ? {open, closed, period} : null;
 }
 
-/** The response L of a loop at a point z = [x, y]: 1 + L = det(z - closed) / det(z - open), by the poles of both. */
+/** The response L of a loop at a point z = [x, y], from the poles: 1 + L = det(z - closed) / det(z - open). */
 function loopAt(opened, closed, z) {
     const ratios = closed.map((pole, k) => divided(minus(z, pole), minus(z, opened[k])));
     return minus(ratios.reduce(multiplied, [1, 0]), [1, 0]);
@@ -140,7 +141,7 @@ function signChange(f, low, high) {
     return low;
 }
 
-/** Points [Hz, response] between two, where a narrow resonance or notch turns or changes the response by a third. */
+/** Additional points [Hz, response] between two where a resonance or notch turns or changes the response by a third. */
 function turning(at, low, high, depth = 16) {
     const [[from, [a, b]], [to, [c, d]]] = [low, high], size = Math.hypot(a, b) * Math.hypot(c, d);
     const turned = a * c + b * d < 0.94 * size, changed = Math.abs(Math.log(Math.hypot(c, d) / Math.hypot(a, b))) > 0.33;
@@ -149,9 +150,9 @@ function turning(at, low, high, depth = 16) {
     return [...turning(at, low, middle, depth - 1), middle, ...turning(at, middle, high, depth - 1)];
 }
 
-/** The loop of a setting with changed parameters: frequency [Hz], also those of resonances, gain [dB], unwrapped
-    phase [°], and the figures of its margins, with the frequencies [Hz] of those of gain and phase; NaN if it is
-    unstable when closed. Null if the actuator cannot rest at 0. */
+/** The loop of a setting with changed parameters: frequency [Hz], including resonances, gain [dB], unwrapped phase [°],
+    and its margins, with the crossovers [Hz] of gain and phase margin. Margins are NaN if the closed loop is unstable.
+    Null if the actuator cannot rest at 0. */
 function loopOf(actuator, setting, changes) {
     const loop = linearised(actuator, setting, changes);
     if (!loop) return null;
@@ -159,7 +160,7 @@ function loopOf(actuator, setting, changes) {
     const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants;
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
     const [opened, poles] = [open, closed].map(eigenvalues), stable = growthOf(poles) < DECAYS;
-    /* At an undamped pole there is no response: the points about it do. */
+    /* At an undamped pole there is no response; the points around it are enough. */
     const damped = opened.filter(([x, y]) => Math.abs(1 - Math.hypot(x, y)) > AT_A_POLE);
     const peaks = damped.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
     const at = f => loopAt(opened, poles, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));

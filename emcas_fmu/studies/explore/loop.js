@@ -1,9 +1,9 @@
 "use strict";
-/* The open loop of the cases: Bode and Nichols plots with the margins. */
+/* The loops of the cases: Bode and Nichols plots with the margins, and the poles of the closed loop. */
 
 /** The plots of the open loop, and the poles of the closed one. */
 class LoopPlots {
-    /** `change` moves a pole, as for Poles. */
+    /** `change` moves a pole; see Poles. */
     constructor(box, change) {
         this.bode = bodePlots(["Gain of the open loop", "Phase of the open loop"], {turns: "y"});
         this.nichols = new Plot("Nichols plot", {x: "phase [°]", y: "gain [dB]", shared: false,
@@ -24,7 +24,7 @@ class LoopPlots {
             ({...loop, phase: loop.phase.map(value => value < -360 ? null : value)})), words);
         this.poles.draw(loops.map(loop => ({...loop, poles: upperPoles(loop)})));
         this.nichols.describe(words);
-        /* Near the point at which the closed loop oscillates. */
+        /* The plot shows the surroundings of the point at which the closed loop would oscillate. */
         this.nichols.over = u => {
             rule(u, "x", -180, "−180°");
             rule(u, "y", 0, "0 dB");
@@ -38,12 +38,12 @@ class LoopPlots {
 }
 
 function marginsInWords(loop) {
-    if (!loop) return "the actuator does not rest at 0, so that its loop has no margins";
-    if (!loop.stable) return "unstable when closed, so that it has no margins";
+    if (!loop) return "the actuator cannot rest at 0, so its loop has no margins";
+    if (!loop.stable) return "unstable when closed, so the loop has no margins";
     if (loop.idle) return "the fin does not react to the reference";
     const {gain_margin: gain, phase_margin: phase, delay_margin: delay, phaseCrossover, gainCrossover} = loop;
     const limited = (value, unit, at) => Number.isFinite(value) ?
-        withUnit(value, unit) + (at ? ` at ${withUnit(at, "Hz")}` : "") : "without limit";
+        withUnit(value, unit) + (at ? ` at ${withUnit(at, "Hz")}` : "") : "unlimited";
     return `gain margin ${limited(gain, "dB", phaseCrossover)}, phase margin ` +
         `${limited(degrees(phase), "°", gainCrossover)}, delay margin ${limited(1e3 * delay, "ms")}`;
 }

@@ -1,8 +1,8 @@
 "use strict";
-/* The tests of requirements, a port of bench/measure.py, and their verdict, of bench/verdict.py. SI throughout. The
- * function `respond(excitation, outputs)` returns a run, or null if the run does not reach its end. */
+/* The tests of requirements, a port of bench/measure.py, and their verdicts, a port of bench/verdict.py. SI throughout.
+ * The function `respond(excitation, outputs)` returns a run, or null if the run does not reach its end. */
 
-/** The excitation of a test from its values and their counts; constant inputs are shares of those that are set. */
+/** The excitation of a test, from values and their counts; those of constant inputs are shares of the values set. */
 function embedded({begin, stop, columns}, setting) {
     const whole = Object.entries(columns).map(([name, counted]) => {
         const unit = HELD.some(v => v.name === name) ? Number(setting.get(name)) : 1;
@@ -11,15 +11,15 @@ function embedded({begin, stop, columns}, setting) {
     return {time: times(stop), begin, columns: Object.fromEntries(whole)};
 }
 
-/** The figures of a test, in each of its directions. */
+/** The figures of a test, for each of its directions. */
 function measure(test, setting, respond) {
     if (test.kind === "sine") return [bandwidths(test.figures, sines(test.amplitude, 0, respond).at)];
     const runs = test.runs.map(run => respond(embedded(run, setting), test.outputs));
     if (runs.includes(null)) return [{}];
     if (test.kind === "repeat") {
-        const [worn, fresh] = runs.map(({excitation: {time, begin}, outputs: {fin_angle: angle}}) =>
+        const [used, fresh] = runs.map(({excitation: {time, begin}, outputs: {fin_angle: angle}}) =>
             between(begin, Infinity, time, angle)[1]);
-        return [{repeat_error: magnitude(worn.map((x, k) => x - fresh[k]))}];
+        return [{repeat_error: magnitude(used.map((x, k) => x - fresh[k]))}];
     }
     const sides = runs.map(moved), rates = sides.map(side => side.sustained_rate);
     return sides.map(side => ({...side, rate_asymmetry: 1 - Math.min(...rates) / Math.max(...rates)}));
@@ -53,7 +53,7 @@ function describingFunction(amplitude, load, frequency, respond) {
     return pure ? [b / amplitude, a / amplitude] : [NaN, NaN];
 }
 
-/** The responses to sines of an amplitude under a load: function `at` of the frequency, with the `known` ones. */
+/** The responses to sines of an amplitude [rad] under a load [N.m]: function `at` of the frequency, and the `known`. */
 function sines(amplitude, load, respond) {
     const known = new Map();
     const at = frequency => {
@@ -65,7 +65,7 @@ function sines(amplitude, load, respond) {
 
 const LEVELS = {bandwidth_3db: gain => Math.hypot(...gain) - 10 ** (-3 / 20), bandwidth_90deg: ([real]) => real};
 
-/** The frequencies [Hz] at which gain or lag cross their levels, by bisection; none if a response is not a sine. */
+/** The frequencies [Hz] at which gain or lag cross their levels, by bisection; none where a response is not a sine. */
 function bandwidths(figures, at) {
     const crossings = figures.map(name => [name, crossed(f => LEVELS[name](at(f)))]);
     return Object.fromEntries(crossings.filter(([, value]) => !Number.isNaN(value)));
@@ -91,7 +91,7 @@ function crossed(level) {
     return Number.isNaN(there) ? NaN : Math.sqrt(low * high);
 }
 
-/** The frequency response as far as it is a sine: frequency [Hz], gain [dB], unwrapped phase [°], bandwidths [Hz]. */
+/** The frequency response where it is a sine: frequency [Hz], gain [dB], unwrapped phase [°], bandwidths [Hz]. */
 function frequencyResponse(amplitude, load, respond) {
     const {known, at} = sines(amplitude, load, respond), levels = bandwidths(Object.keys(LEVELS), at);
     for (const [k, frequency] of DATA.constants.GRID.entries()) {
@@ -102,8 +102,8 @@ function frequencyResponse(amplitude, load, respond) {
     return {frequency: pure.map(([f]) => f), ...bode(pure.map(([, response]) => response), 0), ...levels};
 }
 
-/** The measured value of a requirement [its unit], its worst case, the margin [its unit] and [%], and whether it is
-    met. `measured` has for each test and case the figures of both directions. */
+/** The verdict on a requirement: value and margin in the requirement's unit, margin in %, worst case, whether it is
+    met. `measured` has, for each test and case, the figures of all directions. */
 function judged({test, figure, cases, sense, limit, factor}, measured) {
     const most = sense === "<=", worse = most ? Math.max : Math.min;
     const values = cases.map(name => worse(...measured[test][name].map(side => side[figure] ?? NaN)));

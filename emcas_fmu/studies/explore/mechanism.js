@@ -1,7 +1,7 @@
 "use strict";
 /* A sketch of the mechanism at one time of the response: the fin, its command, and the drive that moves it. */
 
-const PLAYED = 5; // s in which a shorter response is shown; longer ones are in real time
+const PLAYED = 5; // s, in which a shorter response is played; longer responses are played in real time
 const STILL = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 class Mechanism {
@@ -32,7 +32,7 @@ class Mechanism {
         quiet();
     }
 
-    /** Takes the response of a setting, shown at the same time as the last one. */
+    /** Shows the response of a setting, at the same time as the last one. */
     take({excitation, outputs}, parameters) {
         Object.assign(this, {excitation, outputs, parameters});
         this.highest = largest(["pressure_1", "pressure_2"].map(name => largest(outputs[name] ?? [1])));

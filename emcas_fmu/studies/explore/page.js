@@ -1,5 +1,5 @@
 "use strict";
-/* The page: the actuator responds to the user's setting, plots and tables show its response. B is live, A is kept. */
+/* The page: plots and tables show the response to the user's setting. Case B is the live one, case A the kept one. */
 
 const $ = id => document.getElementById(id);
 const REST = 300; // ms without a change before long computations
@@ -61,7 +61,7 @@ class Page {
         this.show({setting: setting.with(name, value ?? setting.default(name))});
     }
 
-    /** Sets the two gains, within their sliders, that move a pole [Hz] towards a target; returns where it is then. */
+    /** Moves a pole [Hz] towards a target by two gains, within their sliders' ranges; returns the pole reached. */
     movePole(target, pole) {
         const {setting} = this.live, closedAt = gains => {
             const changes = Object.fromEntries(PLACING.map((name, k) => [name, gains[k]]));
@@ -86,7 +86,7 @@ class Page {
         this.refresh();
     }
 
-    /** Shows settings that were not set here, with the sliders' first ranges and the first choice of a pole. */
+    /** Shows settings of a link, preset or reset, with the sliders' initial ranges and the initially chosen pole. */
     begin(live, kept = this.kept) {
         for (const control of this.controls) control.range = null;
         if (this.loop) this.loop.poles.pole = null;
@@ -100,13 +100,13 @@ class Page {
     async open(file) {
         if (!file) return;
         await this.fly(file.name, () => {
-            if (file.size > MOST_BYTES) throw new Error(`${file.name}: is larger than ${MOST_BYTES / 1e6} MB`);
+            if (file.size > MOST_BYTES) throw new Error(`${file.name}: the file is larger than ${MOST_BYTES / 1e6} MB`);
             return file.text();
         });
         $("file").value = "";
     }
 
-    /** Shows the response to the CSV file whose text `read` returns, or what is wrong with it. */
+    /** Shows the response to the CSV file whose text `read` returns, or the fault of the file. */
     async fly(title, read) {
         try {
             const text = await read(), rows = fromCsv(text, title);
@@ -125,24 +125,24 @@ class Page {
             try {
                 files[name] = await unpacked(link.get(`${name}.csv`));
             } catch (error) {
-                notes.push(`The link's CSV file of ${name} is not readable (${error.message}): left out.`);
+                notes.push(`The link's CSV file of ${name} is not readable (${error.message}) and is left out.`);
             }
         }
         const read = name => {
             const [{values}, unknown] = Setting.parse(link.get(name) ?? "");
             const setting = new Setting(values, files[name]);
-            if (unknown.length) notes.push(`The link has ${unknown.join(", ")}, unknown to this page: left out.`);
+            if (unknown.length) notes.push(`The link sets ${unknown.join(", ")}, unknown to this page: left out.`);
             return {setting};
         };
         const kept = link.has("A") ? read("A") : null, live = read("B");
         if (link.has("of") && link.get("of") !== DATA.digest) {
-            notes.push("The link is from another page: what it does not set may differ.");
+            notes.push("The link is from another page; values that it does not set may differ.");
         }
         $("notes").textContent = notes.join(" ");
         this.begin(live, kept);
     }
 
-    /** Shows the setting, and computes its response before the next frame. */
+    /** Shows the setting, and computes its response in the next frame. */
     refresh() {
         const {setting} = this.live, {fields} = DATA.kinds[setting.kind];
         $("kind").value = setting.kind;
@@ -179,7 +179,7 @@ class Page {
         this.resting = setTimeout(() => this.rest(), REST);
     }
 
-    /** Computes and stores the response of a case {setting}, unless it exists; returns the problems. */
+    /** Computes and stores the response of a case {setting} if it is missing; returns the problems. */
     answer(each) {
         if (each.problems) return each.problems;
         const {setting} = each, {parameters, unreadable} = setting;
@@ -207,7 +207,7 @@ class Page {
         return [...(this.kept?.run ? [["A", this.kept]] : []), ["B", this.live]];
     }
 
-    /** Writes the settings to the page's address; browsers limit how often. */
+    /** Writes the settings to the page's address. Browsers limit the number of such changes. */
     writeLink() {
         const {live, kept} = this;
         const link = new URLSearchParams({of: DATA.digest, ...(kept ? {A: kept.setting} : {}), B: live.setting});
@@ -218,14 +218,14 @@ class Page {
         this.written = location.hash;
     }
 
-    /** Long computations, unless the setting changes: requirements, the Bode plot, texts, the link. */
+    /** Does what takes long, once the setting rests: requirements, the Bode plot, texts, the link. */
     async rest() {
         this.writeLink();
         this.describe();
         try {
             await this.judge();
             document.body.classList.remove("waiting");
-        } catch ({message}) {  // what was computed before stays dimmed
+        } catch ({message}) {  // earlier results stay dimmed
             $("warnings").append(element("p", {}, `requirements and frequency responses are not computed: ${message}`));
         }
         document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
@@ -241,7 +241,7 @@ class Page {
         $("bode-summary").textContent = bodeSummary(this.cases);
     }
 
-    /** The verdicts on a setting by requirement. */
+    /** The verdicts on a setting, by requirement. */
     async verdicts(setting) {
         const measured = await this.worked.ask("measured", setting);
         return new Map(ABLE.map(requirement => [requirement.name, judged(requirement, measured)]));
@@ -273,7 +273,7 @@ class Page {
         return {...this.inputs(), ...this.live.run.outputs};
     }
 
-    /** Saves a file of the live case, also in the frame before its response is shown, unless it has problems. */
+    /** Saves a file of the live case, even before its response is shown, unless the case has problems. */
     save(name, text) {
         if (!this.answer(this.live).length) save(name, text());
     }
@@ -286,7 +286,7 @@ class Page {
                 each?.setting.kind === "csv" && !each.setting.file?.packed);
             $("copied").textContent = `link copied${without ? ", without the CSV file, which is too long for it" : ""}`;
         } catch {
-            $("copied").textContent = "the address of this page is the link: copy it from above";
+            $("copied").textContent = "the link is the address of this page: copy it from the browser's address bar";
         }
     }
 }
@@ -299,5 +299,5 @@ function save(name, text) {
 }
 
 const loaded = Actuator.load($("actuator").textContent.trim()).then(actuator => new Page(actuator), error => {
-    $("problems").textContent = `This browser does not run the page's actuator: ${error.message}`;
+    $("problems").textContent = `This browser cannot run the page's actuator: ${error.message}`;
 });

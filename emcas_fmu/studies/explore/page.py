@@ -1,4 +1,4 @@
-"""The page of one actuator: its C as WebAssembly, and the data of the page's scripts."""
+"""The page of one actuator: its C compiled to WebAssembly, and the data for the page's scripts."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ from ...variables import Variable
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
 _PROGRAM = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "eigenvalues.js", "linear.js",
-            "judging.js")  # of the page and of its worker
+            "judging.js")  # scripts of the page and of its worker
 _SCRIPTS = ("plots.js", "results.js", "poles.js", "loop.js", "drives.js", "mechanism.js", "controls.js", "drawn.js",
             "page.js")
-_MOST_FIRST = 12  # parameters with sliders of an actuator without gains
+_MOST_FIRST = 12  # most parameters with sliders, for an actuator without gains
 _PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
 _NO_LOOP = f"margins need {capabilities.POSITION_LOOP} and derivatives, which this actuator does not have"
 _CONSTANTS = {
-    "MOST_ROWS": 60_000,  # of a CSV file; a minute
+    "MOST_ROWS": 60_000,  # most steps of a CSV file: a minute
     **{name: getattr(measure, name) for name in ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT",
                                                  "LOOP_LOWEST", "LOOP_POINTS")},
     "STEP": motions.STEP, "LEAD_IN": motions.LEAD_IN, "ACCURACY": metrics.ACCURACY, "HELD": metrics.HELD, "PURE": PURE}
@@ -72,39 +72,38 @@ def sources(model: str) -> dict[str, str]:
 
 
 def _linear_functions(model: str) -> str:
-    """Return the equations of linear analysis, functions of parameters, constants, an array of arguments.
+    """Return the C of linear analysis, functions of parameters, constants and an array of arguments; empty without it.
 
-    If `hold` is set, their conditions are those of the call before: a choice keeps its side, as where it is
-    differentiated.
+    With `hold` a function reuses the conditions of the previous call: a choice keeps its side for differentiation.
     """
     if not _linear(get(model)):
         return ""
     tracer = equations.program(model)
-    held = {name: f"held({TEMPLATES[name]})" for name in ("less", "less_equal", "greater", "greater_equal", "equal")}
-    functions = c_source(tracer, "linear", {**TEMPLATES, **held})
-    whole = [f"#include <math.h>\n\n#include \"elementary.h\"\n\n#define LINEAR\n"
-             f"enum {{ LINEAR_CONDITIONS = {functions.count('held(') + 1} }};\n#include \"held.h\"\n\n{functions}"]
+    kept = {name: f"held({TEMPLATES[name]})" for name in ("less", "less_equal", "greater", "greater_equal", "equal")}
+    functions = c_source(tracer, "linear", {**TEMPLATES, **kept})
+    pieces = [f"#include <math.h>\n\n#include \"elementary.h\"\n\n#define LINEAR\n"
+              f"enum {{ LINEAR_CONDITIONS = {functions.count('held(') + 1} }};\n#include \"held.h\"\n\n{functions}"]
     for function in tracer.functions:
         arguments = ", ".join(f"x[{k}]" for k in range(len(function.arguments)))
-        whole.append(f"API void at_rest_{function.name}(const double *p, const double *c, const double *x, int hold, "
-                     f"double *out)\n{{\n    at_rest_begin(hold);\n    "
-                     f"linear_{function.name}(p, c, {arguments}, out);\n}}\n")
-    return "\n".join(whole)
+        pieces.append(f"API void at_rest_{function.name}(const double *p, const double *c, const double *x, int hold, "
+                      f"double *out)\n{{\n    at_rest_begin(hold);\n    "
+                      f"linear_{function.name}(p, c, {arguments}, out);\n}}\n")
+    return "\n".join(pieces)
 
 
 def _linear(actuator: Actuator) -> bool:
-    """Return whether an actuator has a loop that linear analysis breaks at the reference."""
+    """Return whether linear analysis can break the actuator's loop at the reference."""
     return capabilities.POSITION_LOOP in actuator.provides and actuator.derivatives is not None
 
 
 def _limited(actuator: Actuator) -> bool:
-    """Return whether current and supply limit the steady torque of a motor whose torque and speed are outputs."""
+    """Return whether current and supply limit the steady motor torque, and motor torque and speed are outputs."""
     needs = {capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.DRIVE_STEP}
     return needs <= actuator.provides and {*_PLANE} <= {v.name for v in actuator.outputs}
 
 
 def compiled(files: Mapping[str, str]) -> bytes:
-    """Return the WebAssembly of C sources. Raises CompilerError."""
+    """Return C sources compiled to WebAssembly. Raises EmcasError without zig, CompilerError if compiling fails."""
     compiler = zig()
     if compiler is None:
         raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
@@ -112,23 +111,23 @@ def compiled(files: Mapping[str, str]) -> bytes:
 
 
 def packed(code: bytes) -> str:
-    """Return WebAssembly as text of a page, compressed to a third (raw deflate, RFC 1951)."""
+    """Return WebAssembly as text for a page: compressed to a third (raw deflate, RFC 1951), in base64."""
     deflate = zlib.compressobj(9, wbits=-zlib.MAX_WBITS)
     return base64.b64encode(deflate.compress(code) + deflate.flush()).decode()
 
 
 def document(subject: ParameterSubject, inputs: Mapping[str, float], specification: Specification) -> dict[str, Any]:
-    """Return the data of the page's scripts: actuator, parameters, constants of `inputs`, requirements."""
+    """Return the data for the page's scripts: actuator, parameters, constant `inputs` [SI], requirements."""
     parameters, model, actuator = subject.parameters, full_name(subject.model), subject.actuator
     shipped = load_parameters(model=model).values
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
-    tested = [x for name, x in parameters.values.items() if name.startswith("friction.table.temperature[")]
+    table = [x for name, x in parameters.values.items() if name.startswith("friction.table.temperature[")]
     described: dict[str, Any] = {
         "tool": f"emcas {__version__}",
         "model": "+".join((Path(parts(model)[0]).name, *parts(model)[1])),  # without the folder of a user's file
         "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name],
-                        "range": (min(tested), max(tested)) if tested and v.name == "friction.temperature" else None}
+                        "range": (min(table), max(table)) if table and v.name == "friction.temperature" else None}
                        for v in actuator.parameters],
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
@@ -155,22 +154,22 @@ def _quantity(v: Variable) -> dict[str, Any]:
 
 
 def _shown(unit: str, shown: tuple[str, float] | None = None) -> tuple[str, float]:
-    """Return the unit in which people read a value, typeset, and its size in SI."""
+    """Return the displayed unit of a value, typeset, and the size of this unit in SI."""
     name, per_si = shown or metrics.shown(unit)
     return typeset(name), 1.0 / per_si
 
 
 def _presets(parameters: ParameterSet, inputs: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return presets, each with what it changes: the reference cases cold and sag, and the sets for this actuator."""
+    """Return presets with the values they change: the reference cases cold and sag, and the sets for this actuator."""
     values, actuator = parameters.values, parameters.actuator
     keys = {v.key: v.name for v in actuator.inputs if v.key}
     (cold,) = cases.select(["cold"], {case.name: case for case in cases.CASES}).values()
-    listed = [("as the page begins", "", {}), ("cold", "The temperature of the reference case cold.", {
+    listed = [("initial values", "", {}), ("cold", "The temperature of the reference case cold.", {
         name: x for name, x in cold.overrides.items() if name not in cases.EXACT and values.get(name, x) != x})]
     for v in actuator.inputs:
         if v.name == "supply_voltage":
             lowest = cases.sag(inputs.get(v.name, v.initial(values))).inputs()[v.name].min()
-            listed.append(("sag", "The lowest supply of the reference case sag, all the time.", {v.name: lowest}))
+            listed.append(("sag", "The lowest supply of the reference case sag, at all times.", {v.name: lowest}))
     for name, about in described_sets().items():
         try:
             changed = load_parameters(name, base=parameters)
@@ -184,7 +183,7 @@ def _presets(parameters: ParameterSet, inputs: Mapping[str, float]) -> list[dict
 
 
 def _plane(actuator: Actuator) -> dict[str, Any] | None:
-    """Return how the torque-speed plane is shown; None for an actuator without such limits."""
+    """Return input and units of the torque-speed plane; None for an actuator without these limits."""
     if not _limited(actuator):
         return None
     speed, torque = (next(v for v in actuator.outputs if v.name == name) for name in _PLANE)
@@ -194,7 +193,10 @@ def _plane(actuator: Actuator) -> dict[str, Any] | None:
 
 
 def _sizes(model: str) -> dict[str, Any] | None:
-    """Return the numbers of states in the functions of linear analysis; None for an actuator without its loop."""
+    """Return the numbers of states in the functions of linear analysis; None for an actuator without its loop.
+
+    `kept` counts the states of the controllers and those that samples set.
+    """
     plain = get(equations.plain(model))
     if not _linear(plain):
         return None
@@ -204,7 +206,10 @@ def _sizes(model: str) -> dict[str, Any] | None:
 
 
 def _excitations(limit: float, torque: float) -> dict[str, Any]:
-    """Return the kinds of excitation that the page shows, and their fields with the ranges of sliders."""
+    """Return the kinds of excitation on the page, and their fields with the ranges of the sliders.
+
+    `limit` [rad] is the largest command, `torque` [N.m] the initial hinge torque.
+    """
     kinds = {name: {"title": kind.title, "rise": kind.rise, "usual": kind.usual,
                     "fields": tuple(dict.fromkeys((*kind.fields, "torque")))}
              for name, kind in motions.KINDS.items() if kind.usual}
@@ -218,7 +223,7 @@ def _excitations(limit: float, torque: float) -> dict[str, Any]:
 
 
 def _parameter(entry: Entry) -> dict[str, Any]:
-    """Return a parameter, shown in the unit of its file."""
+    """Return a parameter for the page, in the unit of its file."""
     v, unit = entry.variable, entry.text.partition(" ")[2]
     shown = typeset(v.unit), 1.0
     if v.kind == "Real" and unit and not entry.text.startswith("as ") and v.unit != "degC":
@@ -229,21 +234,21 @@ def _parameter(entry: Entry) -> dict[str, Any]:
 
 
 def _first(parameters: ParameterSet) -> dict[str, list[str]]:
-    """Return the names with sliders by legend: supply and further inputs, temperatures, gains or parameters."""
+    """Return the names of values with sliders by legend: supply and other inputs, temperatures, gains or parameters."""
     actuator = parameters.actuator
     tunable = [v for v in actuator.parameters if v.variability == "tunable"]
     gains = [v.name for v in tunable if v.name.startswith("controller.")]
     ports = {v.name for v in port.PARAMETERS}
     others = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports]
     inputs = [*([actuator.supply.input.name] if actuator.supply else []), *(v.name for v in actuator.further_inputs)]
-    inputs += [v.name for v in tunable if v.name == "homing.required"]  # otherwise the fin does not move before homing
+    inputs += [v.name for v in tunable if v.name == "homing.required"]  # if true, the fin does not move before homing
     return {"Supply" if len(inputs) < 2 else "Supply and inputs": inputs,
             "Temperature": [v.name for v in tunable if v.unit == "degC"],
             "Gains" if gains else "Parameters": gains or others[:_MOST_FIRST]}
 
 
 def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
-    """Return the panels over time: those of a response, then one for each output of an extension."""
+    """Return the panels over time: those of a response, then one for each output of the extensions."""
     further = [[v] for v in extension_outputs(model)]
     return [{"title": ", ".join(v.name for v in panel).replace("_", " ").capitalize(), "names": [v.name for v in panel],
              "shown": _shown(panel[0].unit, metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
@@ -252,19 +257,19 @@ def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
 
 
 def _lines(v: Variable, specification: Specification) -> list[tuple[float, str]]:
-    """Return the required rates as lines in the panel of the fin rate: value [deg/s] and text."""
+    """Return the required rates, lines in the panel of the fin rate, as values [deg/s] and texts; empty for others."""
     return list(dict.fromkeys((r.shown_limit, f"required {r.shown_limit:.6g} °/s{', loaded' * bool(r.test.torque)}")
                               for r in specification.requirements if r.test and r.test.supply == 1.0
                               if r.figure in ("sustained_rate", "peak_rate") and v == port.FIN_RATE))
 
 
 def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
-    """Return the requirements, their tests, to which they refer by index, and the parameters of their cases."""
+    """Return the requirements, their tests, which they name by index, and the parameters of their cases."""
     tests: dict[measure.Test, list[Requirement]] = {}
     listed = []
     for r in specification.requirements:
         unit, size = r.shown
-        # Without the extra `analysis` a page is the same: it has its own linear model.
+        # The page has its own linear model, so the extra `analysis` makes no difference.
         left_out = (("" if _linear(subject.actuator) else _NO_LOOP) if r.test and r.test.kind == "linear" else
                     r.obstacle(subject))
         index = None
@@ -281,7 +286,7 @@ def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
 
 
 def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> dict[str, Any]:
-    """Return a test with its inputs and recorded outputs; inputs except command and load are shares of those set."""
+    """Return a test with inputs and recorded outputs; inputs other than command and load are shares of those set."""
     runs: Sequence[Excitation] = ()
     if test.kind == "repeat":
         runs = measure.histories(test, subject, {**dict.fromkeys(subject.inputs, 1.0), COMMAND: 0.0, LOAD: 0.0})
@@ -298,12 +303,12 @@ def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> di
 
 
 def _embedded(value: Any) -> str:
-    """Return JSON for a script element."""
+    """Return a value as JSON for a script element."""
     return json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _dense(name: str) -> str:
-    """Return a script without indentation and comments on lines of their own; no literal in it has several lines."""
+    """Return a script without indentation and comments on separate lines; its literals must not span lines."""
     code = re.sub(r"^ */\*.*?\*/\n", "", handwritten(name, _HERE), flags=re.DOTALL | re.MULTILINE)
     return re.sub(r"\n +", "\n", code)
 
@@ -312,7 +317,7 @@ def render(subject: ParameterSubject, inputs: Mapping[str, float], command: str,
            requirements: Path | None = None) -> str:
     """Return the page that starts from parameters and constant `inputs`; the same arguments give the same text.
 
-    `command` wrote it, `requirements` is their file. Raises CompilerError.
+    `command` is the command that writes it, `requirements` a file that replaces the shipped ones. Raises EmcasError.
     """
     specification = load_requirements(requirements, subject.parameters)
     described, files = document(subject, inputs, specification), sources(subject.model)
@@ -320,15 +325,15 @@ def render(subject: ParameterSubject, inputs: Mapping[str, float], command: str,
     digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
     source_digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()
     controls = {each["name"]: each for listed in ("fields", "inputs", "parameters") for each in described[listed]}
-    words = {name: {word: each.pop(word, "") for word in ("title", "description", "source")}
+    texts = {name: {word: each.pop(word, "") for word in ("title", "description", "source")}
              for name, each in controls.items()}
     groups: dict[str, list[str]] = {}
     for each in described["parameters"]:
         groups.setdefault(each["name"].partition(".")[0], []).append(each["name"])
-    groups["inputs held"] = [each["name"] for each in described["inputs"] if each["name"] not in (COMMAND, LOAD)]
+    groups["constant inputs"] = [each["name"] for each in described["inputs"] if each["name"] not in (COMMAND, LOAD)]
     return page(
         "studies/explore/page.html.j2", subject=subject, command=command, date=date, requirements=specification.file,
-        digest=digest, source_digest=source_digest, given=described, controls=controls, described=words,
+        digest=digest, source_digest=source_digest, given=described, controls=controls, described=texts,
         first=_first(subject.parameters), groups=groups,
         data=_embedded({**described, "digest": digest[:12]}), code=packed(code),
         style=handwritten("page.css", _HERE), program="\n".join(map(_dense, _PROGRAM)),

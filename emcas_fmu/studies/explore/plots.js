@@ -1,5 +1,5 @@
 "use strict";
-/* Curves over time and over frequency, by uPlot in the page's colours. */
+/* Plots over time and over frequency, by uPlot in the page's colours. */
 
 const gray = () => css("--gray");
 const COLORS = Array.from({length: 6}, (_, k) => () => css(`--curve-${k}`));
@@ -11,7 +11,7 @@ function axis(label, size) {
     return {...AXIS, label, size, labelSize: 18, values};
 }
 
-/** A line at a value of a scale, across the plot, with a text at its end, above or below. */
+/** Paints a line across the plot at a value of a scale, with a text at its end, above or below the line. */
 function rule(u, scale, value, text, below = false) {
     paint(u, (ctx, x, y, frame) => {
         const {left, top, width, height} = frame, level = scale === "y", at = level ? y(value) : x(value);
@@ -24,7 +24,7 @@ function rule(u, scale, value, text, below = false) {
     });
 }
 
-/** Fills a shape that `paints` makes, within the plot's frame. */
+/** Fills the path that `paints` makes with a colour of the page, within the plot's frame. */
 function filled(u, name, paints) {
     paint(u, (ctx, ...of) => {
         paints(ctx, ...of);
@@ -45,7 +45,7 @@ function shade(u, time, flag) {
     });
 }
 
-/** The band of the required accuracy around a command. */
+/** Shades the band of `width` on each side of a command. */
 function band(u, time, command, width) {
     filled(u, "--band", (ctx, x, y) => {
         time.forEach((t, k) => ctx.lineTo(x(t), y(command[k] + width)));
@@ -59,7 +59,7 @@ function forbidden(u, end, floor) {
         ctx.rect(left, y(floor), x(end) - left, top + height - y(floor)));
 }
 
-/** A ring at a point. */
+/** Paints a ring at a point. */
 function mark(u, at, level, stroke) {
     if (!Number.isFinite(at) || !Number.isFinite(level)) return;
     paint(u, (ctx, x, y) => {
@@ -71,7 +71,7 @@ function mark(u, at, level, stroke) {
     });
 }
 
-/** A curve through points in their order, such as a trajectory; a dot at its end. */
+/** Paints a curve through points in their order, such as a trajectory, with a dot at its end. */
 function trajectory(u, {x: xs, y: ys, stroke, dash}) {
     paint(u, (ctx, x, y) => {
         pen(ctx, stroke(), 1.6, dash);
@@ -83,7 +83,7 @@ function trajectory(u, {x: xs, y: ys, stroke, dash}) {
     }, true);
 }
 
-/** A line of constant damping, with its value. */
+/** Paints a line of constant damping, with its value. */
 function ray(u, damping, size) {
     paint(u, (ctx, x, y) => {
         const [a, b] = [-damping * 0.95 * size, Math.sqrt(1 - damping * damping) * 0.95 * size];
@@ -96,7 +96,7 @@ function ray(u, damping, size) {
     }, true);
 }
 
-/** A cross at a point. */
+/** Paints a cross at a point. */
 function cross(u, [real, imaginary], stroke) {
     paint(u, (ctx, x, y) => {
         const [a, b, size] = [x(real), y(imaginary), 4 * devicePixelRatio];
@@ -109,7 +109,7 @@ function cross(u, [real, imaginary], stroke) {
     }, true);
 }
 
-/* Plots by their boxes, and those in or near the window. */
+/* The plots by their boxes, and the observer that shows those in or near the window. */
 const PLOTS = new Map(), IN_VIEW = new IntersectionObserver(entries => {
     for (const {target, isIntersecting} of entries) PLOTS.get(target).shown(isIntersecting);
 }, {rootMargin: "50%"});
@@ -121,8 +121,8 @@ class Plot {
         this.figure = element("figure", {}, element("figcaption", {}, title), this.box);
         this.title = title;
         this.look = {log: false, height: 190, shared: true, legend: true, ...look};
-        this.ticks = [];  // of an axis of names: position, name
-        this.reach = [Infinity, -Infinity];  // of what is painted beside the curves, along y
+        this.ticks = [];  // [position, name] along an axis of names; otherwise empty
+        this.reach = [Infinity, -Infinity];  // along y, of shapes that are painted in addition to the curves
         this.under = this.over = this.sketch = this.pointed = () => undefined;
         this.box.style.minHeight = `${this.look.height + (this.look.legend ? 26 : 0)}px`;  // before it is drawn
         new ResizeObserver(() => this.resize()).observe(this.box);
@@ -130,7 +130,7 @@ class Plot {
         PLOTS.set(this.box, this);
     }
 
-    /** The chart, drawn. */
+    /** The chart with the last curves. */
     get chart() {
         const curves = this.waiting;
         this.waiting = null;
@@ -148,8 +148,8 @@ class Plot {
         if (this.drawn && width) this.drawn.setSize({width, height: this.look.height});
     }
 
-    /** Draws curves {label, x, y, stroke, dash, width, step}, which may have different x: out of view as late as they
-        are needed, since a dozen plots keep the page busy. */
+    /** Plots curves {label, x, y, stroke, dash, width, step}, which may have different x. A plot out of view
+        waits until it is needed, since a dozen plots keep the page busy. */
     draw(curves) {
         this.waiting = curves;
         if (this.inView) this.chart;
@@ -206,7 +206,7 @@ class Plot {
         return [this.chart.posToVal(clientX - left, "x"), this.chart.posToVal(clientY - top, "y")];
     }
 
-    /** Moves the cursor of this and the plots beside it to a time. */
+    /** Moves the cursor of all plots over time to a time [s]. */
     point(time) {
         this.chart.setCursor({left: this.chart.valToPos(time, "x"), top: 10}, false, true);
     }
@@ -220,12 +220,12 @@ class Plot {
     }
 }
 
-/** Two plots over frequency: gain [dB] and phase [°]. */
+/** Returns two plots over frequency: gain [dB] and phase [°]. */
 const bodePlots = (titles, ofPhase = {}) => titles.map((title, k) => new Plot(title, {
     x: "frequency [Hz]", y: k ? "[°]" : "[dB]", log: true, shared: false, ...(k ? ofPhase : {})}));
 
-/** Draws responses {label, stroke, dash, frequency, gain, phase, marks: [{frequency, gain, phase}]} in both plots, the
-    level of each with its text, and a `required` bandwidth [Hz]. */
+/** Plots responses {label, stroke, dash, frequency, gain, phase, marks: [{frequency, gain, phase}]} in both plots, with
+    each plot's level and its text, and a `required` bandwidth [Hz]. */
 function drawBode(plots, levels, responses, text, required) {
     for (const [k, part] of ["gain", "phase"].entries()) {
         const plot = plots[k], [level, name] = levels[k], wide = required && part === "gain";
@@ -243,7 +243,7 @@ function drawBode(plots, levels, responses, text, required) {
     }
 }
 
-/** A number for people: four digits. */
+/** A number as text, with four digits. */
 function shownNumber(x) {
     if (x === null || Number.isNaN(x)) return "–";
     if (!Number.isFinite(x)) return "not reached";

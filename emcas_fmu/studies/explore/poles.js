@@ -1,9 +1,9 @@
 "use strict";
-/* The poles of the closed loop, s over 2 pi [Hz]. A pair is dragged, unstable or the slowest: two gains follow. */
+/* The poles of the closed loop, s over 2 pi [Hz]. The user drags an unstable pair or the slowest; two gains follow. */
 
 const PLACING = [["controller.position.kp", "controller.velocity.kp"], ["controller.kp", "controller.kd"]].find(names =>
     names.every(name => CONTROLS.has(name)));
-const LEAST = 0.02; // imaginary part of a dragged pole, of the plot's height: a pair remains a pair
+const LEAST = 0.02; // smallest imaginary part of a dragged pole, as a share of the plot's height: a pair remains a pair
 const KEYS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
 
 /** The poles of a closed loop [Hz] in the upper half plane. */
@@ -13,22 +13,22 @@ function upperPoles({poles, period}) {
         [Math.log(Math.hypot(x, y)) / size, Math.atan2(y, x) / size]);
 }
 
-/** The pole next to a point that has an imaginary part; undefined if there is none. */
+/** The complex pole nearest to a point; undefined if all poles are real. */
 function nearest(poles, [x, y]) {
     const pairs = poles.filter(([, imaginary]) => imaginary > 1e-6);
     const distances = pairs.map(([a, b]) => Math.hypot(a - x, b - y));
     return pairs[distances.indexOf(smallest(distances))];
 }
 
-/** The gains within their ranges that move a pole towards a target, as near as these let it come, and the pole there:
-    by Gauss-Newton, with steps that are shortened until they bring it nearer; `polesAt(gains)` are the poles, of gains
-    to `keep` only those that may be set. */
+/** The gains, within their ranges, that bring a pole as near to a target as possible, and the pole that is reached: by
+    Gauss-Newton, with steps shortened until they reduce the distance. `polesAt(gains, keep)` returns the poles; with
+    `keep`, none if the gains must not be set. */
 function placed(polesAt, gains, ranges, pole, target) {
     const errorOf = at => [0, 1].map(i => target[i] - at[i]);
     for (let k = 0, share = 1; k < 20 && share > 0.02; ++k) {
         const error = errorOf(pole), far = Math.hypot(...error) / Math.hypot(...pole);
         if (far < 1e-7) break;
-        const [u, v] = error.map(x => x * share * Math.min(1, 0.3 / far));  // so near that the pole is known again
+        const [u, v] = error.map(x => x * share * Math.min(1, 0.3 / far));  // short enough to follow the pole
         const [[a, b], [c, d]] = gains.map((gain, i) => {
             const h = 1e-4 * (gain || ranges[i][1]), moved = nearest(polesAt(gains.with(i, gain + h)), pole);
             return moved?.map((x, j) => (x - pole[j]) / h) ?? [NaN, NaN];
@@ -36,7 +36,7 @@ function placed(polesAt, gains, ranges, pole, target) {
         const clipped = (x, i) => Math.min(Math.max(x, ranges[i][0]), ranges[i][1]), size = a * d - b * c;
         let next = [gains[0] + (d * u - c * v) / size, gains[1] + (a * v - b * u) / size];
         const at = next.findIndex((x, i) => clipped(x, i) !== x);
-        if (at >= 0) {  // one gain is at its end: the other brings the pole as near as it can
+        if (at >= 0) {  // one gain is at an end of its range: the other brings the pole as near as possible
             const [[p, q], [r, s]] = at ? [[c, d], [a, b]] : [[a, b], [c, d]];
             const step = clipped(next[at], at) - gains[at];
             const other = (r * (u - p * step) + s * (v - q * step)) / (r * r + s * s);
@@ -56,7 +56,7 @@ function placed(polesAt, gains, ranges, pole, target) {
 }
 
 class Poles {
-    /** Calls `change(target, pole)` where the user moves a pole [Hz]; it returns where the pole is then. */
+    /** Calls `change(target, pole)` when the user moves a pole [Hz]; it returns the pole that is reached. */
     constructor(change) {
         this.plot = new Plot("Poles of the closed loop", {x: "real part [Hz]", y: "imaginary part [Hz]", shared: false,
             legend: false, height: 235});
@@ -84,7 +84,7 @@ class Poles {
         if (this.pole) this.pole = this.change([x, Math.max(y, LEAST * this.size)], this.pole);
     }
 
-    /** Puts the handle where its pole is. */
+    /** Moves the handle to its pole. */
     place(u) {
         this.handle.hidden = !this.pole || !PLACING;
         if (this.handle.hidden) return;
@@ -96,7 +96,7 @@ class Poles {
     draw(loops) {
         const {poles} = loops.at(-1), slowest = nearest(poles, [0, 0]);
         const begun = nearest(poles.filter(([real]) => real >= 0), [0, 0]) ?? slowest;
-        /* The user's pair remains his. */
+        /* The pair that the user moves stays chosen. */
         const followed = (this.held || document.activeElement === this.handle) && this.pole;
         this.pole = followed ? nearest(poles, this.pole) : begun;
         const reach = this.pole ? Math.hypot(...this.pole) : 25;

@@ -3,11 +3,11 @@
 
 const words = name => name.replace(/_/g, " ").replace(/\b3db\b/, "at −3 dB").replace(/\b90deg\b/, "at −90°");
 
-/** The label of a curve of a case, and its look: of A dashed in the second colour. */
+/** The label of a curve of a case, and its look: case A is dashed, in the second colour. */
 const labelled = (cases, letter, label) => cases.length > 1 ? `${label} ${letter}` : label;
 const lookOf = letter => letter === "A" ? {stroke: COLORS[1], dash: [7, 4]} : {stroke: COLORS[0]};
 
-/** A text of every case, with its letter where there are two. */
+/** The texts of all cases, with their letters if there are two. */
 const inTurn = (cases, text) =>
     cases.map(([letter, each]) => (cases.length > 1 ? `${letter}: ` : "") + text(each)).join(". ");
 
@@ -22,14 +22,14 @@ function inUnit(name, value) {
     return withUnit(value / factor, unit);
 }
 
-/** The function from a panel's values to words: an item, the flags that are set; undefined for numbers. */
+/** The function that converts a panel's values to words, an item or the flags that are set; undefined for numbers. */
 function named({items, bits}) {
     if (items.length) return value => items[value - 1] ?? "–";
     const flags = value => bits.filter((_, bit) => value >> bit & 1).map(words).join(", ") || "none";
     return bits.length ? flags : undefined;
 }
 
-/** The traces of a response in a panel, in display units: one per output, or one per flag of `flags`, stacked. */
+/** The traces of a response in a panel, in display units: one per output, or one for each of `flags`, stacked. */
 function traces({names, bits, shown: [, factor]}, outputs, flags) {
     if (!bits.length) return names.map(name => ({label: words(name), y: outputs[name].map(x => x / factor)}));
     const word = outputs[names[0]], value = (_, v) => v === null ? "" : v % 1 ? "set" : "clear";
@@ -38,7 +38,7 @@ function traces({names, bits, shown: [, factor]}, outputs, flags) {
         {label: words(bits[bit]), y: word.map(x => row + 0.6 * (x >> bit & 1)), value}));
 }
 
-/** Draws a panel over time: all outputs, those of A dashed; in the first panel also the command. */
+/** Plots a panel over time: all outputs, those of A dashed; in the first panel also the command. */
 function drawPanel(plot, panel, number, cases) {
     const [, factor] = panel.shown, live = cases.at(-1)[1].run, {time, columns} = live.excitation;
     const flags = panel.bits.map((_, bit) => bit).filter(bit => cases.some(([, {run}]) =>
@@ -66,7 +66,7 @@ function drawPanel(plot, panel, number, cases) {
     plot.draw(curves);
 }
 
-/** Draws motor torque over motor speed within the steady limits of the live case's current and supply. */
+/** Plots motor torque over motor speed, with the steady limits of current and supply in the live case. */
 function drawPlane(plot, actuator, cases) {
     const {supply, speed: [, size], torque: [, unit]} = DATA.plane, [, {setting}] = cases.at(-1);
     const runs = cases.map(([letter, {run: {outputs}}]) =>
@@ -88,7 +88,7 @@ function drawPlane(plot, actuator, cases) {
         `largest steady torque at rest ${shownNumber(most[100])}`);
 }
 
-/** Fills a table with a heading and rows of cells, the first of each a heading. */
+/** Fills a table with column headings and rows of cells, of which the first is a row heading. */
 function fill(table, [first, ...columns], cases, rows) {
     const values = cases.length > 1 ? cases.map(([letter]) => letter === "A" ? "A, kept" : "B, live") : ["value"];
     const heads = [first, ...values, ...columns].map((name, k, all) =>
@@ -111,7 +111,7 @@ const ABLE = DATA.requirements.filter(({left_out: leftOut}) => !leftOut);
 
 const required = ({sense, limit, unit}) => `${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`;
 
-/** The mark, value and worst case of a verdict in words. */
+/** Mark, value and worst case of a verdict, in words. */
 function inWords({unit, cases}, {value, case: worst, beyond, passed}) {
     const text = Number.isNaN(value) ? "no value" : `${beyond ? "> " : ""}${withUnit(value, unit)}`;
     return `${passed ? "✓" : "✗"} ${text}${cases.length > 1 ? `, ${worst}` : ""}`;
@@ -124,7 +124,7 @@ function marginInWords({unit}, {margin, percent}) {
     return margin >= 0 ? `+${text}` : text;
 }
 
-/** Fills the strip beside the sliders with the verdicts of the live case, and a line that counts those of all. */
+/** Fills the strip beside the sliders with the verdicts of the live case, and a line with the missed ones of each. */
 function drawStrip(list, line, cases) {
     const [, {verdicts}] = cases.at(-1);
     list.replaceChildren(...ABLE.map(requirement => {

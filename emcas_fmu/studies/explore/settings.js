@@ -1,12 +1,12 @@
 "use strict";
-/* A setting: the values that differ from the page's; links and files with a setting. SI throughout. */
+/* A setting: the values that differ from the page's initial ones; links and files of a setting. SI throughout. */
 
 /* The inputs that are constant. */
 const HELD = DATA.inputs.filter(v => !["fin_command", "aero_torque"].includes(v.name));
 const CONTROLS = new Map([...DATA.fields, ...HELD, ...DATA.parameters].map(control => [control.name, control]));
 
-const MOST_BYTES = 50e6; // of a CSV file, which a browser reads whole
-const MOST_PACKED = 48e3; // bytes of a compressed CSV file in a link, which browsers limit
+const MOST_BYTES = 50e6; // largest CSV file, which the browser reads whole
+const MOST_PACKED = 48e3; // bytes of the largest compressed CSV file in a link; browsers limit the length of links
 
 class Setting {
     constructor(values = {}, file = null) {
@@ -26,7 +26,7 @@ class Setting {
         return this.values[name] ?? this.default(name);
     }
 
-    /** The setting with another value. Another kind begins with its usual fields, and keeps the torque. */
+    /** The setting with another value. A new kind of excitation starts from its usual fields, and keeps the torque. */
     with(name, value) {
         const values = {...this.values, [name]: value};
         if (name === "excitation.kind") {
@@ -41,13 +41,13 @@ class Setting {
         return new Setting({...this.values, "excitation.kind": "csv"}, file);
     }
 
-    /** The setting with the values of a preset alone, under the same command and load. */
+    /** The setting with the values of a preset only, and the same command and load. */
     withPreset({values}) {
         const excitation = Object.entries(this.values).filter(([name]) => name.startsWith("excitation."));
         return new Setting({...Object.fromEntries(excitation), ...values}, this.file);
     }
 
-    /** The preset whose values are set, if there is one. */
+    /** The preset whose values are set; undefined if there is none. */
     get preset() {
         const set = Object.entries(this.values).filter(([name]) => !name.startsWith("excitation."));
         return DATA.presets.find(({values}) =>
@@ -70,7 +70,7 @@ class Setting {
             `${name}: '${this.get(name)}' is not a number${unit && `; the unit is ${unit}`}`);
     }
 
-    /** Messages for fields of the excitation and constant inputs outside their limits. */
+    /** Messages for fields of the excitation, and constant inputs, that are outside their limits. */
     get problems() {
         const fields = Object.keys(this.fields).map(field => CONTROLS.get(`excitation.${field}`));
         return [...fields, ...HELD].filter(({kind}) => kind === "Real").flatMap(control => {
@@ -96,7 +96,7 @@ class Setting {
         return new URLSearchParams(Object.entries(this.values)).toString();
     }
 
-    /** The setting in a link's text, and the names in it that are unknown or have no valid value. */
+    /** The setting in a link's text, and the names in the text that are unknown or have no valid value. */
     static parse(text) {
         const values = {}, unknown = [];
         for (const [name, written] of new URLSearchParams(text)) {
@@ -110,7 +110,7 @@ class Setting {
     }
 }
 
-/** A CSV file with its name as compressed text for a link; empty if it is too long. */
+/** A CSV file and its name as compressed text for a link; empty if it is too long. */
 async function packed(title, text) {
     const stream = new Blob([`${title}\n${text}`]).stream().pipeThrough(new CompressionStream("deflate-raw"));
     const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
@@ -118,7 +118,7 @@ async function packed(title, text) {
     return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_");
 }
 
-/** The file of a link. Throws an Error. */
+/** The CSV file in a link. Throws an Error. */
 async function unpacked(text) {
     const bytes = Uint8Array.from(atob(text.replaceAll("-", "+").replaceAll("_", "/")), c => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
@@ -132,7 +132,7 @@ async function unpacked(text) {
     return {...fromCsv(rows, title), text: rows, packed: text};
 }
 
-/** Warnings of commands beyond the limit, as Response.warnings of response.py; only a file may be in degrees. */
+/** Warnings of commands beyond the limit, as Response.warnings in response.py; only a file could be in degrees. */
 function clipped(setting, {columns: {fin_command: command}}) {
     const {message, rounding, in_degrees: inDegrees, like_degrees: likeDegrees} = DATA.clipping;
     const limit = setting.get("command.limit"), most = command ? magnitude(command) : 0;
@@ -141,11 +141,11 @@ function clipped(setting, {columns: {fin_command: command}}) {
     return [formatted(message, [most, degrees(most), degrees(limit)]) + (file ? inDegrees : "")];
 }
 
-/** A parameter file for -p with all values that differ from the defaults. */
+/** The text of a parameter file for -p, with all values that differ from the defaults. */
 function parameterFile(setting) {
     const entries = [...DATA.parameters, ...HELD.filter(v => v.key)];
     const differing = new Set(entries.filter(v => setting.get(v.name) !== v.shipped).map(v => v.name));
-    /* A file with one of two parameters that are equal in SI units would change the other as well. */
+    /* Of two parameters that are equal in SI, a file with one alone would change the other as well. */
     for (const pair of DATA.equal.filter(pair => pair.some(name => differing.has(name)))) {
         pair.forEach(name => differing.add(name));
     }
@@ -157,13 +157,13 @@ function parameterFile(setting) {
         `# emcas simulate --model ${DATA.model} --input inputs.csv -p parameters.toml`, ...lines, ""].join("\n");
 }
 
-/** Columns by name as a CSV file of `emcas simulate`: SI, all digits. */
+/** The text of a CSV file of `emcas simulate` from columns by name: SI, all digits. */
 function csv(columns) {
     const rows = Array.from(columns.time, (_, k) => Object.values(columns).map(column => column[k]).join(","));
     return [Object.keys(columns).join(","), ...rows, ""].join("\n");
 }
 
-/** The inputs of a file: the excitation, and constants that differ from their start values. */
+/** The inputs for a file: the excitation, and constant inputs that differ from their start values. */
 function inputColumns(setting, {time, columns}) {
     const held = HELD.filter(({name, start}) => setting.get(name) !== start);
     const constant = held.map(({name}) => [name, time.map(() => Number(setting.get(name)))]);
