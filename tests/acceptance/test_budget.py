@@ -167,7 +167,7 @@ def test_tolerances_of_the_requirements_come_first(tmp_path: Path) -> None:
 def test_load_is_that_of_the_requirement(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(budget, "UNITS", FEW)
     outcome = budget.measure(rig("servo"))
-    assert "with 5 N.m, in either direction" in outcome.method
+    assert "with 5 N.m in either direction" in outcome.method
     assert "No tolerance is known" in text(outcome)
     assert not outcome.estimate
 
@@ -205,7 +205,7 @@ def test_an_article_that_stops_or_refuses_a_tolerance_is_not_finished(tmp_path: 
     case = replace(load_requirements(None, of.subject.parameters).cases[0],
                    values={"deviation.kinematics.initial_angle": radians(11.0)})
     too_far = replace(of, specification=replace(of.requirements, cases=(case,)))
-    with pytest.raises(StoppedError, match="within the tolerances a unit is refused: "):
+    with pytest.raises(StoppedError, match="a sample within the tolerances is refused: "):
         budget.measure(too_far)
 
 

@@ -120,7 +120,7 @@ def test_requirements_are_those_of_validate(shipped: Result) -> None:
 def test_loads_of_requirements(shipped: Result, tmp_path: Path) -> None:
     """They are not the option's: terminal and page say so where they differ from one that was chosen."""
     chosen = replace(shipped, load=400.0)
-    note = ("tests and mission have a load of 400 N.m, but requirements are judged under theirs, 100 N.m: "
+    note = ("tests and mission have a load of 400 N.m, but requirements are judged under their own: 100 N.m: "
             "accuracy_loaded, endurance, load_recovery, load_step, loaded_rate, loaded_rate_low_supply, rated_current, "
             "rest_loaded, symmetry; 250 N.m: torque_reserve")
     assert note in page(chosen, tmp_path)

@@ -295,7 +295,7 @@ def test_a_mode_that_nothing_shows_is_left_out_and_told(tmp_path: Path, monkeypa
     monkeypatch.setattr(sweep, "sweeps", lambda *_, **__: [])  # which need most of the time
     found = analyse(parameters)
     assert found.left_out["hidden_modes"].startswith("1 mode left out of stability, final values and root locus")
-    assert found.left_out["hidden_modes"].endswith("growth a sample 0 %")
+    assert found.left_out["hidden_modes"].endswith("growth per sample 0 %")
     assert found.final_values["as_set"]["slowest_time_constant_s"] < 10.0
     assert found.locus.stable_range[0] == found.locus.values[0]
     assert all(np.all(np.abs(poles) > 1e-3) for poles in found.locus.poles)

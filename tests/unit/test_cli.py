@@ -150,7 +150,7 @@ def test_references_of_ones_own_parameters(tmp_path: Path) -> None:
     assert told.exit_code == 1
     output = " ".join(told.output.split())
     assert "emcas reference --parameters" in output
-    assert "nothing was judged: what was run has no reference of these parameters" in output
+    assert "nothing was judged: the runs have no reference of these parameters" in output
     assert emcas("reference", "--case", "step_plus1", "-p", str(file), "--directory", str(folder)).exit_code == 0
     assert emcas("validate", str(fmu), "--case", "step_plus1", "--directory", str(folder)).exit_code == 0
     assert emcas("reference", "--check", "-p", str(file)).exit_code == 2  # those shipped are of other parameters

@@ -303,11 +303,11 @@ def test_other_parameters_are_judged_by_the_references_inside(custom: Path, tmp_
     assert (document["reference"], document["reference_inside"], document["reference_independent"]) == (
         custom.name, True, True)
     assert document["notes"][0] == (
-        "step_and_load: compared with what is inside Custom.fmu, integrated independently of its own parameters")
+        "step_and_load: compared with the references in Custom.fmu, integrated independently with its own parameters")
     assert 'name="trajectory against the reference inside the FMU"' in (tmp_path / "out.xml").read_text("utf-8")
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
     assert "Trajectories against the reference inside the FMU</h2>" in page
-    assert "The references are those <strong>inside the FMU</strong>" in page
+    assert "The references are those <strong>embedded in the FMU</strong>" in page
     assert page.count("<svg") == 1
 
 
@@ -345,9 +345,9 @@ def test_a_record_is_not_called_independent(tmp_path: Path, monkeypatch: pytest.
     assert judged(document) == ["step_and_load"]
     assert {"rest", "loaded_rate", "repeatable"} <= set(judged(document, "requirements"))
     assert document["reference_independent"] is False
-    assert "recorded of the package's own stepping" in document["notes"][0]
+    assert "recorded from the package's own stepping" in document["notes"][0]
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
-    assert "recorded of the package's own stepping</strong>" in page
+    assert "recorded from the package's own stepping</strong>" in page
     assert "recorded response</text>" in page
     assert not re.search("independent (reference|numerical|integration)", page)
 
@@ -477,7 +477,7 @@ def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tm
     # The linear model is one of the thesis's actuator, with whatever options, and of no other.
     assert bool(document["comparisons"]) == model.startswith("nonlinear")
     page = files["report"].read_text(encoding="utf-8")
-    assert "Judged is performance only" in page
+    assert "Only performance is judged" in page
     assert "independent reference</text>" not in page
     # A sag needs a supply voltage, and cold a friction that depends on temperature.
     has = {v.name for v in (*get(model).inputs, *get(model).parameters)}
@@ -486,8 +486,8 @@ def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tm
 
 
 @pytest.mark.parametrize(("model", "cases", "code", "passed", "says"), [
-    ("second-order", ["step"], 0, None, "it has no reference of second-order to be judged by"),
-    ("second-order", ["chirp_1deg"], 0, None, "it has no reference of second-order to be judged by"),
+    ("second-order", ["step"], 0, None, "there is no reference of second-order to judge them by"),
+    ("second-order", ["chirp_1deg"], 0, None, "there is no reference of second-order to judge them by"),
     ("nonlinear", ["step"], 0, True, "the one criterion is met"),
     ("nonlinear", ["step", "step_plus1"], 0, True, "all 2 criteria are met"),
     (DIRECT_DRIVE, ["cold"], 1, False, "nothing was judged")])

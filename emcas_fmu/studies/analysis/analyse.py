@@ -1,4 +1,4 @@
-"""The analysis of a parameter set: linear models, margins, final values, sweeps, natural frequencies, capability."""
+"""The analysis of a parameter set: linear models, margins, locus, steps, sweeps, natural frequencies, capability."""
 
 from __future__ import annotations
 
@@ -21,10 +21,9 @@ from ...support.progress import Progress, silent
 from . import capability, final_values, locus, steps, sweep, thesis
 from .modes import load_rod, modes_at, thesis_modes
 
-# Highest frequency of the amplitude sweep over the linear bandwidth.
-_BEYOND = 3.0
-_STEPS = 7
-# Sections that not every actuator has, with the capabilities that they need.
+_BEYOND = 3.0  # highest frequency of the amplitude sweep over the linear bandwidth
+_STEPS = 7  # of the progress
+# The title of each section that not every actuator has, and the capabilities that it needs.
 SECTIONS = {
     "thesis_linear": ("the thesis's linear model", (
         capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_AND_LEVER,
@@ -37,7 +36,7 @@ SECTIONS = {
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """A linear model: closed loop, responses to command and load (None if the model has no load), loops and margins."""
+    """A linear model: closed loop, responses to command and load (None without a load input), loops and margins."""
 
     system: System
     command: FrequencyResponse
@@ -48,9 +47,9 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class Analysis:
-    """The results; those of missing SECTIONS are None, and ``left_out`` has the reasons.
+    """The results. Those of missing SECTIONS are None, with the reasons in ``left_out``.
 
-    ``thesis`` is also None if its model, at fin angle 0, is unstable. ``parameters`` are without faults and homing.
+    ``thesis`` is also None if the thesis's model is unstable. ``parameters`` are without faults and homing.
     """
 
     parameters: ParameterSet
@@ -59,13 +58,13 @@ class Analysis:
     left_out: Mapping[str, str]
     thesis: ClosedLoop | None
     final_values: Mapping[str, Mapping[str, Any]]
-    """By the names of the JSON file, as `modes` and `envelope`."""
+    """The keys are those of the JSON file, also in `modes` and `envelope`."""
     sweeps: list[sweep.Sweep]
     modes: Mapping[str, Any] | None
-    """With the parameter set's inertia; in ``thesis`` with the thesis's."""
+    """Computed from the parameter set's inertia; those in ``thesis``, from the thesis's."""
     envelope: Mapping[str, Any] | None
     cases: Mapping[str, Columns]
-    """Motor speed and torque in the reference cases, by name."""
+    """Motor speed [rad/s] and torque [N.m] in each reference case, by the case's name."""
     capability: capability.Capability | None
     locus: locus.Locus
     steps: list[steps.StepComparison]
@@ -75,8 +74,8 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
             locus_name: str | None = None, progress: Progress = silent) -> Analysis:
     """Analyse a parameter set at rest at `fin_angle` [rad] under `aero_torque` [N.m]; `rod` overrides models/rod.toml.
 
-    `locus_name` is the parameter of the root locus. Raises EmcasError for an actuator without a sampled position loop,
-    an operating point that the actuator cannot hold, an unstable loop, an invalid file or locus.
+    `locus_name` is the parameter of the root locus, by default the first gain. Raises EmcasError for an actuator
+    without a sampled position loop, an operating point that it cannot hold, an unstable loop, an invalid file or locus.
     """
     parameters = sound(parameters)
     values, model = parameters.values, parameters.model
@@ -120,17 +119,17 @@ def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
     for section, (title, needs) in SECTIONS.items():
         if missing := [need for need in needs if need not in actuator.provides]:
             reasons[section] = f"{title} left out: needs {missing[0]}, which {actuator.name} does not have"
-    for extension, why in (("heat", "of a motor at one temperature; emcas envelope has it with heat"),
-                           ("efficiency", "of a screw without losses")):
+    for extension, why in (("heat", "assumes a motor at one temperature; see emcas envelope"),
+                           ("efficiency", "assumes a screw without losses")):
         if extension in parts(model)[1]:
-            reasons.setdefault("capability", f"{SECTIONS['capability'][0]} left out: it is {why}")
+            reasons.setdefault("capability", f"{SECTIONS['capability'][0]} left out: it {why}")
     if "thesis_linear" not in reasons and (why := obstacle(values)):
         reasons["thesis_linear"] = f"{SECTIONS['thesis_linear'][0]} left out: {why}"
     return reasons
 
 
 def _require_stable(actuator: LinearActuator) -> None:
-    """Raise EmcasError for a loop that has no linear figures."""
+    """Raise EmcasError for a loop that is unstable or does not move the fin."""
     if actuator.stable and not actuator.idle:
         return
     where = f"the linearised loop at {degrees(actuator.point.fin_angle):g} deg"
@@ -144,15 +143,15 @@ def _require_stable(actuator: LinearActuator) -> None:
     if actuator.idle:
         raise EmcasError(actuator.idle)
     growth = cleared(largest_pole(actuator.closed) - 1.0, ROUNDING)
-    does = f"grows by {100.0 * growth:.2g} % a sample" if growth else "neither decays nor grows"
-    raise EmcasError(f"{where} is unstable (a mode {does}): lower {remedy}")
+    change = f"grows by {100.0 * growth:.2g} % a sample" if growth else "neither decays nor grows"
+    raise EmcasError(f"{where} is unstable (a mode {change}): lower {remedy}")
 
 
 def _hidden(poles: Array) -> str:
     growth = ", ".join(f"{100.0 * cleared(abs(pole) - 1.0, ROUNDING):.2g} %" for pole in poles)
     modes = f"{len(poles)} mode{'s' * (len(poles) > 1)}"
-    return (f"{modes} left out of stability, final values and root locus: not excited by command and load, or not "
-            f"visible in fin angle and reference; growth a sample {growth}")
+    return (f"{modes} left out of stability, final values and root locus: command and load do not excite them, or fin "
+            f"angle and reference do not show them; growth per sample {growth}")
 
 
 def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:
@@ -165,7 +164,7 @@ def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:
 def _closed_loop(system: System, loops: Mapping[str, System]) -> ClosedLoop:
     """Return the model of a system whose inputs are the command and, in some models, the hinge moment.
 
-    A hinge moment that does not move the fin is none.
+    A hinge moment that does not move the fin is left out.
     """
     moving = [name for name in system.input_labels if reaches(system, [name], system.output_labels)]
     command, *load = (frequency.response(system[:, name]) for name in moving)

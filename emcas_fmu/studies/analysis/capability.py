@@ -1,10 +1,10 @@
 """Capability of motor and drive: torque against speed, and hinge moment and rate against fin angle.
 
-In steady motion (di/dt = 0) voltage and current limits leave
+In steady motion (di/dt = 0) the limits of voltage and current allow
 
     T_m = K_t clip(i, +-I_max)        (R i + K_e w)^2 + (n w L i)^2 = V^2
 
-with n = motor.pole_pairs. The fin's rate and the moment that it moves follow from (2.17) without acceleration.
+with n = motor.pole_pairs. Fin rate and hinge moment follow from (2.17) of the thesis without acceleration.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from ...simulation import Array
 
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
          capabilities.COULOMB_FRICTION, capabilities.PROPORTIONAL_TORQUE, capabilities.DRIVE_STEP)
-_POINTS = 101
-_HALVINGS = 60  # of the interval of speeds, down to rounding
+_POINTS = 101  # fin angles
+_HALVINGS = 60  # bisections of an interval of speeds, down to rounding
 
 
 def limit_torque(p: Any, speed: Any) -> Any:
@@ -41,11 +41,11 @@ def limit_torque(p: Any, speed: Any) -> Any:
 
 
 def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> dict[str, Any]:
-    """Return the torque-speed envelope between the no-load speeds in both directions, by the names of the JSON file.
+    """Return the torque-speed envelope between the no-load speeds in both directions, with the keys of the JSON file.
 
     At each ``speed_rad_per_s``, ``torque_nm`` is the largest motor torque; the smallest is its mirror image.
-    ``prompt_torque_nm`` is the largest with the drive's proportional action alone; the rest needs the integral's time
-    constant ``integral_time_s`` (nan without an integral).
+    ``prompt_torque_nm`` is the largest torque by the drive's proportional action alone; the integral adds the rest with
+    the time constant ``integral_time_s`` (nan without an integral).
     """
     p = get(model).plant(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
@@ -59,9 +59,9 @@ def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> dict[str, Any
 
 
 def case_points(parameters: ParameterSet) -> dict[str, Columns]:
-    """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case by name.
+    """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case, by name.
 
-    A case leaves out parameters that the actuator does not have.
+    Start values of parameters that the actuator does not have are left out.
     """
     subject, supply = ParameterSubject(parameters), supply_start(parameters.model, parameters.values)
     cases = {case.name: reference_case(case.name, supply=supply) for case in CASES}
@@ -73,7 +73,7 @@ def case_points(parameters: ParameterSet) -> dict[str, Columns]:
 class Capability:
     """Capability against ``fin_angle`` [rad]; arrays [angles], or [2, angles] for motion along + and -.
 
-    ``stall`` [N.m] is the largest opposing hinge moment that the fin moves, ``held`` the largest that it holds at rest,
+    ``stall`` [N.m] is the largest hinge moment against which the fin moves, ``held`` the largest that it holds at rest
     with the help of dry friction. ``rate`` [rad/s] is without load, ``rate_loaded`` against RATED, within supply, drive
     current and the controllers' speed limit; ``free_rate`` and ``free_rate_loaded`` are without that limit. ``ratio``
     is R [1].
@@ -90,7 +90,7 @@ class Capability:
 
 
 def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
-    """Return the capability over the range of commands."""
+    """Return the capability over the range of commands, of an actuator that provides NEEDS."""
     p = get(model).plant(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
     level = loads.level(FLOATS, p)
@@ -99,7 +99,7 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     for row, side in enumerate((1.0, -1.0)):
         driving = limit_torque(p, 0.0) + side * m.load
         stall[row] = np.maximum(m.ratio * (driving - mechanics.breakaway(ARRAYS, p, m, side)), 0.0)
-        # The load must overcome friction in the other direction.
+        # Here friction helps the motor: the load would have to overcome it, too.
         held[row] = m.ratio * (driving + mechanics.breakaway(ARRAYS, p, m, -side))
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     rates = [np.stack([steady_rate(p, fin, side, level.replace(aero_torque=-side * load), limit)
@@ -109,9 +109,9 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
 
 
 def steady_rate(p: Any, fin: Any, side: float, acting: Any, limit: float) -> Any:
-    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at fin angles [rad] under loads.LOADS.
+    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at fin angles [rad]; 0 at stall.
 
-    It is 0 at stall. `limit` [rad/s] is the largest motor speed.
+    `acting` are the loads (loads.LOADS), `limit` [rad/s] is the largest motor speed.
     """
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), acting)
     surplus = side * m.load - mechanics.breakaway(ARRAYS, p, m, side)

@@ -43,11 +43,11 @@ from ...units import RPM
 NEEDS = (capabilities.MOTOR_CURRENT, capabilities.PROPORTIONAL_TORQUE, capabilities.CURRENT_LIMIT,
          capabilities.VOLTAGE_LIMIT, capabilities.SCREW_DRIVE)
 _POINTS = 201
-_CURRENTS = 401  # of the grid of extremes of torque that brackets roots of the voltage
-_SHORTEST, _LONGEST = 1e-6, 1e9  # s
-_MOLTEN = 1e9  # degC, instead of overflow
+_CURRENTS = 401  # points of the grid that brackets extremes of the torque and roots of the voltage
+_SHORTEST, _LONGEST = 1e-6, 1e9  # s, limits of the duration
+_MOLTEN = 1e9  # degC, in place of a temperature that overflows
 CAUSES = {"heat": "heat", "i2t": "I2t", "peak": "peak current"}
-"""Limits of a current, in words."""
+"""The limits of the current, in words."""
 _WINDING = ("heat.winding_", "heat.case_", "heat.reference_temperature", "heat.resistance_coefficient",
             "motor.resistance")
 _I2T = ("heat.continuous_current", "heat.peak_time", "drive.current_limit")
@@ -58,7 +58,7 @@ INPUTS = {"current_a": _ALL, "heat_current_a": _WINDING, "i2t_current_a": _I2T, 
           TORQUE: (*_ALL, *_MOTOR), "corner_speed_rad_per_s": (*_ALL, "motor.", "drive.supply_voltage"),
           "no_load_speed_rad_per_s": ("motor.back_emf_constant", "drive.supply_voltage", "heat.torque_coefficient"),
           "winding_degc": _ALL, "case_degc": _ALL}
-"""Parameters, and groups of them, on which the figures of the JSON file depend."""
+"""For each figure of the JSON file, the parameters, and groups of them, on which it depends."""
 Temperatures = tuple[float, float]  # of winding and case [degC]
 
 
@@ -66,9 +66,9 @@ Temperatures = tuple[float, float]  # of winding and case [degC]
 class Curve:
     """One envelope: `currents` [A] within each of CAUSES, and the `torque` [N.m] at each speed of the Envelope.
 
-    The smallest of these currents heats `winding` and `case` to these temperatures [degC]; the voltage suffices for it
-    up to `corner_speed` [rad/s] (0: at no speed). `limits` are the torques [N.m] at each cause's current alone, and
-    within the voltage at the temperatures of the start.
+    `winding` and `case` are the temperatures [degC] due to the smallest of these currents; the voltage suffices for it
+    up to `corner_speed` [rad/s] (0: at no speed). `limits` are the torques [N.m] at the current of each cause alone,
+    and within the voltage at the initial temperatures.
     """
 
     currents: Mapping[str, float]
@@ -80,12 +80,12 @@ class Curve:
 
     @property
     def current(self) -> float:
-        """Largest current [A] at speeds below the corner's."""
+        """Largest current [A] at speeds below `corner_speed`."""
         return min(self.currents.values())
 
     @property
     def bound_by(self) -> str:
-        """The smallest of CAUSES; the last of equals, since I2t that allows the peak current limits nothing."""
+        """The cause with the smallest current, the last of equals: an I2t limit at the peak current has no effect."""
         return min(reversed(CAUSES), key=self.currents.__getitem__)
 
 
@@ -93,7 +93,7 @@ class Curve:
 class Envelope:
     """Torque against motor speed [rad/s] from 0 to the no-load speed, continuous and for `duration` [s].
 
-    Before the duration, `preload` [1] times the continuous current, :attr:`Curve.current`, has flowed for long.
+    Before the duration, `preload` [1] times the continuous current (:attr:`Curve.current`) has flowed for a long time.
     """
 
     speed: Array
@@ -102,7 +102,7 @@ class Envelope:
     continuous: Curve
     short_term: Curve
     estimates: Mapping[str, tuple[str, ...]]
-    """The engineering estimates among the parameters of each figure of INPUTS."""
+    """For each figure, the engineering estimates among its INPUTS."""
 
     @property
     def curves(self) -> dict[str, Curve]:
@@ -111,9 +111,9 @@ class Envelope:
 
 
 def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) -> Envelope:
-    """Return the envelopes at ambient temperature and supply of the parameters. Raises EmcasError.
+    """Return the envelopes at the parameters' ambient temperature and supply, for a `duration` [s].
 
-    The model needs the extension heat; `preload` is a share of the continuous current, `duration` is in s.
+    `preload` is a share [1] of the continuous current. Raises EmcasError, also for an actuator without extension heat.
     """
     if "heat" not in parts(parameters.model)[1]:
         raise EmcasError(f"model {parameters.model}: an envelope needs the extension heat: {parameters.model}+heat")
@@ -136,10 +136,10 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     brief = short_term_current(p, duration, start), float(heat.sustained_current(FLOATS, p, duration)), peak
     free = [p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant for t in (cold, start)]
     speed = np.linspace(0.0, max(free), _POINTS)
-    rests = {figure: parameters.estimates_in(names) for figure, names in INPUTS.items()}
+    estimates = {figure: parameters.estimates_in(names) for figure, names in INPUTS.items()}
     return Envelope(speed, duration, preload, _curve(p, speed, lasting, cold, lambda i: settled(p, i)),
                     _curve(p, speed, brief, start, lambda i: warmed(p, i, duration, start)),
-                    {figure: names for figure, names in rests.items() if names})
+                    {figure: names for figure, names in estimates.items() if names})
 
 
 def continuous_current(p: Any) -> float:
@@ -175,14 +175,14 @@ def _rates(p: Any, current: float) -> tuple[Array, Array]:
 
 
 def settled(p: Any, current: float) -> Temperatures:
-    """Return the steady temperatures under a current [A] up to the continuous one."""
+    """Return the steady temperatures [degC] under a current [A], at most the continuous one."""
     a, b = _rates(p, current)
     winding, case = np.linalg.solve(a, -b)
     return float(winding), float(case)
 
 
 def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperatures:
-    """Return the temperatures after `time` [s] of a constant current [A], exactly; _MOLTEN if they overflow."""
+    """Return the exact temperatures [degC] after `time` [s] of a constant current [A]; _MOLTEN where they overflow."""
     a, b = _rates(p, current)
     # Two nodes that heat each other have different real rates; NumPy may return them as complex numbers.
     rates, modes = (part.real for part in np.linalg.eig(a))
@@ -204,11 +204,11 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
         return heat.at_temperatures(FLOATS, p, *heated(current))
 
     def torque_of(current: float) -> float:
-        # Beyond the limit of heat, at the temperatures of that limit.
+        # A current beyond the limit of heat has the temperatures of that limit.
         return float(drive.torque(motor(min(current, allowed[0])), current))
 
     def reach(current: float) -> float:
-        # The largest speed; below 0 if the voltage does not suffice for the current at rest.
+        # The largest speed [rad/s] at a current; below 0 if the voltage does not suffice even at rest.
         return float(drive.knee_speed(FLOATS, motor(current), supply, current)) or -1.0
 
     # The torque is largest where the voltage is at its limit, at the largest current, or at a local maximum.
@@ -230,7 +230,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
 
 
 def draw(e: Envelope) -> Figure:
-    """Draw both envelopes against the motor speed, with their limits."""
+    """Return a plot of both envelopes against the motor speed, with their limits."""
     plot, (axes,) = column(f"motor torque [N.m]{ESTIMATE * (TORQUE in e.estimates)}", x="motor speed [rpm]", width=7.5,
                             height=4.4)
     rpm = e.speed * RPM
@@ -241,7 +241,7 @@ def draw(e: Envelope) -> Figure:
         axes.plot(rpm, curve.limits["heat"], color=color, linestyle="--", label=f"winding at its limit, {name}")
     cold = e.short_term
     axes.plot(rpm, cold.limits["peak"], color=PURPLE, linestyle="-.", label="drive's peak current")
-    axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, as cold as at the start")
+    axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, initial temperature")
     top = max(cold.limits["peak"][0], min(cold.limits["heat"][0], 2.0 * cold.limits["peak"][0]))
     axes.set(xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
     plot.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)

@@ -1,7 +1,7 @@
-"""Steady errors by the final-value theorem; of loops in cascade with P and with PI position control.
+"""Steady errors by the final-value theorem; for loops in cascade, with P and with PI position control.
 
-After a step of size a of the command, lim e(k) = lim_{z->1} (z - 1) E(z) = a (1 - G(1)), and of the load -a G(1), with
-the closed loop G, if it is stable.
+With a stable closed loop G, the error after a command step of size a is lim e(k) = lim_{z->1} (z - 1) E(z) =
+a (1 - G(1)), and after a load step of size a it is -a G(1).
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from ...bench.linear.actuator import LinearActuator
 from ...bench.linear.systems import cleared, largest_pole
 from ...motions import RATED
 
-COMMAND = 1.0  # deg; the load is that of the thesis's Table 2
+COMMAND = 1.0  # deg, size of the command step; the load step is the load of the thesis's Table 2
 
 
 def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
                  model: str = NONLINEAR) -> dict[str, dict[str, Any]]:
-    """Return the final values at `fin_angle` [rad] under `aero_torque` [N.m], by the names of the JSON file.
+    """Return the final values at `fin_angle` [rad] under `aero_torque` [N.m], with the keys of the JSON file.
 
-    Loops in cascade have P control and, if the integral gain ``ki`` [1/s2] is not zero, PI control; other loops are as
-    set. Errors, command less fin angle, are those after steps of COMMAND and RATED; nan if the loop is unstable. Final
-    values are reached after several of the slowest time constants.
+    Loops in cascade are computed with P control and, if the integral gain ``ki`` [1/s2] is not zero, PI control; others
+    as set. Errors, command minus fin angle, are those after steps of COMMAND and RATED, nan if the loop is unstable.
+    Final values are reached after several of the slowest time constants.
     """
     gains: dict[str, float | None] = {"as_set": None}
     if capabilities.CASCADE in get(model).provides:

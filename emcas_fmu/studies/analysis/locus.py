@@ -17,16 +17,16 @@ from ...bench.linear.systems import ROUNDING, Array, System, largest_pole
 from ...errors import EmcasError, hint
 from ...parameters import ParameterSet
 
-_POINTS = 81
-_DECADES = 1.0
+_POINTS = 81  # values of the parameter
+_DECADES = 1.0  # of values, below and above the nominal one
 
 
 @dataclass(frozen=True)
 class Locus:
-    """Poles [rad/s], an array for each of the ``values`` of a parameter; ``nominal`` is the set's value.
+    """Poles [rad/s], an array for each of the ``values`` of a parameter [unit]; ``nominal`` is the set's value.
 
-    ``stable_range`` is the interval around the nominal value, within those tried, in which the loop is stable.
-    ``rational`` are the poles of the continuous approximation with a Padé delay at the nominal value.
+    ``stable_range`` is the interval around the nominal value, within ``values``, in which the loop is stable.
+    ``rational`` are the poles at the nominal value of the continuous approximation with a Padé delay.
     """
 
     name: str
@@ -39,23 +39,23 @@ class Locus:
 
 
 def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 0.0, aero_torque: float = 0.0) -> Locus:
-    """Return the poles at `fin_angle` [rad] under `aero_torque` [N.m] over a parameter, by default the first gain.
+    """Return the poles at `fin_angle` [rad] under `aero_torque` [N.m] over a parameter: `name`, or else the first gain.
 
-    Its values are a tenth to ten times that of the set. Values outside its limits, or for which the operating point
-    does not exist, are omitted. Raises EmcasError for a name that is not a number of the set, is zero or moves no pole.
+    Its values are 0.1 to 10 times the nominal one. Values outside its limits, or without an operating point, are
+    omitted. Raises EmcasError for a parameter that is not a number of the set, is zero or moves no pole.
     """
     model = parameters.model
     numbers = {v.name: v for v in get(model).file_entries if v.kind == "Real"}
     gains = [v.name for v in numbers.values() if v.variability == "tunable" and v.name.startswith("controller.")]
     if name is None and not gains:
-        raise EmcasError(f"model {model}: has no controller.* that is tunable; name a parameter as locus")
+        raise EmcasError(f"model {model}: has no tunable controller.*; name a parameter as locus")
     name = next((each for each in gains if parameters.values[each]), gains[0]) if name is None else name
     if name not in numbers:
         raise EmcasError(f"locus {name!r}: there is no such parameter"
                          f"{hint(name, numbers) or '; see emcas parameters'}")
     nominal = float(parameters.values[name])
     if nominal == 0.0:
-        raise EmcasError(f"locus {name}: is 0 and a locus scales it; give it a value in a parameter file")
+        raise EmcasError(f"locus {name}: is 0, and a locus scales its parameter; set another value in a parameter file")
 
     def at(value: float) -> LinearActuator:
         return LinearActuator(parameters.with_values({name: value}).values, fin_angle, aero_torque, model)

@@ -25,14 +25,14 @@ Look = dict[str, Any]
 """Line properties by matplotlib's names."""
 _DASHED: Look = {"linestyle": (0, (5, 1.5))}
 _THESIS: Look = {"color": plots.VERMILLION, "linewidth": 1.1, **_DASHED}
-_SHOWN = (0.1, 300.0)  # Hz
-_DOTS = 400  # of a case, about
+_SHOWN = (0.1, 300.0)  # Hz, in Bode diagrams
+_DOTS = 400  # per case, about
 _LIMIT_NAMES = {"rate": "speed reference", "current": "drive current", "voltage": "supply voltage",
                 "dac": "analogue reference"}
 
 
 def unseen(actuator: Actuator) -> dict[str, str]:
-    """Return in words, by key, the small effects of an actuator that no linear model has."""
+    """Return the small effects of an actuator that linear models leave out: words by key."""
     names = [v.name for v in actuator.parameters]
     effects = {
         "friction": ("friction", any("coulomb" in name or name.startswith(("stribeck.", "lugre.")) for name in names)),
@@ -47,14 +47,14 @@ def _listed(words: list[str]) -> str:
 
 
 def drawings(analysis: Analysis) -> Iterator[Drawing]:
-    """Draw all plots except those of sections that are left out."""
+    """Yield all plots, except those of sections that are left out."""
     for draw, section in DRAWINGS.items():
         if section not in analysis.left_out:
             yield draw(analysis)
 
 
 def bode(analysis: Analysis) -> Drawing:
-    """Draw the responses to command and load."""
+    """Plot the responses to command and load over frequency."""
     figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(
         2, 2, height=2.4, sharex=True, x="frequency [Hz]", y=("gain [dB]", "phase [deg]"))
 
@@ -84,12 +84,12 @@ def bode(analysis: Analysis) -> Drawing:
     plots.legend_above(figure, 5)
     return Drawing("Bode diagrams", figure, f"Left, fin angle over command: {analysis.linear.command.bandwidths} "
                    "(linear). Right, fin angle over hinge moment. The linear responses are "
-                   "those of the sampled system with its transport delay, exactly; circles are the fundamental of the "
+                   "exact for the sampled system with its transport delay. Circles are the fundamental of the "
                    "simulated response to steady sines.")
 
 
 def nichols(analysis: Analysis) -> Drawing:
-    """Draw the open loops in the Nichols plane, with lines of constant closed-loop gain."""
+    """Plot the open loops in the Nichols plane, with lines of constant closed-loop gain and phase."""
     figure, (axes,) = plots.column("open-loop gain [dB]", x="open-loop phase [deg]", height=4.2, width=7.0)
     ct.nichols_grid(np.array([-3.0, 0.0, 3.0, 6.0]), ax=axes, label_cl_phases=False)
     at = analysis.actuator.reference_name
@@ -108,19 +108,20 @@ def nichols(analysis: Analysis) -> Drawing:
     return Drawing("Nichols chart", figure, f"At {at} the gain may grow by "
                    f"{_limited(m.up_db, 'dB', m.phase_crossover, 'square, ')} and fall by "
                    f"{_limited(m.down_db, 'dB', m.reduction_crossover)}, the phase lag by "
-                   f"{_limited(degrees(m.phase), 'deg', m.gain_crossover, 'circle, ')}, which is "
-                   f"{m.delay * 1e3:.2f} ms of delay. Dotted: gain and phase of the closed loop.")
+                   f"{_limited(degrees(m.phase), 'deg', m.gain_crossover, 'circle, ')}, and the delay by "
+                   f"{f'{m.delay * 1e3:.2f} ms' if np.isfinite(m.delay) else 'any amount'}. Dotted: gain and phase of "
+                   "the closed loop.")
 
 
 def _limited(margin: float, unit: str, at: float, mark: str = "") -> str:
-    """Return a margin in words, with its frequency `at` [Hz]."""
+    """Return a margin [unit] in words, with its frequency `at` [Hz]."""
     return f"{margin:.1f} {unit} ({mark}at {at:.3g} Hz)" if np.isfinite(margin) else "any amount"
 
 
 def _nichols_line(axes: Axes, model: ClosedLoop, name: str, look: Look) -> None:
     response, margins = frequency.response(model.loops[name]), model.margins[name]
     grid = response.frequency
-    # The phase of a loop with integrators starts below -90 deg: this is the branch nearest to the crossover.
+    # The phase of a loop with integrators starts below -90 deg: plot the branch nearest to -90 deg at the crossover.
     turns = np.round((np.interp(margins.gain_crossover, grid, response.phase) + 0.5 * pi) / (2.0 * pi))
     phase = np.degrees(response.phase - 2.0 * pi * turns)
     axes.plot(phase, response.gain_db, **look)
@@ -131,7 +132,7 @@ def _nichols_line(axes: Axes, model: ClosedLoop, name: str, look: Look) -> None:
 
 
 def root_locus(analysis: Analysis) -> Drawing:
-    """Draw the closed-loop poles against the chosen parameter."""
+    """Plot the closed-loop poles against the chosen parameter."""
     figure, (axes,) = plots.column("Im s / 2π [Hz]", x="Re s / 2π [Hz]", height=4.2, width=7.5)
     roots, hertz = analysis.locus, 1.0 / (2.0 * pi)
     crossover = analysis.linear.margins["reference"].phase_crossover
@@ -143,10 +144,10 @@ def root_locus(analysis: Analysis) -> Drawing:
     bar.ax.set_yticklabels(["0.1", "0.5", "1", "2", "10"])
     bar.set_label(f"{roots.name} / its value")
     nominal = roots.poles[int(np.argmin(np.abs(roots.values - roots.nominal)))]
-    axes.plot(nominal.real * hertz, nominal.imag * hertz, "s", markersize=6, label="as set", markerfacecolor="none",
+    axes.plot(nominal.real * hertz, nominal.imag * hertz, "s", markersize=6, label="nominal", markerfacecolor="none",
               color=plots.INK)
     axes.plot(roots.rational.real * hertz, roots.rational.imag * hertz, "x", markersize=6,
-              label="as set, continuous with Padé delay", color=plots.VERMILLION)
+              label="nominal, continuous with Padé delay", color=plots.VERMILLION)
     axes.axvline(0.0, color=plots.INK, linewidth=0.8)
     for damping in (0.2, 0.4, 0.6, 0.8):
         slope = np.sqrt(1.0 - damping**2) / damping
@@ -162,14 +163,14 @@ def root_locus(analysis: Analysis) -> Drawing:
               if value != end]
     unit = "" if roots.unit == "1" else f" {roots.unit}"
     verdict = f"unstable {' and '.join(bounds)}{unit}" if bounds else "stable throughout"
-    return Drawing(f"Root locus against {roots.name}", figure, f"From a tenth to ten times {roots.nominal:g}{unit}, "
-                   f"within the limits of the parameter: {verdict}. Exact poles of the sampled loop with its delay, "
-                   "plotted at s = ln(z)/T. Only the crosses are an approximation: a continuous loop with a "
-                   "third-order Padé delay of transport delay and half a sample, and speed measured without lag.")
+    return Drawing(f"Root locus against {roots.name}", figure, f"The parameter is 0.1 to 10 times {roots.nominal:g}"
+                   f"{unit}, within its limits; the loop is {verdict}. Dots and squares are exact poles of the sampled "
+                   "loop with its delay, plotted at s = ln(z)/T. Crosses are approximate: a continuous loop with a "
+                   "third-order Padé approximation of transport delay and half a sample, speed measured without lag.")
 
 
 def steps(analysis: Analysis) -> Drawing:
-    """Draw steps of the linear models and the simulated one."""
+    """Plot steps of the linear models and of the simulated actuator."""
     figure, (row,) = plots.figure(1, max(len(analysis.steps), 1), height=2.6, sharex=True, sharey=True, x="time [ms]",
                                   y=["fin angle / step"])
     looks: list[Look] = [{**_THESIS, "label": "thesis's linear model"},
@@ -187,13 +188,13 @@ def steps(analysis: Analysis) -> Drawing:
     plots.legend_above(figure, 4)
     differences = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in analysis.steps)
     causes = list(unseen(analysis.actuator.actuator).values())
-    small = f"Small steps differ by {_listed(causes)}, large ones" if causes else "Large steps differ"
-    return Drawing("Steps, linear and simulated", figure, "Divided by their size. Largest difference of simulated and "
-                   f"linear: {differences}. {small} by the limits.")
+    small = f"Small steps differ because of {_listed(causes)}, large ones" if causes else "Large steps differ"
+    return Drawing("Steps, linear and simulated", figure, "The fin angle over the step. Largest difference between "
+                   f"simulated and linear: {differences}. {small} because of the limits.")
 
 
 def amplitudes(analysis: Analysis) -> Drawing:
-    """Draw bandwidth and the onset of limits against amplitude."""
+    """Plot bandwidth, and the frequency at which each limit begins to act, against amplitude."""
     figure, (axes,) = plots.column("frequency [Hz]", x="amplitude of the command [deg]", height=3.6, width=7.5)
     sweeps, linear = analysis.sweeps, analysis.linear.command
     size = np.array([degrees(s.amplitude) for s in sweeps])
@@ -213,18 +214,18 @@ def amplitudes(analysis: Analysis) -> Drawing:
     axes.set_yticks(ticks, list(map(str, ticks)))
     axes.yaxis.set_minor_formatter("")
     plots.legend_above(figure, 3)
-    marks = ("Thin lines with marks: from which frequency on a limit acts at some instant of the period. " if limits
-             else "")
+    marks = ("Thin lines with marks: the lowest frequency at which a limit acts at some instant of the period. "
+             if limits else "")
     causes = [key for key in unseen(analysis.actuator.actuator) if key not in ("compensation", "dead time")]
     small = f"Small amplitudes lose bandwidth to {_listed(causes)}, large ones" if causes else (
         "Large amplitudes lose bandwidth")
     return Drawing("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated "
                    "actuator, about the operating point or as near to it as the range of commands allows. "
-                   f"{marks}{small} to the limits met first.")
+                   f"{marks}{small} to the limits that act first.")
 
 
 def limit_shares(analysis: Analysis) -> Drawing:
-    """Draw the share of the time for which each limit acts, against amplitude and frequency."""
+    """Plot the share of the time in which each limit acts, against amplitude and frequency."""
     figure, (row,) = plots.figure(1, len(LIMITS), height=2.7, sharex=True, sharey=True, x="amplitude [deg]",
                                   y=["frequency [Hz]"])
     sweeps = analysis.sweeps
@@ -239,12 +240,12 @@ def limit_shares(analysis: Analysis) -> Drawing:
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_formatter("{x:g}")
     figure.colorbar(mesh, ax=list(row), pad=0.01).set_label("time at the limit [%]")
-    return Drawing("Where the limits act", figure, "Share of the time for which a limit is active during a steady "
-                   "sine; the line is the -3 dB bandwidth. The speed reference's limit is the rate limit of the fin.")
+    return Drawing("Where the limits act", figure, "Share of the time in which a limit is active during a steady "
+                   "sine; the line is the -3 dB bandwidth. The limit of the speed reference limits the fin rate.")
 
 
 def torque_speed(analysis: Analysis) -> Drawing:
-    """Draw the envelope, with the operating points of the reference cases."""
+    """Plot the torque-speed envelope, with motor speed and torque in the reference cases."""
     figure, (axes,) = plots.column("motor torque [N.m]", x="motor speed [rpm]", height=4.0, width=7.5)
     e, cases = analysis.envelope, analysis.cases
     assert e is not None
@@ -269,12 +270,12 @@ def torque_speed(analysis: Analysis) -> Drawing:
     end, top = 1.05 * max(free, fastest * RPM), max(1.05 * most, 1.1 * float(np.max(highest)))
     axes.set(xlim=(-end, end), ylim=(-top, top))
     plots.legend_above(figure, 4, markerscale=3)
-    slow = f", in some {integral:.0f} s" if np.isfinite(integral) else ""
-    return Drawing("Torque and speed", figure, "Grey: steady torque within the drive's current "
-                   f"({e['stall_torque_nm']:.3g} N.m at stall) and the supply (no torque at {free:.0f} rpm). "
-                   f"Dashed: at first, before the drive's integral has closed the rest{slow}. Points: the reference "
-                   "cases with these parameters; dotted verticals: the controllers' speed limit. Points outside are "
-                   "transients, in which the current outlasts the voltage that made it.")
+    slow = f" within some {integral:.0f} s" if np.isfinite(integral) else ""
+    return Drawing("Torque and speed", figure, "Grey: steady torque within the limits of the drive's "
+                   f"current ({e['stall_torque_nm']:.3g} N.m at stall) and the supply (no torque at {free:.0f} rpm). "
+                   f"Dashed: torque at first, before the drive's integral adds the rest{slow}. Points: the reference "
+                   "cases with these parameters; dotted verticals: the controllers' speed limit. Points outside the "
+                   "grey area are transients, in which the current does not yet follow from the voltage.")
 
 
 def _speed_limit(analysis: Analysis) -> float:
@@ -283,7 +284,7 @@ def _speed_limit(analysis: Analysis) -> float:
 
 
 def fin_capability(analysis: Analysis) -> Drawing:
-    """Draw hinge moment and rate against the fin angle."""
+    """Plot hinge moment, fin rate and ratio against the fin angle."""
     figure, ((moment, rate, ratio),) = plots.figure(1, 3, height=2.6, sharex=True, x="fin angle [deg]")
     c = analysis.capability
     assert c is not None
@@ -302,13 +303,13 @@ def fin_capability(analysis: Analysis) -> Drawing:
     for axes, label in ((moment, "stall moment [N.m]"), (rate, "fin rate [deg/s]"), (ratio, "ratio R")):
         axes.set_ylabel(label)
     plots.legend_above(figure, 5)
-    return Drawing("Capability against fin angle", figure, "The lever's ratio grows with the lever angle, so the fin "
-                   "is stronger and slower towards the ends. Largest opposing hinge moment that the fin still moves; "
-                   "largest steady rate that supply and drive current allow without load and against 100 N.m, and the "
-                   "rate at the controllers' speed limit.")
+    return Drawing("Capability against fin angle", figure, "The ratio grows with the lever angle, so the fin is "
+                   "stronger and slower towards the ends. Left: the largest hinge moment against which the fin still "
+                   "moves. Middle: the largest steady rate that supply and drive current allow, without load and "
+                   "against 100 N.m, and the rate at the controllers' speed limit.")
 
 
-# With the section of `analyse.SECTIONS` to which each belongs.
+# Each function with its section of `analyse.SECTIONS`; empty for plots of every actuator.
 DRAWINGS: Mapping[Callable[[Analysis], Drawing], str] = {
     bode: "", nichols: "", root_locus: "", steps: "", amplitudes: "", limit_shares: "limits",
     torque_speed: "capability", fin_capability: "capability"}

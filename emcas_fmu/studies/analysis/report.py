@@ -1,4 +1,4 @@
-"""The figures of an analysis with their units, for JSON, and its page."""
+"""The figures of an analysis with their units, for JSON, and the page."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from .sweep import LIMITS
 
 
 def figures_of(analysis: Analysis) -> dict[str, Any]:
-    """Return all figures as nested dictionaries, units in the names; None if it does not exist or is unlimited."""
+    """Return all figures as nested dictionaries with units in the names; a missing or unlimited figure is None."""
     actuator, thesis, locus = analysis.actuator, analysis.thesis, analysis.locus
     point, system = actuator.point, analysis.linear.system
-    plain: dict[str, Any] = writers.plain({
+    figures: dict[str, Any] = writers.plain({
         "emcas": __version__,
         "model": actuator.actuator.name,
         "left_out": analysis.left_out,
@@ -57,7 +57,7 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
                    "overshoot_linear_percent": 100.0 * s.metrics_linear["overshoot"],
                    "overshoot_nonlinear_percent": 100.0 * s.metrics_nonlinear["overshoot"]} for s in analysis.steps],
     })
-    return plain
+    return figures
 
 
 def _loop(loop: ClosedLoop) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def _loop(loop: ClosedLoop) -> dict[str, Any]:
 
 
 def _capability(analysis: Analysis) -> dict[str, Any] | None:
-    """Return the capability in both directions: the smaller of the two."""
+    """Return the capability that both directions have: the smaller of the two."""
     if (c := analysis.capability) is None:
         return None
     moments, rates = ("stall", "held"), ("rate", "rate_loaded", "free_rate", "free_rate_loaded")
@@ -88,7 +88,7 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
 
 
 class Rows(NamedTuple):
-    """A table for page and terminal; columns whose name begins with ">" have numbers, None where there is no value."""
+    """A table for page and terminal; columns whose name begins with ">" have numbers, or None without a value."""
 
     caption: str
     columns: list[str]
@@ -96,7 +96,7 @@ class Rows(NamedTuple):
 
 
 def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
-    """Return the tables of the figures `f` by section; `reference` is the reference's name."""
+    """Return the tables of the figures `f` by section; `reference` is the name of the controllers' output."""
     here, thesis, compared = f["linear"], f["thesis_linear"], "thesis_linear" not in f["left_out"]
     made = {"linear": Rows("Bandwidth and peak of the linear models", [
         "", ">linearised here", *[">thesis’s model"] * compared], [
@@ -111,7 +111,7 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
     rows = (("gain margin up [dB]", "gain_margin_up_db"), ("at [Hz]", "phase_crossover_hz"),
             ("gain margin down [dB]", "gain_margin_down_db"), ("at [Hz]", "reduction_crossover_hz"),
             ("phase margin [deg]", "phase_margin_deg"), ("at [Hz]", "gain_crossover_hz"),
-            ("delay margin [ms]", "delay_margin_s"), ("least |1 + L|", "modulus_margin"))
+            ("delay margin [ms]", "delay_margin_s"), ("smallest |1 + L|", "modulus_margin"))
     made["margins"] = Rows("Stability margins, loop by loop", [
         "loop broken at", *(f">{label}" for label in loops)], [
             [label, *(x[key] and (1e3 if "[ms]" in label else 1.0) * x[key] for x in loops.values())]
@@ -140,7 +140,7 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
 
 
 def write_report(analysis: Analysis, path: Path) -> None:
-    """Write the page; the same analysis gives the same bytes."""
+    """Write the page; the same analysis, command and date give the same bytes."""
     f, actuator = figures_of(analysis), analysis.actuator
     write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=f,
                tables=tables(f, actuator.reference_name), actuator=actuator.actuator, reference=actuator.reference_name,

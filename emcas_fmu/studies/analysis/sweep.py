@@ -2,9 +2,9 @@
 
 At each amplitude and frequency the compiled kernel simulates a sine to its steady state; the fundamental of the fin
 angle over that of the command is the describing function (Gelb & Vander Velde, "Multiple-Input Describing Functions",
-section 2.2). The outputs show which limits act; the limit of the speed reference follows from the controllers, computed
-once more along the recorded motion. Limits are evaluated for actuators with all of NEEDS. Further sines refine the
-frequencies at which the response crosses the bandwidth and each limit begins to act.
+section 2.2). The outputs show which limits act. For the limit of the speed reference the controllers are
+computed again along the recorded motion. Limits are evaluated for actuators with all of NEEDS. Additional sines refine
+the frequencies at which the response crosses the bandwidth and each limit begins to act.
 """
 
 from __future__ import annotations
@@ -33,14 +33,15 @@ from ...support.progress import Progress, silent
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
 LIMITS = ("rate", "current", "voltage", "dac")
-"""Limits of speed reference, drive current, supply voltage and analogue reference."""
+"""Limits on speed reference, drive current, supply voltage and analogue reference."""
 NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT,
          capabilities.RIGID_DRIVE_LINE, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
          capabilities.SCREW_EQUATIONS)
-_SETTLE, _WINDOW = 1.0, 2.0  # s; the samples of whole periods in the window count
-_POINTS = 36
-_NUMBERS = 2_000_000  # of each variable in a batch of sines: 16 MB
-_RESOLVED, _PARTS = 3e-3, 8  # relative distance of frequencies that enclose a crossing; parts into which a gap is cut
+_SETTLE, _WINDOW = 1.0, 2.0  # s; the samples of whole periods in the window are evaluated
+_POINTS = 36  # frequencies of a sweep
+_NUMBERS = 2_000_000  # most numbers per variable in a batch of sines: 16 MB
+_RESOLVED = 3e-3  # relative distance of the frequencies that enclose a crossing, at the end
+_PARTS = 8  # into which a gap is divided
 _READ = ("fin_angle", "motor_angle", "motor_speed", "motor_current", "motor_voltage", "drive_reference",
          "current_limit", "link_voltage")
 # A clipped voltage equals its limit up to rounding.
@@ -49,7 +50,7 @@ _AT_LIMIT = 1.0 - 1e-9
 
 @dataclass(frozen=True)
 class Sweep:
-    """``response`` at an ``amplitude`` [rad], and ``active`` [limit, frequency], the share of time [1] a limit acts.
+    """``response`` at an ``amplitude`` [rad]; ``active`` [limit, frequency] is the share of time [1] a limit acts.
 
     ``active`` has no rows for an actuator that lacks one of NEEDS.
     """
@@ -59,7 +60,7 @@ class Sweep:
     active: Array
 
     def onset(self, limit: str) -> float:
-        """Return the lowest frequency [Hz] at which a limit of LIMITS acts; nan if it does not."""
+        """Return the lowest frequency [Hz] at which one of LIMITS acts; nan if it never acts."""
         acting = np.flatnonzero(self.active[LIMITS.index(limit)] > 0.0)
         return float(self.response.frequency[acting[0]]) if len(acting) else float("nan")
 
@@ -75,8 +76,8 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
           model: str = NONLINEAR) -> list[Sweep]:
     """Return the responses to steady sines, `chosen` by amplitude [rad], mean fin angle [rad] and frequencies [Hz].
 
-    Frequencies are rounded by :func:`_whole`. All sines are simulated together; :func:`replay` needs as long for one
-    as for a hundred.
+    Frequencies are rounded to whole periods. All sines are simulated together: :func:`replay` takes as long for one as
+    for a hundred.
     """
     period = float(values["controller.sample_time"])
     sizes = [len(frequency) for *_, frequency in chosen]
@@ -95,7 +96,7 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
     angle, counts = outputs["fin_angle"][steady], np.arange(window)[:, np.newaxis] < samples
     turn = np.where(counts, np.exp(-2j * np.pi * np.outer(time[steady], frequency)), 0.0)
     ratio = np.sum(angle * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
-    ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # the sine is lost in the backlash: the rest is rounding
+    ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # the sine is lost in backlash; the rest is rounding
     active = np.empty((0, len(frequency)))
     if actuator.provides.issuperset(NEEDS):
         _, raw = replay(values, about, command, outputs, model)
@@ -118,7 +119,7 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
 
 
 def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
-    """Return the nearest frequencies [Hz] with whole periods in a whole number of samples of the window, and that."""
+    """Return the nearest frequencies [Hz] with whole periods in the window, and the number of samples of these."""
     window = round(_WINDOW / period)
     cycles = np.floor(frequency * window * period + 1e-9)
     samples = np.minimum(np.round(cycles / (frequency * period)).astype(int), window)
@@ -126,13 +127,13 @@ def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
 
 
 def shared(sweeps: Sequence[Sweep]) -> list[Array]:
-    """Return for each sweep the mask [frequencies] of those that all sweeps have."""
+    """Return for each sweep the mask of its frequencies that all sweeps have."""
     common = reduce(np.intersect1d, (s.response.frequency for s in sweeps))
     return [np.isin(s.response.frequency, common) for s in sweeps]
 
 
 def _between(s: Sweep) -> Array:
-    """Return the frequencies [Hz] to add in wide gaps in which the sweep first reaches a level."""
+    """Return frequencies [Hz] that divide the wide gaps in which the sweep first reaches a level."""
     f, added = s.response.frequency, [np.empty(0)]
     for reached in (s.response.gain_db <= -3.0, s.response.phase <= -np.pi / 2.0, *(s.active > 0.0)):
         k = int(np.argmax(reached))
@@ -153,9 +154,8 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
            ) -> tuple[Array, Array]:
     """Return the controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
 
-    Arrays are [samples, runs]: fin `command` [rad]; motor angle [rad], speed [rad/s] and current [A] of the `motion`,
-    from rest at the fin angles `start` [rad] of the runs. The command passes the bus to the controllers, as in the
-    core.
+    Arrays are [samples, runs]: fin `command` [rad]; motor angle [rad], speed [rad/s] and current [A] in `motion`, from
+    rest at the fin angles `start` [rad]. As in the core, the command reaches the controllers over the bus.
     """
     angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
     actuator = get(model)
@@ -166,10 +166,10 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
     late = int(bus.latency(FLOATS, p))
     sent = np.concatenate([np.zeros((late, *command.shape[1:])), command])
     begun = bus.start(ARRAYS, p, start)
-    wait, before = (begun[name] for name in bus.STATES)
+    wait, previous = (begun[name] for name in bus.STATES)
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
-        arrived, wait, before = bus.delivered(ARRAYS, p, sent[k], wait, before)
+        arrived, wait, previous = bus.delivered(ARRAYS, p, sent[k], wait, previous)
         measured = sensors.measure(ARRAYS, p, plant, angle[k], angle[k], speed[k], turned)
         out = controllers.sample(ARRAYS, p, loops, measured, current[k], arrived)
         loops, turned = out.loops, measured.motor_counts
@@ -180,9 +180,9 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
 def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torque: float = 0.0,
            amplitudes: Sequence[float] = AMPLITUDES, model: str = NONLINEAR,
            progress: Progress = silent) -> list[Sweep]:
-    """Return sweeps up to `highest` [Hz] at the amplitudes [deg] within the range of commands, or at its limit.
+    """Return sweeps up to `highest` [Hz] at the amplitudes [deg] within the range of commands, otherwise at its limit.
 
-    The mean fin angle is `at` [rad], or as near to it as the range of commands allows with the amplitude.
+    The mean fin angle is `at` [rad], or as near to it as the amplitude allows within the range of commands.
     """
     limit = float(values["command.limit"])
     chosen = [radians(size) for size in amplitudes if radians(size) <= limit * (1.0 + 1e-9)] or [limit]
@@ -190,21 +190,21 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
     about = [min(max(at, -room), room) for room in rooms]
     period = float(values["controller.sample_time"])
     together = max(1, int(_NUMBERS * period / ((_SETTLE + _WINDOW) * _POINTS)))
-    made: dict[int, Sweep] = {}
-    wanted = dict.fromkeys(range(len(chosen)), frequencies(period, highest))
-    while wanted:  # at first all frequencies, then those around crossings
+    merged: dict[int, Sweep] = {}
+    missing = dict.fromkeys(range(len(chosen)), frequencies(period, highest))
+    while missing:  # at first all frequencies, then those around crossings
         measured: list[Sweep] = []
-        for first in range(0, len(wanted), together):
-            batch = [(chosen[k], about[k], frequency) for k, frequency in [*wanted.items()][first:first + together]]
+        for first in range(0, len(missing), together):
+            batch = [(chosen[k], about[k], frequency) for k, frequency in [*missing.items()][first:first + together]]
             sizes, all_of = np.degrees([each[0] for each in batch]), np.concatenate([each[2] for each in batch])
             progress(f"sines of {sizes[0]:g} to {sizes[-1]:g} deg, {np.min(all_of):.3g} to {np.max(all_of):.3g} Hz",
-                     first, len(wanted))
+                     first, len(missing))
             measured += sines(values, batch, aero_torque, model)
-        before = made.copy()
-        for k, finer in zip(wanted, measured, strict=True):
-            made[k] = _joined(made[k], finer) if k in made else finer
+        before = merged.copy()
+        for k, finer in zip(missing, measured, strict=True):
+            merged[k] = _joined(merged[k], finer) if k in merged else finer
         # With a long sample time no sine between two frequencies may have whole periods.
-        wanted = {k: between for k in wanted
-                  if k not in before or len(made[k].response.frequency) > len(before[k].response.frequency)
-                  if len(between := _between(made[k]))}
-    return list(made.values())
+        missing = {k: between for k in missing
+                   if k not in before or len(merged[k].response.frequency) > len(before[k].response.frequency)
+                   if len(between := _between(merged[k]))}
+    return list(merged.values())

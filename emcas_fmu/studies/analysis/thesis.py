@@ -1,4 +1,4 @@
-"""The thesis's linear model, (2.18)-(2.26), as python-control systems; computed by `reference.linear`."""
+"""The thesis's linear model, (2.18)-(2.26), as python-control systems, from `reference.linear`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ...reference.linear import LinearModel
 
 
 def linear_model(values: Mapping[str, Any]) -> LinearModel:
-    """Return the model of an actuator with motor, screw and lever; parameters that it lacks have no effect."""
+    """Return the model of an actuator with motor, screw and lever; missing parameters have values without effect."""
     return LinearModel(completed(values))
 
 
 def closed(values: Mapping[str, Any]) -> System:
-    """Return the system from the command [rad] on the bus to ``fin_angle`` [rad] at the sample times."""
+    """Return the sampled system from the command [rad] on the bus to ``fin_angle`` [rad]."""
     model = linear_model(values)
     loop = _system(model, model.update, model.drive, model.output, "command", "fin_angle")
     if not model.latency:

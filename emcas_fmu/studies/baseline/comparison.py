@@ -1,4 +1,4 @@
-"""The response of a subject to the cases of a baseline, recorded, or compared with the approved one."""
+"""The response of a subject to the cases of a baseline: recorded, or compared with the approved response."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .files import parsed, read_plan
 from .model import ALL, Baseline, output_units, rounded, start_entries, unit_of
 
 TEMPLATE = Path(__file__).parent / "default.toml"
-"""Limits and cases of a new baseline."""
+"""File with the limits and cases of a new baseline."""
 
 
 def first(subject: Subject) -> tuple[Baseline, list[str]]:
-    """Return the template for a subject, with commands within its range, and the parts left out with their reasons."""
+    """Return the template for a subject, with commands within its range, and the omitted parts with their reasons."""
     template = read_plan(TEMPLATE)
     written = deepcopy(dict(template.written))
     most = round(degrees(subject.command_limit), 9)
@@ -43,9 +43,9 @@ def first(subject: Subject) -> tuple[Baseline, list[str]]:
 
 
 def record(plan: Baseline, subject: Subject, folder: Path, command: str, progress: Progress = silent) -> Baseline:
-    """Return the subject's response to the plan's cases as a baseline, recorded by a `command`.
+    """Return the subject's response to the plan's cases as a baseline; `command` is the command that records it.
 
-    CSV inputs are in `folder`. Raises EmcasError where a run does not reach its end.
+    CSV inputs are in `folder`. Raises EmcasError if a run does not reach its end.
     """
     made, _, stopped = respond(plan, subject, folder, progress)
     for name, why in stopped.items():
@@ -56,10 +56,10 @@ def record(plan: Baseline, subject: Subject, folder: Path, command: str, progres
 
 def respond(plan: Baseline, subject: Subject, folder: Path, progress: Progress
             ) -> tuple[Baseline, Mapping[str, str], Mapping[str, str]]:
-    """Return the subject's response to the plan's cases as a baseline, with numbers as in a file.
+    """Return the subject's response to the plan's cases as a baseline, with numbers rounded as in a file.
 
-    Also returned: the titles of the cases, and the reasons of those that ended early and are not in the baseline. CSV
-    inputs are in `folder`. Where and when it is recorded makes no difference. Raises EmcasError.
+    Also returned, by case: the titles, and why a run ended early; these cases are not in the baseline. CSV inputs are
+    in `folder`. The response does not depend on machine and date. Raises EmcasError.
     """
     titles, stopped, cases, traces = {}, {}, {}, {}
     units, about = output_units(plan.model), subject.identification
@@ -86,10 +86,10 @@ def respond(plan: Baseline, subject: Subject, folder: Path, progress: Progress
 
 @dataclass(frozen=True)
 class Row:
-    """One comparison: the `approved` value and the value `now` [unit], nan where a level is never reached.
+    """One comparison: the `approved` value and the value `now` [unit]; nan if a level is never reached.
 
-    `limit` is the largest change, None where nothing is judged. Of a trajectory, the values are those `at` the time [s]
-    of their largest difference.
+    `limit` is the largest change, None if the change is not judged. The values of a trajectory are those `at` the time
+    [s] of the largest difference.
     """
 
     case: str
@@ -102,14 +102,14 @@ class Row:
 
     @property
     def change(self) -> float:
-        """Now minus approved [unit]; infinite where only one of them is a number."""
+        """Present minus approved value [unit]; infinite if only one of them is a number."""
         if isnan(self.approved) or isnan(self.now):
             return 0.0 if isnan(self.approved) and isnan(self.now) else inf
         return self.now - self.approved
 
     @property
     def share(self) -> float:
-        """The change as a share of the limit; 0 where nothing is judged."""
+        """The change as a share of the limit [1]; 0 if the change is not judged."""
         change = abs(self.change)
         if self.limit is None or not change:
             return 0.0
@@ -123,10 +123,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The response of a subject `now` compared with a baseline: `rows` in the order of the baseline's cases.
+    """The response of a subject `now` compared with a baseline, in `rows` in the order of the baseline's cases.
 
     `titles` are those of the cases, `stopped` the reasons why runs ended early, both by case. `parameters` and `marks`
-    are those of the recorded subject that are not those approved: their names, the `approved` value and that `now`.
+    are those that differ between both subjects: the `name`, the `approved` value and the value `now`.
     """
 
     baseline: Baseline
@@ -151,7 +151,7 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """Whether every run was finished and nothing drifted."""
+        """Whether something was judged, every run was finished and nothing drifted."""
         return bool(self.judged) and not self.stopped and not self.drifted
 
     @property
@@ -167,7 +167,7 @@ class Comparison:
 
 
 def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progress = silent) -> Comparison:
-    """Compare the subject's response with the approved one, which is in `folder`. Raises EmcasError."""
+    """Compare the subject's response with the approved one; `folder` is the baseline's. Raises EmcasError."""
     present, titles, stopped = respond(baseline, subject, folder, progress)
     units, rows, notes = output_units(baseline.model), [], []
     for name, case in present.case.items():
@@ -179,18 +179,18 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
             rows.append(Row(name, key, unit_of(key), value, case.figures[key],
                             limits[key].of(value) if key in limits else None))
         if more := [key for key in case.figures if key not in approved]:
-            notes.append(f"case {name}: {', '.join(more)} not in the baseline, not compared; record it again")
+            notes.append(f"case {name}: {', '.join(more)} not in the baseline, not compared; record the baseline again")
         for key, new in present.traces[name].items():
             old = baseline.traces[name][key]
             if len(old) != len(new):
-                raise EmcasError(f"{folder / name}.csv: has {len(old)} rows, the case now gives {len(new)}; was the "
-                                 "case edited? Record the baseline again")
+                raise EmcasError(f"{folder / name}.csv: has {len(old)} rows, the case now has {len(new)}; was the case "
+                                 "edited? Record the baseline again")
             k = int(np.argmax(np.abs(new - old)))
             rows.append(Row(name, key, units[key][0], float(old[k]), float(new[k]), baseline.limits.traces[key],
                             round(k * baseline.limits.sample_time, 9)))
     was, now = baseline.recorded, present.recorded
     if "fin" in was and "fin" in now and was["fin"] != now["fin"]:
-        notes.append(f"the baseline is of fin {was['fin']}, compared is fin {now['fin']}; see --fin")
+        notes.append(f"the baseline is of fin {was['fin']}, but fin {now['fin']} was compared; see --fin")
     marks = ({"name": key, "approved": was.get(key, "-"), "now": now.get(key, "-")}
              for key in dict.fromkeys((*now, *was)) if key != "command" and was.get(key) != now.get(key))
     parameters = ({"name": v.name, "approved": _quantity(baseline.parameters.get(v.name), v.unit),

@@ -1,4 +1,4 @@
-"""A comparison on the terminal, as JSON, as JUnit XML, as Markdown and as a page; all show the same rows."""
+"""A comparison on the terminal, as JSON, as JUnit XML, as Markdown and as a page."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from ...figures import plots
 
 SCHEMA = "emcas-baseline-check/1"
-"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
-HEADER = ("case", "figure", ">approved", ">now", ">change", ">limit", "verdict")  # > before names of numbers
+"""Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
+HEADER = ("case", "figure", ">approved", ">now", ">change", ">limit", "verdict")  # > marks columns of numbers
 _STYLES = {"ok": "green", "not judged": "dim", "DRIFT": "bold red"}
 
 
@@ -47,7 +47,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
-    """Yield the rows that drifted, and of a case without drift the one nearest to its limit; or all rows."""
+    """Yield the rows that drifted, and for a case without drift the row nearest to its limit; or `everything`."""
     for _, group in groupby(comparison.rows, lambda row: row.case):
         rows = list(group)
         drifted, judged = [row for row in rows if not row.passed], [row for row in rows if row.limit is not None]
@@ -55,21 +55,21 @@ def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
 
 
 def remedy(comparison: Comparison, command: str, folder: str) -> str:
-    """Return the remedy for a drift from the baseline in `folder`, which the `command` records anew."""
+    """Return the remedy for a drift from the baseline in `folder`; `command` records the baseline again."""
     was, now = comparison.baseline.recorded.get("file", ""), comparison.about.file
-    before = "" if was in ("", now) else f" (or of {was}, which the baseline was recorded of)"
-    return f"If this is intended: {command}{before}, and commit {folder}. If not, undo the change."
+    original = "" if was in ("", now) else f" (or with {was}, from which the baseline was recorded)"
+    return f"If this is intended: {command}{original}, and commit {folder}. If not, undo the change."
 
 
 def tables(comparison: Comparison, everything: bool) -> Iterator[tuple[Sequence[str], Sequence[Sequence[str]]]]:
-    """Yield the selected rows, and the changed parameters if there are any: a header and rows of cells."""
+    """Yield tables, each a header and rows of cells: the selected rows, and the changed parameters if there are any."""
     yield HEADER, [cells(row) for row in selected(comparison, everything)]
     if comparison.parameters:
         yield ("changed parameter", ">approved", ">now"), [[*each.values()] for each in comparison.parameters]
 
 
 def summary(comparison: Comparison, everything: bool = False) -> Iterator[RenderableType]:
-    """Yield the tables for the terminal, why cases stopped, notes and the verdict."""
+    """Yield the tables for the terminal, the reasons why cases stopped, notes and the verdict."""
     about, was = comparison.about, comparison.baseline.recorded
     which = f", fin {about.fin}" if about.fin else ""
     yield escape(f"{about.kind} {about.file}{which}  {about.guid}".rstrip())
@@ -85,7 +85,7 @@ def summary(comparison: Comparison, everything: bool = False) -> Iterator[Render
 
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
-    """Return all of the comparison except the trajectories."""
+    """Return the comparison for JSON, without trajectories."""
     rows = [{**asdict(row), "change": row.change, "share_of_limit": row.share, "passed": row.passed}
             for row in comparison.rows]
     about = comparison.about
@@ -96,7 +96,7 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
 
 
 def write_junit(comparison: Comparison, path: Path) -> None:
-    """Write a test case for each comparison with a limit, a suite for each case."""
+    """Write a suite for each case, with a test case for each comparison that has a limit."""
     writers.write_junit("emcas baseline check", {
         f"{name}: {title}": _tests(comparison, name) for name, title in comparison.titles.items()}, path)
 
@@ -114,7 +114,7 @@ def _tests(comparison: Comparison, case: str) -> Iterator[TestCase]:
 
 
 def append_markdown(comparison: Comparison, remedy: str, path: Path, everything: bool = False) -> None:
-    """Append a section to a file; several steps of a job write to its summary."""
+    """Append a section to a file; several steps of a CI job write to one summary."""
     file = _cell(comparison.about.file)
     lines = [f"### {'✅' if comparison.passed else '❌'} {file}: {comparison.verdict}\n"]
     for header, rows in tables(comparison, everything):
@@ -126,7 +126,7 @@ def append_markdown(comparison: Comparison, remedy: str, path: Path, everything:
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown; a drift is bold."""
+    """Return a table in Markdown, with the verdict DRIFT in bold."""
     bold = (["**DRIFT**" if cell == "DRIFT" else _cell(cell) for cell in row] for row in rows)
     lines = [[name.lstrip(">") for name in header], ["---:" if name[0] == ">" else "---" for name in header], *bold]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
@@ -137,7 +137,7 @@ def _cell(text: str) -> str:
 
 
 def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
-    """Write the page; the same comparison gives the same bytes."""
+    """Write the page; the same comparison, command and date give the same bytes."""
     from ...figures import plots  # with Matplotlib, a third of the start of every command
 
     about = comparison.about
@@ -148,7 +148,7 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
 
 
 def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
-    """Yield the picture of each trajectory, approved and now, with their difference."""
+    """Yield a picture of each trajectory: approved, now, and their difference."""
     from ...figures import plots
 
     limits, units = comparison.baseline.limits, output_units(comparison.baseline.model)

@@ -1,6 +1,6 @@
-"""A baseline in files: text for a review, the same for the same response.
+"""A baseline in files: text that can be reviewed, the same for the same response.
 
-Every entry that is read is checked; a message names a wrong one and its file.
+Reading checks every entry; a message names the wrong entry and its file.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ...support.writing import write_folder
 from .model import DIGITS, FILE, NEVER, Array, Baseline, Limits, Tables, output_units, start_entries, unit_of
 
 SCHEMA = "emcas-baseline/1"
-"""Name and version of the files' layout; the number changes when an entry changes its meaning or goes."""
-REMEDY = "restore it from your repository, or write it anew with `emcas baseline record`"
+"""Name and version of the files' layout; the number changes when an entry is removed or changes its meaning."""
+REMEDY = "restore it from your repository, or record it again with `emcas baseline record`"
 _HEAD = """# The approved response of an actuator. Limits and cases may be edited; everything else is written by
 # `emcas baseline record`, which keeps them. `emcas baseline check` compares with it.
 """
@@ -42,7 +42,7 @@ def read(folder: Path, model: str = NONLINEAR) -> Baseline:
 
 
 def read_plan(file: Path, model: str = NONLINEAR) -> Baseline:
-    """Return the limits and cases of a baseline's file, for recording: the rest may be incomplete or wrong.
+    """Return the limits and cases of a baseline's file for recording; its other entries may be incomplete or wrong.
 
     Raises EmcasError.
     """
@@ -55,7 +55,7 @@ def read_plan(file: Path, model: str = NONLINEAR) -> Baseline:
 
 
 def _tables(file: Path, model: str) -> dict[str, Any]:
-    """Return the tables of a file as they are written. Raises EmcasError if it is not a baseline of this actuator."""
+    """Return the tables of a file as written. Raises EmcasError if the file is not a baseline of this actuator."""
     if not file.exists() and not file.parent.is_file():
         raise EmcasError(f"{file}: there is no such file; record a baseline with `emcas baseline record MODEL --output "
                          f"{file.parent}`")
@@ -68,8 +68,8 @@ def _tables(file: Path, model: str) -> dict[str, Any]:
                          "`emcas baseline record`, or use the emcas it was made with")
     name = get(model).name
     if (of := written.pop("model", NONLINEAR)) != name:
-        raise EmcasError(f"{file}: is of the actuator {of}, not of {name}; say with --model what a parameter file is "
-                         "of, or keep the baseline of each actuator in a folder of its own")
+        raise EmcasError(f"{file}: is of the actuator {of}, not of {name}; name the actuator of a parameter file with "
+                         "--model, and keep the baseline of each actuator in its own folder")
     return written
 
 
@@ -86,7 +86,7 @@ def _header(limits: Limits, model: str) -> list[str]:
 
 
 def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
-    """Return the columns of a case's file, without time."""
+    """Return the columns of a case's file, without time. Raises EmcasError if the file does not match the limits."""
     try:
         columns, expected = read_columns(path), _header(limits, model)
         if list(columns) != expected:
@@ -96,7 +96,7 @@ def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
             if odd := [cell for cell in row if not isfinite(cell)]:
                 raise EmcasError(f"{path}: line {line} has {odd[0]}")
         if not np.allclose(time, np.arange(len(time)) * limits.sample_time, rtol=0.0, atol=1e-6):
-            raise EmcasError(f"{path}: its times are not {limits.sample_time:g} s apart from 0")
+            raise EmcasError(f"{path}: its times do not begin at 0, {limits.sample_time:g} s apart")
     except EmcasError as error:
         raise EmcasError(f"{error}; {REMEDY}") from error
     return dict(zip(limits.traces, traces, strict=True))
@@ -111,7 +111,7 @@ def write(baseline: Baseline, folder: Path) -> list[Path]:
             columns = list(traces.values())
             files[f"{name}.csv"] = csv_text(
                 dict(zip(header, [np.arange(len(columns[0])) * period, *columns], strict=True)), DIGITS)
-    # Written last: a folder with trajectories only is recognised as unfinished.
+    # Written last: without this file a folder is recognised as unfinished.
     return write_folder(folder, {**files, FILE: "\n\n".join(_sections(baseline)) + "\n"})
 
 
@@ -130,19 +130,19 @@ def _sections(baseline: Baseline) -> Iterator[str]:
     model = "" if name == NONLINEAR else f"\n{toml.entry('model', name)}"
     yield f"{_HEAD}{toml.entry('schema', SCHEMA)}{model}"
     yield toml.table("recorded", baseline.recorded)
-    yield "\n".join(["# All of them; a remark has the default value where it differs.\n[parameters]",
+    yield "\n".join(["# All parameters; a remark has the default value if it differs.\n[parameters]",
                      *map(line, present)])
     limits = baseline.written["limits"]
-    yield ("# A figure may change by the larger of the two; one without an entry here is shown and not judged.\n"
+    yield ("# A figure may change by the larger of the two; a figure without an entry here is shown and not judged.\n"
            + toml.table("limits.figures", limits["figures"]))
-    yield ("# Outputs kept as trajectories of every case but sweeps, every sample_time.\n"
+    yield ("# Outputs whose trajectories are kept, every sample_time, in every case except sweeps.\n"
            + toml.table("limits.trajectories", limits["trajectories"]))
     for key, case in baseline.case.items():
         written = dict(baseline.written["case"][key])
-        own = written.pop("limits", {})
+        case_limits = written.pop("limits", {})
         yield toml.table(f"case.{key}", written)
-        if own:
-            yield toml.table(f"case.{key}.limits", own)
+        if case_limits:
+            yield toml.table(f"case.{key}.limits", case_limits)
         yield toml.table(f"case.{key}.figures", {
             figure: f"{value:.{DIGITS}g} {unit_of(figure)}" if isfinite(value) else NEVER
             for figure, value in case.figures.items()})

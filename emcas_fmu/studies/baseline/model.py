@@ -1,4 +1,4 @@
-"""What a baseline is: limits, cases with their approved figures and trajectories, and what they were recorded of."""
+"""A baseline: limits, cases with approved figures and trajectories, and the subject that they were recorded from."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from ...reference.files import supply_start
 from ...variables import Variable
 
 FILE = "baseline.toml"
-DIGITS = 6  # significant, of what is written: a ten-thousandth of the tightest relative limit shipped
+DIGITS = 6  # significant ones in files: rounding is a ten-thousandth of the smallest relative limit shipped
 NEVER = "never"
-"""Written for a figure whose level is not reached."""
-LONGEST = 60.0  # s: fmpy's time for a run grows with the square of its length
+"""In files, the value of a figure whose level is never reached."""
+LONGEST = 60.0  # s, longest case: the time that fmpy needs grows with the square of the length
 
 Array = NDArray[np.floating[Any]]
 _ELECTRICAL = ("peak_current", "rms_current", "peak_power", "energy_drawn", "energy_returned")
@@ -42,26 +42,26 @@ _MOTION = ("rise_time", "settling_time", "time_to_accuracy", "overshoot", "stead
 _SWEPT = ("bandwidth_3db", "bandwidth_90deg", "peak_gain", *_ELECTRICAL)
 _PEAKS = ("peak_rate", "peak_angle", *_ELECTRICAL)
 ALL = tuple(dict.fromkeys((*_MOTION, *_SWEPT, *_PEAKS)))
-"""Figures of the bench that a baseline may have; which of them a case has depends on its kind."""
+"""Figures of the bench that a baseline may have; those of a case depend on its kind."""
 
 
 def unit_of(figure: str) -> str:
-    """Return the unit in which a figure is kept."""
+    """Return the unit of a figure in files."""
     return shown(FIGURES[figure].unit)[0]
 
 
 def output_units(model: str) -> dict[str, tuple[str, float]]:
-    """Return the outputs that may be kept as trajectories, with the units of these and the factors from SI."""
+    """Return, for each output that may have a trajectory, the unit in files and the factor from SI."""
     return {v.name: shown(v.unit) for v in get(model).outputs if v.kind == "Real"}
 
 
 def start_entries(model: str) -> dict[str, Variable]:
-    """Return the entries that a parameter file of an actuator may have, by name."""
+    """Return the entries that an actuator's parameter file may have, by name."""
     return {v.name: v for v in get(model).file_entries}
 
 
 def rounded(value: float) -> float:
-    """Return a value as a file holds it; nan for one that is never reached."""
+    """Return a value as a file has it; nan for a value that is not finite."""
     return float(f"{value + 0.0:.{DIGITS}g}") if isfinite(value) else nan
 
 
@@ -77,7 +77,7 @@ class Limit(Table):
 
 
 def _entries(readers: Callable[[str], Mapping[str, Callable[[Any], Any]]]) -> PlainValidator:
-    """Return the validator of a table; `readers` returns the conversion of each entry for an actuator."""
+    """Return the validator of a table; `readers(model)` returns the conversion of each entry by name."""
     def read(written: Any, info: ValidationInfo) -> dict[str, Any]:
         known = readers(str(info.context))
 
@@ -111,13 +111,13 @@ Figures = Annotated[Mapping[str, float], _entries(
     lambda _: {name: partial(_figure, unit_of(name)) for name in ALL})]
 StartValues = Annotated[Mapping[str, Any], _entries(
     lambda model: {name: In.of(v).limited for name, v in start_entries(model).items()})]
-# Of what was recorded, limits are not checked.
+# The limits of recorded parameters are not checked.
 Parameters = Annotated[Mapping[str, Any], _entries(
     lambda model: {name: In.of(v).number for name, v in start_entries(model).items()})]
 
 
 class Limits(Table):
-    """Largest changes of figures, and of trajectories [display units] with the `sample_time` [s] of these."""
+    """Largest changes of figures, and of trajectories [units of output_units] with their `sample_time` [s]."""
 
     figures: FigureLimits
     trajectories: TrajectoryLimits
@@ -135,14 +135,14 @@ class Limits(Table):
 
     @property
     def traces(self) -> dict[str, float]:
-        """Largest changes of the outputs kept, by name."""
+        """Largest changes of the outputs with trajectories, by name."""
         return {name: limit for name, limit in self.trajectories.items() if name != "sample_time"}
 
 
 class Case(Table):
-    """One excitation, with the figures [display units] approved for it and limits that go before the common ones.
+    """One excitation, with its approved figures [unit_of] and limits that override the common ones.
 
-    `start` are values of parameters that differ in it.
+    `start` are the values of parameters that the case changes.
     """
 
     kind: str
@@ -152,36 +152,36 @@ class Case(Table):
 
     @property
     def sweeps(self) -> bool:
-        """Whether it is a sweep, of which bandwidths are measured and no trajectory is kept."""
+        """Whether the case is a sweep: it has bandwidths and no trajectory."""
         return self.kind in motions.KINDS and motions.KINDS[self.kind].sweeps
 
     def made(self, folder: Path, subject: Subject) -> Excitation:
-        """Return the inputs for a subject, without what `start` changes."""
+        """Return the inputs for a subject, without the values of `start`."""
         raise NotImplementedError
 
     def excitation(self, folder: Path, subject: Subject) -> Excitation:
-        """Return the inputs for a subject; a CSV file is looked for beside the baseline in `folder`. Raises EmcasError.
+        """Return the inputs for a subject; CSV files are in the baseline's `folder`. Raises EmcasError.
 
-        All of a response is approved, and not what follows the command only.
+        Figures are measured from the first row on, not only after the command.
         """
         made = self.made(folder, subject).with_start_values(self.start)
         changes = "".join(f", {name} {value:g}" for name, value in self.start.items())
         return replace(made, title=made.title + changes, begin=0.0)
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
-        """Return the figures of a subject's finished run, as far as the actuator has the outputs they need."""
+        """Return the figures of a finished run, as far as the actuator has the outputs that they need."""
         return _kept(_PEAKS, metrics.usage(run))
 
 
 def _kept(names: tuple[str, ...], figures: Mapping[str, float]) -> dict[str, float]:
-    """Return some of the figures [SI] as a file holds them."""
+    """Return the figures `names` from `figures` [SI] as a file has them."""
     return {name: rounded(figures[name] * shown(FIGURES[name].unit)[1]) for name in names if name in figures}
 
 
 class Motion(Case):
-    """A kind of motion of the bench; of a slew a `torque` [N.m] comes on with the command, as in requirements.
+    """A motion of the bench. In a slew a `torque` [N.m] rises with the command, as in requirements.
 
-    The bandwidths of a sweep are those under steady sines of its amplitude.
+    A sweep's bandwidths are measured under steady sines of its amplitude.
     """
 
     command: Annotated[float, In("deg")]
@@ -191,12 +191,12 @@ class Motion(Case):
     @classmethod
     def _moves(cls, command: float) -> float:
         if not command:
-            raise ValueError("nothing would move")
+            raise ValueError("must not be 0: nothing would move")
         return command
 
     def made(self, folder: Path, subject: Subject) -> Excitation:
         torque = getattr(self, "torque", 0.0)
-        if self.kind == "slew":  # from the first row on at its starting end
+        if self.kind == "slew":  # at its starting end from the first row on
             return tested(Test("slew", radians(self.command), self.duration, torque), 1.0, subject)
         return motion(self.kind, radians(self.command), self.duration, torque)
 
@@ -208,7 +208,7 @@ class Motion(Case):
 
 
 class Reference(Case):
-    """A reference case by name, with the encoder."""
+    """A reference case by name; the encoder is enabled."""
 
     case: str
 
@@ -224,12 +224,12 @@ class Reference(Case):
 
 
 class Replay(Case):
-    """Inputs of a CSV file."""
+    """The inputs in a CSV file."""
 
     file: str
 
     def made(self, folder: Path, subject: Subject) -> Excitation:
-        path = folder / self.file  # an absolute path stays one
+        path = folder / self.file  # stays absolute if the file is
         inputs = csv_file(path, model=subject.model)
         if inputs.stop > LONGEST:
             raise EmcasError(f"{path}: lasts {inputs.stop:g} s; a baseline's case may last {LONGEST:g} s")
@@ -245,7 +245,7 @@ KINDS: Mapping[str, type[Case]] = {**{name: motions.schema(name, _FIELDS, Motion
 def _cases(written: Any, info: ValidationInfo) -> dict[str, Case]:
     def read(name: str, entry: Any) -> Case:
         if not re.fullmatch(r"[\w-]+", name, re.ASCII):
-            raise ValueError("a case is named by letters a to z, digits, - and _, because a file is named after it")
+            raise ValueError("the name of a case has letters a to z, digits, - and _, because a file is named after it")
         return KINDS[kind_of(entry, KINDS)].model_validate(entry, context=info.context)
 
     cases = each(written, read)
@@ -253,7 +253,7 @@ def _cases(written: Any, info: ValidationInfo) -> dict[str, Case]:
         raise ValueError("there is no case; add one such as those of a new baseline")
     for name in cases:
         if any(isinstance(c, Replay) and Path(c.file) == Path(f"{name}.csv") for c in cases.values()):
-            raise ValueError(f"the trajectory of {name} would be written over the inputs {name}.csv; rename the case")
+            raise ValueError(f"the trajectory of {name} would overwrite the inputs {name}.csv; rename the case")
     return cases
 
 
@@ -267,10 +267,10 @@ class Tables(Table):
 
 
 class Baseline(Tables):
-    """Of an actuator: a file's limits and cases, also as they are `written` there, and the `traces` beside it.
+    """An actuator's baseline: the limits and cases of a file, also as `written` there, and the trajectories beside it.
 
-    `traces` are the trajectories by case and output [display units], from 0 on. `recorded` says what they were recorded
-    of, `parameters` are its values. A plan to record by has limits and cases only.
+    `traces` are the trajectories by case and output [units of output_units], from 0 s on. `recorded` identifies the
+    recorded subject, `parameters` are its values. A plan for recording has only limits and cases.
     """
 
     model: str

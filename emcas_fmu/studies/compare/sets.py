@@ -30,22 +30,22 @@ from ...parameters import ParameterError, ParameterSet, load_parameters, paramet
 from ...support.progress import Progress, silent
 
 SCHEMA = "emcas-compare/1"
-"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+"""Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
 _WIDEST = 3.5  # points, line width of the first set
-_WINDOW = -0.02, 0.35  # s from the command
+_WINDOW = -0.02, 0.35  # s, plotted times before and after the command
 DEFAULT = "default"
 """Name of the default set."""
 DRIVES = (DEFAULT, "drive-si", "drive-scaled", "drive-pi")
-"""The sets compared by default, of an actuator with a current loop."""
+"""The sets that are compared by default if the actuator has a current loop."""
 _OUTPUTS = ("fin_angle", "fin_rate")
 PLOTTED: Mapping[str, Test] = {"Step to 20 deg": Test("step", radians(20.0), 0.45),
                              "Slew from -20 to 20 deg against 100 N.m": Test("slew", radians(20.0), 0.5, -100.0)}
-"""The tests whose responses are plotted, by their titles."""
+"""The tests whose responses are plotted, by title."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One set or actuator: name, parameters, judged requirements, and plotted responses by title."""
+    """One set or actuator: name, parameters, judged requirements, and the responses to PLOTTED by title."""
 
     name: str
     parameters: ParameterSet
@@ -60,13 +60,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Result:
-    """Sets, or actuators, side by side."""
+    """Parameter sets, or actuators, side by side."""
 
     columns: tuple[Column, ...]
 
     @property
     def rows(self) -> list[tuple[Judged, ...]]:
-        """A row for each requirement: its judgement in each set."""
+        """A row for each requirement: its verdict in each column."""
         return list(zip(*(column.judged for column in self.columns), strict=True))
 
     @property
@@ -97,8 +97,8 @@ class Result:
 def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> dict[str, ParameterSet]:
     """Return parameter sets by their names or files; an actuator's name, or its Python file, means its default set.
 
-    Each set overrides the files `below`. Without names they are those of `DRIVES`, of an actuator without a current
-    loop its default set alone. Raises EmcasError.
+    Each set overrides the files `below`. Without names, the sets are DRIVES, or for an actuator without a current loop
+    the default set alone. Raises EmcasError.
     """
     if twice := [name for name in names if names.count(name) > 1]:
         raise EmcasError(f"{twice[0]}: appears twice; name each set once")
@@ -113,17 +113,17 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
         try:
             parameter_file(name)
         except ParameterError as error:
-            raise EmcasError(f"{error}; the actuators are {', '.join(NAMES)}{hint(name, NAMES)}, or a file of "
-                             "yours that ends in .py") from error
+            raise EmcasError(f"{error}; the actuators are {', '.join(NAMES)}{hint(name, NAMES)}, or your file "
+                             "that ends in .py") from error
         return load_parameters(name, base)
 
     return {name: loaded(name) for name in names}
 
 
 def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requirements: Path | None = None) -> Result:
-    """Judge each set by the requirements of a file; without one, by the shipped requirements of the first set.
+    """Judge each set by the requirements of a file, by default the shipped ones of the first set's actuator.
 
-    `progress` is called with a label of set and test, the number of finished tests, and their total. Raises EmcasError.
+    `progress` is called with the set and the test, the number of finished tests, and their total. Raises EmcasError.
     """
     columns = list[Column]()
     requirements = requirements or next((shipped_file("requirements", each.model) for each in sets.values()), None)
@@ -139,7 +139,8 @@ def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requi
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Yield the figures as a table with a column per set, the parameters that differ, and each set's verdict."""
+    """Yield the figures as a table with a column per set, the parameters that differ between sets of one actuator, and
+    the verdict on each set."""
     yield table(["requirement", ">required", *(f">{column.name}" for column in result.columns)], (
         [first.name, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, (first, *others))]
         for first, *others in result.rows), "Requirements", range(2), plain=True)
@@ -156,7 +157,7 @@ def _cell(j: Judged) -> Text:
 
 
 def as_dict(result: Result) -> dict[str, Any]:
-    """Return the figures and verdicts of all sets, and the parameters that differ."""
+    """Return the result for JSON: figures and verdicts of all sets, and the parameters that differ."""
     return {"schema": SCHEMA, "tool": f"emcas {__version__}", "model": ", ".join(result.models),
             "differing": {name: dict(zip((c.name for c in result.columns), values, strict=True))
                           for name, values in result.differing.items()},
@@ -166,13 +167,13 @@ def as_dict(result: Result) -> dict[str, Any]:
 
 
 def write_report(result: Result, path: Path) -> None:
-    """Write the page; the same result gives the same bytes."""
+    """Write the page; the same result, command and date give the same bytes."""
     write_page(path, "studies/compare/page.html.j2", [c.parameters for c in result.columns], result=result,
                        pictures=pictures(_drawings(result)))
 
 
 def _drawings(result: Result) -> Iterator[Drawing]:
-    """Yield the plot of all sets' responses to large moves."""
+    """Yield the plot of the responses of all sets to PLOTTED."""
     large, grid = figure(2, 2, width=10.0, height=2.6, sharex=True, x="time [ms]",
                          y=("fin angle [deg]", "fin rate [deg/s]"))
     widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # coinciding curves are all visible
@@ -190,4 +191,4 @@ def _drawings(result: Result) -> Iterator[Drawing]:
             rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], **look)
         angle.set_title(title)
     grid[0, 0].legend(loc="lower right")
-    yield Drawing("Large moves", large, "Every set's response to the command (dashed); the wider lines lie below.")
+    yield Drawing("Large moves", large, "Responses of all sets to the command (dashed), wide lines below narrow ones.")

@@ -1,4 +1,4 @@
-"""The acceptance test: every test on the rig, the requirements judged, and the result as text, JSON, JUnit and page."""
+"""The acceptance test: every test on the rig, the verdict on requirements, and the result as text, JSON and page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from .outcome import Outcome, Quantity, Rig, Value, bound
 from .pictures import pictures
 
 SCHEMA = "emcas-acceptance/2"
-"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+"""Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
 TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] = {
     "step_response": ("Step response", responses.steps, responses.STEP),
     "frequency_response": ("Frequency response", responses.frequency, responses.FREQUENCY),
@@ -49,8 +49,11 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] 
 
 @dataclass(frozen=True)
 class Result:
-    """The result of an acceptance test; `load` is the rated hinge moment [N.m], of the tests, and `loads` those of the
-    requirements, by their names."""
+    """The result of an acceptance test.
+
+    `load` is the rated hinge moment [N.m] of the tests; `loads` are those of the requirements, by the requirements'
+    names.
+    """
 
     about: Identification
     load: float
@@ -63,21 +66,21 @@ class Result:
 
     @property
     def load_note(self) -> str:
-        """The loads of requirements in words, if those of the tests were chosen and differ."""
+        """The loads of requirements in words, if the load of the tests was chosen and differs from them."""
         others = sorted((load, name) for name, load in self.loads.items() if self.load not in (RATED, load))
         each = [f"{load:g} N.m: {', '.join(name for _, name in group)}"
                 for load, group in groupby(others, lambda other: other[0])]
-        return (f"tests and mission have a load of {self.load:g} N.m, but requirements are judged under theirs, "
+        return (f"tests and mission have a load of {self.load:g} N.m, but requirements are judged under their own: "
                 f"{'; '.join(each)}" if each else "")
 
     @property
     def stopped(self) -> Mapping[str, str]:
-        """The reasons of the tests that were not finished."""
+        """The reasons why tests were not finished, by the tests' names."""
         return {name: outcome.stopped for name, outcome in self.outcomes.items() if outcome.stopped}
 
     @property
     def verdict(self) -> list[str]:
-        """The verdict in words: how many requirements are met, and how many tests were not finished."""
+        """The verdict in sentences: the requirements that are met, and the tests that were not finished."""
         tests = f"{len(self.stopped)} of {len(self.outcomes)} tests were not finished: {', '.join(self.stopped)}"
         return [verdict.in_words(self.judged), *([tests] if self.stopped else ())]
 
@@ -91,16 +94,17 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
               specification: Specification | None = None, progress: Progress = silent) -> Result:
     """Carry out every test, and judge the subject by a specification, the shipped one by default.
 
-    `progress` is called with the test's name, the number of tests done and their total. A subject that fails gives a
-    result. Raises EmcasError for a requirement on a figure that no test has.
+    `load` is the rated hinge moment [N.m], `profile` replaces the synthetic mission profile. `progress` is called with
+    the test's name, the number of finished tests and their total. A subject that fails has a result. Raises EmcasError
+    for a requirement on a figure that no test has.
     """
     rig, outcomes, total = Rig(subject, load, profile, specification), dict[str, Outcome](), len(TESTS) + 1
-    card = subject.card  # before the tests, since that of an FMU may be damaged
+    card = subject.card  # before the tests, since the card of an FMU may be damaged
     chosen = rig.requirements
     of_report = {r.name: r for r in chosen.requirements if r.test is None}
     for r in of_report.values():
         _check_figure(r, chosen.file)
-    # A fin that does not move has no gain and no coherence: such figures are nan, and no requirement passes on one.
+    # A fin that does not move has neither gain nor coherence. Such figures are nan, and no requirement passes with nan.
     with np.errstate(divide="ignore", invalid="ignore"):
         progress("requirements", 0, total)
         judged = verdict.judge(subject, chosen)
@@ -128,14 +132,14 @@ def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
 
 
 def _card(card: Card, outcomes: Mapping[str, Outcome]) -> Card:
-    """Return the credibility card with the figures of the tests that are facts about it."""
+    """Return the credibility card with the figures of tests that are facts on it."""
     def figures(test: str, key: str) -> dict[str, float]:
         each = {group.label: float(group.figures[key]) for group in outcomes[test].groups.values()}
         return {label: value for label, value in each.items() if isfinite(value)}
 
-    if off := figures("stepping", "fin_angle_deg"):
-        note = f"The largest of {len(off)} motions. {outcomes['stepping'].method}"
-        card = card.having(VERIFICATION, Fact(CONVERGENCE, max(off.values()), "deg", note=note))
+    if errors := figures("stepping", "fin_angle_deg"):
+        note = f"The largest of {len(errors)} motions. {outcomes['stepping'].method}"
+        card = card.having(VERIFICATION, Fact(CONVERGENCE, max(errors.values()), "deg", note=note))
     card = card.having(INPUTS, Fact(TEST_INPUTS, "those of the tests, as described",
                                     note=outcomes["mission"].estimate))
     return card.having(ROBUSTNESS, *(Fact(f"largest static error, {label}", error, "deg") for label, error in figures(
@@ -147,13 +151,13 @@ def _check_figure(r: Requirement, file: str) -> None:
     test, _, key = r.figure.split(".")
     keys = [q.key for q in TESTS[test][2]] if test in TESTS else []
     if key not in keys:
-        what = f"the test {test} has no figure {key}" if keys else f"there is no test {test}"
-        raise EmcasError(f"{file}: requirements.{r.name}.figure = {r.figure}: {what}; "
+        fault = f"the test {test} has no figure {key}" if keys else f"there is no test {test}"
+        raise EmcasError(f"{file}: requirements.{r.name}.figure = {r.figure}: {fault}; "
                          f"{unknown(key, keys) if keys else unknown(test, TESTS)}")
 
 
 def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optional: bool) -> Judged:
-    """Return a requirement on a figure of the tests with its measured value. Raises EmcasError where there is none."""
+    """Return a requirement on a figure of the report with the measured value. Raises EmcasError without a value."""
     figures, (test, group, key) = dict(flat(outcomes)), judged.figure.split(".")
     outcome, value = outcomes[test], figures.get(judged.figure)
     if outcome.stopped or key in outcome.not_applicable:
@@ -171,7 +175,7 @@ def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optio
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Yield the requirements as a table, then the most important figures, notes and the verdict."""
+    """Yield the requirements as a table, then the headline figures, notes and the verdict."""
     notes = [result.load_note] if result.load_note else []
     notes += [f"{outcome.title}: {note}" for outcome in result.outcomes.values() for note in outcome.remarks]
     figures = table(["test", "figure", ">measured", "note"], (
@@ -181,7 +185,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
 
 
 def as_dict(result: Result, date: str = "") -> dict[str, Any]:
-    """Return figures, curves, methods and requirements; not the time series."""
+    """Return the result for JSON: figures, curves, methods and requirements, without time series."""
     outcomes = result.outcomes
     return {
         "schema": SCHEMA, "passed": result.passed, "tool": f"emcas {__version__}", "date": date or None,
@@ -206,10 +210,10 @@ def write_junit(result: Result, path: Path) -> None:
 
 
 def write_report(result: Result, path: Path, date: str = "", document: str = "", revision: str = "") -> None:
-    """Write the page, with number and revision of the document; the same result and date give the same bytes."""
-    homed = [("homing required where nothing homes it", name, value, "") for name, value in ANGLE_KNOWN.items()
+    """Write the page, with number and revision of the document; same result, command and date give the same bytes."""
+    homed = [("homing required, in runs without the input home", name, value, "") for name, value in ANGLE_KNOWN.items()
              if name in result.parameters]
-    hold = [*conditions(result.model, result.parameters), *homed,
+    rows = [*conditions(result.model, result.parameters), *homed,
             ("communication step", "", STEP, "s"), ("rated hinge moment", "", result.load, "N.m")]
     entries = ((e.variable, result.parameters[e.variable.name], *(
         ("the article's", "") if e.variable.name in result.about.differences else (e.source, e.note)))
@@ -217,4 +221,4 @@ def write_report(result: Result, path: Path, date: str = "", document: str = "",
     write_page(path, "studies/report/page.html.j2", [result.about.source], date, r=result, about=result.about,
                document=document, revision=revision, pictures=pictures(result.outcomes, result.judged),
                headlines=[(outcome, *row) for outcome in result.outcomes.values() for row in outcome.headlines()],
-               conditions=[(label, stated(value, unit, name)) for label, name, value, unit in hold], entries=entries)
+               conditions=[(label, stated(value, unit, name)) for label, name, value, unit in rows], entries=entries)

@@ -1,7 +1,7 @@
-"""Accuracy: static on a grid of angles, the smallest commands that move the fin, and that of the stepping.
+"""Static accuracy on a grid of angles, smallest commands that move the fin, and accuracy of the stepping.
 
-The controllers know the nominal actuator exactly, so that its static errors come from friction and encoder alone; in a
-fleet the actuators as built count. The tolerances are cases that change deviations alone.
+The controllers know the nominal actuator exactly, so its static errors come from friction and encoder alone. Actuators
+as built deviate from it: a tolerance is a case that changes nothing but `deviation.*`.
 """
 
 from __future__ import annotations
@@ -25,56 +25,56 @@ from ...reference import files
 from ..tuning.study import shipped_cases
 from .outcome import Array, Group, Outcome, Quantity, Rig
 
-INTERVALS = 8  # of the range
-CYCLES = 5
-GRID_STEP = 0.02  # s, of the outputs: only the ends of the holds are read
+INTERVALS = 8  # between the angles of the grid
+CYCLES = 5  # up and down
+GRID_STEP = 0.02  # s between outputs: only the ends of the holds are read
 LAST = 0.1  # s, the end of a hold over which the angle is averaged
 STATIC = (
-    Quantity("largest_error_deg", "largest |angle - command| of any approach, as a mean over the end of the hold",
+    Quantity("largest_error_deg", "largest |angle - command| of all approaches, each a mean over the end of the hold",
              "largest mean error"),
-    Quantity("hysteresis_deg", "largest difference, at one angle, of the mean angles it is approached with from below "
-             "and from above (reversal value B of ISO 230-2)", "hysteresis"),
+    Quantity("hysteresis_deg", "largest difference at one command between the mean angles reached from below and from "
+             "above (reversal value B of ISO 230-2)", "hysteresis"),
     Quantity("repeatability_deg", "largest unidirectional repeatability R: four standard deviations of the approaches "
              "to one angle from one side", "repeatability"),
     Quantity("bidirectional_accuracy_deg", "range of mean error ± two standard deviations over all angles and both "
              "sides (bidirectional accuracy of ISO 230-2)", "accuracy A"),
     Quantity("mean_error_deg", "mean of angle - command over all approaches", "mean error"))
 
-STEP = 0.01  # s, of the outputs
+STEP = 0.01  # s between outputs of the threshold
 REST = 0.5  # s at rest before a command from rest
-MOVED_TO = 1.0  # deg, the motion before a reversal or an increment
-WITHIN = 0.5  # s in which the fin has to answer
-RATIO = 1.05  # of the larger to the smaller size that encloses the figure
+MOVED_TO = 1.0  # deg, motion before a reversal or an increment
+WITHIN = 0.5  # s, in which the fin has to answer
+RATIO = 1.05  # of the sizes that enclose a threshold at the end of its search
 THRESHOLD = tuple(
-    Quantity(f"{side}_deg", f"smallest step of the command, in the {side} direction, that is answered", side)
+    Quantity(f"{side}_deg", f"smallest step of the command in the {side} direction that the fin answers", side)
     for side in ("positive", "negative"))
 
 CASES = ("step", "load_opposing", "cold", "sag")
-SHORTER = 4.0
+SHORTER = 4.0  # factor between the two ticks
 _TICK = "solver.max_tick"
-STEPPING = (Quantity("fin_angle_deg", "largest difference of the fin angle at any row, every 1 ms", "fin angle"),)
+STEPPING = (Quantity("fin_angle_deg", "largest difference between both fin angles, read every 1 ms", "fin angle"),)
 
 
 def tolerances(rig: Rig) -> tuple[list[Case], str]:
-    """Return the cases that change only how the actuator as built deviates, and the file that has them.
+    """Return the cases that change only deviations of the actuator as built, and their file.
 
-    They are those of the requirements' file if it has any, otherwise those of the actuator's tuning study.
+    They are in the requirements' file, otherwise in the actuator's tuning study. Without any, the file is empty.
     """
     kind = parts(rig.subject.model)[0]
-    own = shipped_file("tuning", kind).stem == kind
-    files = {rig.requirements.file: rig.requirements.cases, f"models/tuning{f'/{kind}' * own}.toml": shipped_cases(
-        load_parameters(model=kind if own else NONLINEAR))}
+    has_study = shipped_file("tuning", kind).stem == kind
+    files = {rig.requirements.file: rig.requirements.cases, f"models/tuning{f'/{kind}' * has_study}.toml":
+             shipped_cases(load_parameters(model=kind if has_study else NONLINEAR))}
     tolerances = {file: [case for case in cases if case.values and all(
         name.startswith("deviation.") for name in case.values)] for file, cases in files.items()}
     return next(((cases, file) for file, cases in tolerances.items() if cases), ([], ""))
 
 
 def static(rig: Rig) -> Outcome:
-    """Measure the errors on the grid, `CYCLES` times up and down, also with each tolerance."""
+    """Measure the errors on the grid, `CYCLES` times up and down, without and with each tolerance."""
     (cases, file), targets = tolerances(rig), np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
     variants = {"grid": {}, **{
         case.name: case.values for case in cases if case.values.keys() <= rig.subject.values.keys()}}
-    # Each cycle goes up from the lowest target, which is therefore approached from above only, and down again.
+    # Each cycle goes up from the lowest target and down again. The lowest target is approached from above only.
     levels = targets[[0, *[*range(1, INTERVALS + 1), *range(INTERVALS - 1, -1, -1)] * CYCLES]]
     grid = staircase(np.radians(levels).tolist(), (HOLD,) * len(levels), step=GRID_STEP)
     runs = rig.subject.run_all(grid, columns(rig.subject, list(variants.values())), ["fin_angle"])
@@ -93,32 +93,33 @@ def static(rig: Rig) -> Outcome:
             {"command_deg": targets, "error_from_below_deg": below, "error_from_above_deg": above,
              "reversal_deg": measured["reversal"]}, errors)
     return Outcome(
-        f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
-        f"for {HOLD:g} s; its angle is the mean of the last {LAST:g} s. The ends of the range can be approached "
-        "from one side only and are no part of the hysteresis. With tolerances the actuator as built deviates from the "
-        f"parameters in its controllers, by the estimates of {file}.", groups)
+        f"{len(targets)} commands evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
+        f"for {HOLD:g} s; its angle is the mean over the last {LAST:g} s. The ends of the range are approached from "
+        "one side only and are not part of the hysteresis."
+        + f" With tolerances, the actuator deviates from the parameters in its controllers by the estimates in {file}."
+        * (len(variants) > 1), groups)
 
 
 def count(subject: Subject) -> float:
     """Return the smallest motion that is detected [rad]: one encoder count at the fin, the largest over the commands.
 
-    For an actuator without encoder and screw it is a hundredth of the accuracy of Table 2 of Yerlikaya (2016).
+    For other actuators than those with an encoder on the fin, or on the motor of a screw, it is a hundredth of the
+    accuracy of Table 2 of Yerlikaya (2016).
     """
     provides, p = subject.actuator.provides, subject.actuator.namespace(subject.values)
     if capabilities.ENCODER not in provides or not (p.encoder.on_fin or capabilities.SCREW_AND_LEVER in provides):
         return ACCURACY / 100.0
     if p.encoder.on_fin:
         return float(sensors.resolution(p))
-    # The least reduction ratio is where the lever is perpendicular to the screw, or at an end of the range.
+    # The smallest reduction ratio is where the lever is perpendicular to the screw, or at an end of the range.
     lever = max(abs(p.kinematics.initial_angle) - subject.command_limit, 0.0)
     return float(sensors.resolution(p) / kinematics.reduction_ratio(FLOATS, p, tan(lever)))
 
 
 def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: float = RATIO) -> float:
-    """Return the smallest size that moves, within `ratio`, by bisection on a logarithmic scale between two sizes.
+    """Return the smallest size at which `moves` is true, within `ratio`, by logarithmic bisection from `low` to `high`.
 
-    The returned size moves and a size `ratio` times smaller does not, unless even the lowest moves.
-    nan where not even the highest moves.
+    `moves` is false for a size `ratio` times smaller, unless it is true even for `low`. nan if it is false for `high`.
     """
     if not moves(high):
         return nan
@@ -131,9 +132,9 @@ def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: flo
 
 
 def answered(angle: Array, before: int, direction: float, detected: float) -> bool:
-    """Return whether the angle, after row `before`, leaves its previous range by `detected` in a direction.
+    """Return whether the angle leaves its previous range by `detected` [rad] in a direction (1, -1) after row `before`.
 
-    The previous range is that of as many rows before: hunting between two counts, for example, is not a response.
+    The previous range is that of equally many rows before: hunting between two counts, for example, is not a response.
     """
     after = direction * angle[before:]
     idle = direction * angle[max(2 * before - len(angle), 0):before + 1]
@@ -142,7 +143,7 @@ def answered(angle: Array, before: int, direction: float, detected: float) -> bo
 
 
 def threshold(rig: Rig) -> Outcome:
-    """Measure the threshold from rest, after a reversal, and in the same direction, for both signs."""
+    """Measure the smallest answered steps from rest, after a reversal, and on in the same direction, for both signs."""
     detected, moved = count(rig.subject), min(MOVED_TO, 0.5 * rig.limit)
 
     def smallest_step(direction: float, before: float, settle: float) -> float:
@@ -155,11 +156,12 @@ def threshold(rig: Rig) -> Outcome:
         return degrees(smallest(moves, 0.5 * detected, 0.5 * rig.subject.command_limit))
 
     return Outcome(
-        f"A step of the command counts as answered if the fin moves by {degrees(detected):.4f} deg (a count of the "
-        f"encoder at the fin, where there is one) in its direction within {WITHIN:g} s. From rest: at 0 deg, never "
-        f"moved. After reversal: the fin has moved {moved:g} deg and stood for {HOLD:g} s, then the command steps "
-        f"back. Increment: likewise, the command steps on. By bisection to {100.0 * (RATIO - 1.0):.0f} %, each size in "
-        "its own run. Integral action answers still smaller commands later.",
+        f"The fin answers a step of the command if it moves by {degrees(detected):.4f} deg in the step's direction "
+        f"within {WITHIN:g} s: one encoder count at the fin if the encoder is on the fin or on the motor of a screw, "
+        "otherwise 1 % of the accuracy of Table 2 of Yerlikaya (2016). From rest: at 0 deg, before any motion. After "
+        f"reversal: the fin moves {moved:g} deg and rests for {HOLD:g} s, then the command steps back. Increment: the "
+        "same, but the command steps on. Each size has its own run; bisection ends within "
+        f"{100.0 * (RATIO - 1.0):.0f} %. Integral action answers even smaller commands later.",
         {name: Group(label, {q.key: smallest_step(direction, before, settle)
                              for q, direction in zip(THRESHOLD, (1.0, -1.0), strict=True)}, THRESHOLD)
          for name, label, before, settle in (
@@ -169,7 +171,7 @@ def threshold(rig: Rig) -> Outcome:
 
 
 def stepping(rig: Rig) -> Outcome:
-    """Compare reference cases run with the tick as set and with a shorter one."""
+    """Compare reference cases that are run with the tick as set and with a shorter one."""
     subject, groups = rig.subject, {}
     actuator, values = subject.actuator, subject.values
     tick = float(actuator.longest_tick(FLOATS, actuator.namespace(values)))
@@ -182,6 +184,6 @@ def stepping(rig: Rig) -> Outcome:
             groups[case.name] = Group(case.title, {"fin_angle_deg": difference}, STEPPING)
     return Outcome(
         f"Reference cases with true angle and speed fed back, run with ticks of at most {1e3 * tick:.3g} ms, as set, "
-        f"and again of at most {1e3 * tick / SHORTER:.3g} ms ({_TICK}). The difference shows how far the stepping is "
-        "off in these motions, with the article's parameters; it says nothing of the equations, nor of other motions. "
-        "Motions that amplify what is small, as a fin that rattles in a gap, differ by more.", groups)
+        f"and of at most {1e3 * tick / SHORTER:.3g} ms ({_TICK}). The difference shows the error of the stepping in "
+        "these motions with the article's parameters; it says nothing about the equations or about other motions. "
+        "Motions that amplify small differences, such as a fin that rattles in a gap, differ by more.", groups)

@@ -1,9 +1,9 @@
-"""The accuracy budget: by how much each imperfection and tolerance moves the held fin angle, and what they add up to.
+"""The accuracy budget: how far each imperfection and tolerance moves the held fin angle, and the sums of these terms.
 
-The actuator without its imperfections (:attr:`.Actuator.imperfections`) is held at commands over the range, approached
-from both sides; then again with one of them, or with one tolerance at either limit. A term is the largest distance from
-the angle that was held without. Of the actuator without imperfections two terms are left: friction, half the difference
-between the sides, and the loop, the distance of their mean from the command.
+The actuator without its imperfections (:attr:`.Actuator.imperfections`) holds commands over the range, approached from
+both sides; then again with one imperfection, or with one tolerance at either limit. A term is the largest distance from
+the angle held without. Two terms are errors of the actuator without imperfections: friction is half the difference
+between the sides, loop is the distance of their mean from the command.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from ..campaign.study import hypercube
 from .accuracy import GRID_STEP, MOVED_TO, tolerances
 from .outcome import Array, Group, Outcome, Quantity, Rig
 
-TARGETS = 5  # over the range
+TARGETS = 5  # commands over the range
 BEFORE = 1.0  # s, of the hold from which a command is approached
-UNITS = 200  # drawn, each held once without load and once with it
-SEED = 1
+UNITS = 200  # samples of the Monte Carlo simulation, each held once without load and once with it
+SEED = 1  # of these samples
 QUANTILES = (95, 99)  # %
 _TEMPERATURE, _RANGE = "friction.temperature", ("friction.identified_from", "friction.identified_to")
 QUANTITIES = (Quantity("unloaded_deg", "without load", "unloaded"),
@@ -41,8 +41,7 @@ QUANTITIES = (Quantity("unloaded_deg", "without load", "unloaded"),
 
 
 class Term(NamedTuple):
-    """A term of the budget: its name in a result, its label and the changed parameters, for each limit of a tolerance.
-    """
+    """A term of the budget: name in a result, label, and changed parameters; for a tolerance, those at each limit."""
 
     name: str
     label: str
@@ -50,15 +49,15 @@ class Term(NamedTuple):
 
 
 def imperfections(rig: Rig) -> list[Term]:
-    """Return the imperfections that the subject has."""
-    each = {name: {key: rig.subject.values[key] for key in without}
-            for name, without in rig.subject.actuator.imperfections.items()}
-    return [Term(name.replace(" ", "_"), name, (values,)) for name, values in each.items()
+    """Return the imperfections of the subject that are not zero."""
+    present = {name: {key: rig.subject.values[key] for key in without}
+               for name, without in rig.subject.actuator.imperfections.items()}
+    return [Term(name.replace(" ", "_"), name, (values,)) for name, values in present.items()
             if values != rig.subject.actuator.imperfections[name]]
 
 
 def limits(rig: Rig) -> dict[str, tuple[float, float]]:
-    """Return the least and the largest value of every parameter with a tolerance, in SI; it may be the nominal one."""
+    """Return the smallest and largest value [SI] of every parameter with a tolerance; either may be the nominal one."""
     values, (cases, _) = rig.subject.values, tolerances(rig)
     names = dict.fromkeys(name for case in cases for name in case.values if name in values)
     ends = {name: [values[name], *(case.values[name] for case in cases if name in case.values)] for name in names}
@@ -68,7 +67,7 @@ def limits(rig: Rig) -> dict[str, tuple[float, float]]:
 
 
 def toleranced(rig: Rig) -> list[Term]:
-    """Return the tolerances, with their limits in the label."""
+    """Return the tolerances as terms, with their limits in the label."""
     variables, terms = {v.name: v for v in rig.subject.actuator.parameters}, list[Term]()
     for name, ends in limits(rig).items():
         unit, factor = shown(variables[name].unit)
@@ -81,17 +80,17 @@ def toleranced(rig: Rig) -> list[Term]:
 
 
 def required(rig: Rig, loaded: bool) -> Requirement | None:
-    """Return the requirement on the error held after the largest jump of the command, with or without a load."""
+    """Return the requirement on the error held after the largest step, with or without a load; None without one."""
     held = [r for r in rig.requirements.requirements if r.figure == "held_error" and r.test and r.maximum
             and r.test.kind in KINDS and KINDS[r.test.kind].jumps and bool(r.test.torque) is loaded]
     return max(held, key=lambda r: r.test.amplitude if r.test else 0.0, default=None)
 
 
 def _held(rig: Rig, before: Array, target: Array, loads: Array, changes: Mapping[str, Array]) -> Array:
-    """Return the fin angles [run, target, row] while commands `target` are held, each approached from one `before`.
+    """Return the fin angles [rad], an array [run, target, row], while the commands `target` are held.
 
-    Commands [rad] are arrays [target] or [run, target], loads [N.m] and changed parameters arrays [run]. Raises
-    StoppedError.
+    Each is approached from the command `before`. Commands [rad] are arrays [target] or [run, target], loads [N.m] and
+    `changes` of parameters arrays [run]. Raises StoppedError.
     """
     rows = [round(hold / GRID_STEP) for hold in (BEFORE, HOLD)]
     levels = np.stack([before, target], axis=-1).reshape(*target.shape[:-1], -1)
@@ -100,7 +99,7 @@ def _held(rig: Rig, before: Array, target: Array, loads: Array, changes: Mapping
                             GRID_STEP).holding({LOAD: loads[:, np.newaxis]})
     runs = rig.subject.run_all(excitation, changes, ["fin_angle"])
     for error in runs.refused.values():
-        raise StoppedError(f"within the tolerances a unit is refused: {error}") from error
+        raise StoppedError(f"a sample within the tolerances is refused: {error}") from error
     for index in runs.stopped:
         runs[index].finished()
     angle = runs.columns["fin_angle"][:, 1:]
@@ -108,18 +107,18 @@ def _held(rig: Rig, before: Array, target: Array, loads: Array, changes: Mapping
 
 
 def _largest(angle: Array, target: Array) -> Any:
-    """Return the largest distance [rad] from the targets over the last third of the holds."""
+    """Return the largest distances [rad] of the held angles from the targets over the last third of the holds."""
     return hold_figures(GRID_STEP * np.arange(angle.shape[-1]), angle, target)["held_error"]
 
 
 def _sides(of_loads: Any) -> dict[str, float]:
-    """Return the QUANTITIES [deg] of measurements [rad] without load and with one in each direction."""
+    """Return the QUANTITIES [deg] from three measurements [rad]: without load, and with load in each direction."""
     unloaded, *loaded = np.degrees(of_loads).tolist()
     return {q.key: value for q, value in zip(QUANTITIES, (unloaded, max(loaded)), strict=True)}
 
 
 def _measured(rig: Rig, terms: Sequence[Term], load: float) -> dict[str, dict[str, float]]:
-    """Return the terms by name, with those of the actuator without imperfections, and last the error `as_set`."""
+    """Return the figures of `loop`, `friction` and the terms by name, and last those of the error `as_set`."""
     ideal = {key: value for without in rig.subject.actuator.imperfections.values() for key, value in without.items()}
     variants = [{}, ideal, *({**ideal, **values} for term in terms for values in term.values)]
     limit, loads = rig.subject.command_limit, np.array([0.0, load, -load])
@@ -143,10 +142,10 @@ def _measured(rig: Rig, terms: Sequence[Term], load: float) -> dict[str, dict[st
 
 
 def _drawn(rig: Rig, load: float) -> Array:
-    """Return the largest errors [rad] (without and with load, unit) of drawn units at drawn commands.
+    """Return the largest errors [rad] of drawn samples at drawn commands, an array [load, sample].
 
-    Tolerances, commands and sides of approach are drawn evenly between their limits: of a tolerance no more is known
-    (JCGM 100:2008, 4.3.7).
+    Tolerances, commands and sides of approach have uniform distributions between their limits: nothing else is known of
+    a tolerance (JCGM 100:2008, 4.3.7).
     """
     bounds = limits(rig)
     *shares, command, side, sign = hypercube(len(bounds) + 3, SEED, UNITS).T
@@ -160,7 +159,7 @@ def _drawn(rig: Rig, load: float) -> Array:
 
 
 def measure(rig: Rig) -> Outcome:
-    """Measure every term, add them up, draw units, and compare with the limits of the requirements."""
+    """Measure every term, compute sums and a Monte Carlo simulation, and compare with the required limits."""
     wanted = [required(rig, loaded) for loaded in (False, True)]
     load = abs(wanted[1].test.torque) if wanted[1] and wanted[1].test else rig.load
     wanted = [wanted[0], wanted[1] or wanted[0]]
@@ -178,37 +177,38 @@ def measure(rig: Rig) -> Outcome:
 
     sums = [[figures[q.key] for figures in found.values()] for q in QUANTITIES]
     total("worst_case", "worst case: sum", [np.sum(terms) for terms in sums], True)
-    # Of limits of independent terms; a standard uncertainty combines standard deviations (JCGM 100:2008, 5.1.2).
+    # For limits of independent terms. A standard uncertainty would combine standard deviations (JCGM 100:2008, 5.1.2).
     total("root_of_squares", "root of the sum of squares", [np.linalg.norm(terms) for terms in sums], True)
     for share in QUANTILES:
-        total(f"monte_carlo_{share}", f"Monte Carlo: {share} % of {UNITS} units",
+        total(f"monte_carlo_{share}", f"Monte Carlo: {share} % of {UNITS} samples",
               np.degrees([percentiles(errors, (share,))[share] for errors in drawn]), share == QUANTILES[0])
     total("as_set", "as set: all imperfections, no tolerance", as_set.values())
     total("required", "required", np.degrees(limit))
-    notes = [f"{q.label.capitalize()}, units within {degrees(most):g} deg "
+    notes = [f"{q.label.capitalize()}, samples within {degrees(most):g} deg "
              f"({f'{r.title or r.name}, {r.source}' if r else 'Table 2 of Yerlikaya (2016)'}): "
-             f"{Chance(r, int(np.sum(errors <= most)), UNITS)}, of {UNITS} drawn."
+             f"{Chance(r, int(np.sum(errors <= most)), UNITS)}, from {UNITS} samples."
              for q, r, most, errors in zip(QUANTITIES, wanted, limit, drawn, strict=True)]
     return Outcome(
-        f"{TARGETS} commands over ±{rig.limit:g} deg are held for {HOLD:g} s, after a motion of {MOVED_TO:g} deg from "
-        f"either side within the range, without load and with {load:g} N.m, in either direction. The term of an "
-        "imperfection or a tolerance is the largest distance, over the last third of a hold, from the angle that the "
-        "actuator holds without any; those of loop and friction are errors of that angle. The sums are of all terms. "
-        "Monte Carlo: of units as set, with tolerances drawn evenly between their limits, each is held at one drawn "
-        "command; its error is the largest over the last third.",
+        f"{TARGETS} commands over ±{rig.limit:g} deg are held for {HOLD:g} s each, after a motion of "
+        f"{min(MOVED_TO, 0.5 * rig.limit):g} deg from either side within the range, without load and with {load:g} N.m "
+        "in either direction. The term of an imperfection or a tolerance is the largest distance, over the last third "
+        "of a hold, from the mean angle that the actuator without any of them holds; the terms loop and friction are "
+        "errors of that angle. The sums include all terms. Monte Carlo: samples of the actuator as set, tolerances "
+        "drawn uniformly between their limits, hold one drawn command each; the error of a sample is its largest over "
+        "the last third.",
         groups, (*notes, *_limitations(rig, own)), tall=True,
-        estimate=f"The tolerances are those of {tolerances(rig)[1]}, estimates." if built else "")
+        estimate=f"The tolerances in {tolerances(rig)[1]} are estimates." if built else "")
 
 
 def _limitations(rig: Rig, own: Sequence[Term]) -> Iterator[str]:
-    """Yield what rests on estimates, and what the budget lacks."""
+    """Yield notes on terms that depend on estimates, and on terms that the budget lacks."""
     estimates, bounds = rig.subject.identification.estimates, limits(rig)
     yield from resting_on({term.label: [name for name, value in term.values[0].items()
                                         if name in estimates and not isinstance(value, bool)] for term in own})
     if not bounds:
-        yield "No tolerance is known: the drawn units differ in command, side of approach and sign of the load alone."
+        yield "No tolerance is known: samples differ only in command, side of approach and sign of the load."
     known = dict.fromkeys((*IMPERFECTIONS, *rig.subject.actuator.imperfections))
-    if absent := [name for name in known if name not in {term.label for term in own}]:
-        yield f"Not in the budget, as this article has none: {', '.join(absent)}."
+    if missing := [name for name in known if name not in {term.label for term in own}]:
+        yield f"Not in the budget, as this article has none: {', '.join(missing)}."
     if unknown := [name for name in rig.subject.actuator.nominal if name not in bounds]:
         yield f"Not in the budget, as no tolerance is known: {', '.join(unknown)}."

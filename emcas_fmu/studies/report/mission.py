@@ -11,12 +11,12 @@ from ...bench.metrics import FIGURES, rms, usage
 from ...motions import STEP
 from .outcome import Array, Group, Outcome, Quantity, Rig, Value
 
-LAG = 0.02  # s, of the hinge moment behind the command in the synthetic profile
-RATE = 150.0  # deg/s, of the commands of the synthetic profile
-# Phase, its end [s], hinge moment at the end of the range as a share of the rated load there.
+LAG = 0.02  # s, lag of the hinge moment behind the command in the synthetic profile
+RATE = 150.0  # deg/s, largest rate of the command in the synthetic profile
+# Phase, its end [s], and the hinge moment at the end of the range as a share of the rated load.
 PHASES = (("launch", 2.0, 0.1), ("pitch-over", 5.0, 0.5), ("midcourse", 10.0, 0.6), ("terminal", 15.0, 1.0))
 
-# Figures of the bench under their names in a result.
+# Figures of the bench, with their names in a result.
 _USAGE = {
     name: Quantity(key, FIGURES[name].title, label, FIGURES[name].needs) for name, key, label in (
         ("rms_current", "motor_current_rms_a", "RMS current"), ("peak_current", "motor_current_peak_a", "peak current"),
@@ -27,18 +27,18 @@ _USAGE = {
         ("net_energy", "net_energy_j", "net energy"))}
 QUANTITIES = (
     *_USAGE.values(),
-    Quantity("supply_power_mean_w", "net energy over the profile's duration", "mean power", ("supply_power",)),
+    Quantity("supply_power_mean_w", "net energy divided by the profile's duration", "mean power", ("supply_power",)),
     Quantity("tracking_error_rms_deg", "root mean square of command - angle", "RMS tracking error"),
-    Quantity("limited_percent", "share of the outputs at which a limit is active", "limited", ("saturated",)),
-    Quantity("duration_s", "of the profile", "duration"))
+    Quantity("limited_percent", "share of the time in which a limit is active", "limited", ("saturated",)),
+    Quantity("duration_s", "duration of the profile", "duration"))
 _HEADLINE = tuple(_USAGE[name] for name in ("rms_current", "peak_power", "energy_drawn", "energy_returned"))
 
 
 def synthetic(limit: float, load: float) -> tuple[Array, Array]:
-    """Return command [deg] and hinge moment [N.m] of a made-up mission of 15 s, an assumption and not a flight record.
+    """Return command [deg] and hinge moment [N.m], every 1 ms, of a made-up mission of 15 s; it is not a flight record.
 
-    `limit` is the largest command [deg], `load` the rated hinge moment [N.m]. docs/tools/acceptance_report.md has its
-    phases as a table.
+    `limit` is the largest command [deg], `load` the rated hinge moment [N.m]. docs/tools/acceptance_report.md has a
+    table of the phases.
     """
     time = times(PHASES[-1][1])
     wave = 2.0 * np.pi * time
@@ -46,34 +46,34 @@ def synthetic(limit: float, load: float) -> tuple[Array, Array]:
     busy = 0.1 + 0.04 * (np.sin(0.7 * wave) + np.sin(1.9 * wave) + np.sin(4.3 * wave))
     levels = np.array([0.75, -0.6, 0.9, -0.75, 0.0, 0.0])
     terminal = levels[np.clip((time - 10.0).astype(int), 0, 5)] + 0.05 * np.sin(3.0 * wave)
-    starts = np.searchsorted([end for _, end, _ in PHASES], time, side="right").clip(max=3)
-    guidance = limit * np.choose(starts, [0.05 + 0.1 * np.sin(wave), doublet, busy, terminal])
+    phase = np.searchsorted([end for _, end, _ in PHASES], time, side="right").clip(max=3)
+    guidance = limit * np.choose(phase, [0.05 + 0.1 * np.sin(wave), doublet, busy, terminal])
     limited, most = [0.0], RATE * STEP
     for wanted in guidance[1:].tolist():
         limited.append(limited[-1] + min(max(wanted - limited[-1], -most), most))
     command = np.array(limited)
-    late = round(LAG / STEP)
-    before = np.concatenate([np.zeros(late), command[:-late]])
-    share = np.array([share for _, _, share in PHASES])[starts]
-    return command, -load * share * before / limit
+    rows = round(LAG / STEP)
+    lagging = np.concatenate([np.zeros(rows), command[:-rows]])
+    share = np.array([share for _, _, share in PHASES])[phase]
+    return command, -load * share * lagging / limit
 
 
 def measure(rig: Rig) -> Outcome:
-    """Run the profile, and measure currents, power, energy and tracking error over it."""
+    """Run the profile, and measure currents, power, energy and tracking error."""
     if rig.mission is None:
         command, torque = synthetic(rig.limit, rig.load)
         profile = Excitation("synthetic profile", {COMMAND: np.radians(command), LOAD: torque})
         name, estimate = "synthetic", (
-            "The mission profile is made up, as a plausible sequence of phases; currents, power and energy are "
-            "estimates of the order of magnitude. Give the real one with --mission.")
+            "The mission profile is made up, a plausible sequence of phases; currents, power and energy are estimates "
+            "of the order of magnitude. Pass the real profile with --mission.")
         method = (
             "Synthetic mission profile: launch (2 s, trim and roll correction), pitch-over (3 s of doublets to half "
-            "the range), midcourse (5 s, three sines about a trim), terminal (5 s, steps to 90 % of the range under a "
-            "weave at 3 Hz). Commands change by at most 150 deg/s; the hinge moment restores, in proportion to the "
-            "command 20 ms before, and at the end of the range is 10, 50, 60 and 100 % of the rated load.")
+            "the range), midcourse (5 s, three sines about a trim), terminal (5 s, steps to 90 % of the range with a "
+            "weave at 3 Hz). Commands change by at most 150 deg/s. The hinge moment restores in proportion to the "
+            "command 20 ms earlier; at the end of the range it is 10, 50, 60 and 100 % of the rated load.")
     else:
         profile, name, estimate = rig.mission, "file", ""
-        method = f"Profile of {profile.title}, {profile.stop:g} s, inputs held over 1 ms."
+        method = f"Profile of {profile.title}, {profile.stop:g} s, inputs constant over 1 ms."
     run = rig.run(profile)
     used, limit, duration = usage(run), rig.subject.command_limit, float(run.columns["time"][-1])
     clipped = run.excitation.holding({COMMAND: np.clip(profile.command, -limit, limit)})
@@ -88,5 +88,6 @@ def measure(rig: Rig) -> Outcome:
     figures["duration_s"] = duration
     return Outcome(
         f"{method} Outputs are read every 1 ms: transients of the current loop are shorter, and their power can be "
-        "higher. Whether the supply can take what is fed back is not modelled.",
+        "higher." + ("" if "link_voltage" in rig.subject.outputs else
+                     " Whether the supply can absorb the returned power is not modelled."),
         {name: Group(profile.title, figures, _HEADLINE, data=replace(run, excitation=clipped))}, estimate=estimate)

@@ -1,4 +1,4 @@
-"""The rig on which every test runs, and the outcome of a test: groups of figures whose names end in their unit."""
+"""The rig on which every test runs, and the outcome of a test: groups of figures with names that end in the unit."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ RECORDED = ("fin_angle", "fin_rate", "motor_current", "supply_power", "saturated
 
 @dataclass(frozen=True)
 class Rig:
-    """`load` is the rated hinge torque [N.m]; `mission` replaces the synthetic mission profile, `specification` the
-    shipped requirements."""
+    """The subject with the rated hinge torque `load` [N.m].
+
+    `mission` replaces the synthetic mission profile, `specification` the shipped requirements.
+    """
 
     subject: Subject
     load: float = RATED
@@ -46,7 +48,7 @@ class Rig:
         return degrees(self.subject.command_limit)
 
     def run(self, excitation: Excitation) -> Run:
-        """Return the response. Raises StoppedError where it ends early."""
+        """Return the response with the outputs RECORDED. Raises StoppedError if it ends early."""
         run = self.subject.run(excitation, outputs=[name for name in RECORDED if name in self.subject.outputs])
         run.finished()
         return run
@@ -62,20 +64,20 @@ class Quantity(NamedTuple):
 
 
 def quantities(*names: str, **labels: str) -> tuple[Quantity, ...]:
-    """Return figures of the bench, labelled by their `names` or by `labels`."""
+    """Return figures of the bench by `names`, labelled by these, and by the names in `labels`, with those labels."""
     keys = {name: result_name(name)[0] for name in (*names, *labels)}
     return tuple(Quantity(key, FIGURES[name].title, labels.get(name, in_words(key)), FIGURES[name].needs)
                  for name, key in keys.items())
 
 
 def displayed(figures: Mapping[str, float], chosen: tuple[Quantity, ...]) -> dict[str, Value]:
-    """Return the chosen ones of the bench's figures, by their names in a result."""
+    """Return the `chosen` ones of the bench's `figures` [SI], by their names in a result, in the units of these."""
     values = metrics.displayed(figures)
     return {q.key: values[q.key] for q in chosen}
 
 
 def bound(key: str, value: Value) -> str:
-    """Return the sign before a bandwidth beyond the range of the search; otherwise none."""
+    """Return the sign ``> `` before a bandwidth beyond the range of the search; otherwise empty."""
     return "> " if key.startswith("bandwidth") and value >= BANDWIDTHS[1] else ""
 
 
@@ -83,8 +85,8 @@ def bound(key: str, value: Value) -> str:
 class Group:
     """The figures under one motion, load or condition, which `label` names; nan where a figure has no value.
 
-    `headline` are the most important figures. `curve` goes into the JSON file, `data` (a run or arrays) into the
-    picture only.
+    `headline` are the figures for the summary. `curve` is for the JSON file, `data` (a run or arrays) only for the
+    picture.
     """
 
     label: str
@@ -94,7 +96,7 @@ class Group:
     data: Any = field(default=None, repr=False)
 
     def shown(self, q: Quantity) -> str:
-        """Return a figure with its unit for people; empty where the group does not have it."""
+        """Return a figure with its unit as text; empty if the group does not have it."""
         value = self.figures.get(q.key)
         return "" if value is None else bound(q.key, value) + with_unit(value, unit_of(q.key))
 
@@ -103,9 +105,9 @@ class Group:
 class Outcome:
     """The groups of figures of a test and how they were measured.
 
-    `stopped` is the reason why a test was not finished; it has no groups then. `estimate` is the reason why its figures
-    are an estimate; `not_applicable` has by the name of a figure why the subject does not have it. The groups of a
-    `tall` one are the rows of its table, not the columns.
+    `stopped` is the reason why the test was not finished; it has no groups then. `estimate` is the reason why figures
+    are estimates. `not_applicable` has the reason why the subject lacks a figure, by the figure's name. If `tall`, the
+    groups are the rows of the table, otherwise its columns.
     """
 
     method: str
@@ -126,11 +128,11 @@ class Outcome:
 
     @property
     def curves(self) -> dict[str, Mapping[str, Array]]:
-        """The curves by group, of those that have one."""
+        """The curves by group, for groups with a curve."""
         return {name: group.curve for name, group in self.groups.items() if group.curve}
 
     def headlines(self) -> list[tuple[str, str, str, str]]:
-        """Return rows of the headline figures that were measured: the title once, the figure, its value and a note."""
+        """Return a row for each measured headline figure: title (in the first row only), label, value and note."""
         rows = [("not finished", "")] if self.stopped else [
             (f"{group.label}: {q.label}", group.shown(q)) for group in self.groups.values() for q in group.headline
             if q.key in group.figures]
@@ -138,7 +140,7 @@ class Outcome:
 
     @property
     def remarks(self) -> list[str]:
-        """The notes, and the figures that are not applicable, with the reason; or why the test was not finished."""
+        """The notes, and the figures that are not applicable with their reasons; or why the test was not finished."""
         if self.stopped:
             return [f"not finished: {self.stopped}"]
         labels = {q.key: q.label for q in self.quantities}
@@ -147,7 +149,7 @@ class Outcome:
         return [*self.notes, *(f"Not applicable: {', '.join(each)} ({why})." for why, each in left_out.items())]
 
     def tables(self) -> list[tuple[list[Quantity], list[Group]]]:
-        """Return figures and groups of the tables: groups with the same first figure are in one table."""
+        """Return the quantities and groups of each table; groups with the same first figure share a table."""
         tables: dict[str, list[Group]] = {}
         for group in self.groups.values():
             tables.setdefault(next(iter(group.figures)), []).append(group)

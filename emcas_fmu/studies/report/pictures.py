@@ -1,4 +1,4 @@
-"""The pictures of an acceptance report, one per test."""
+"""The pictures of an acceptance report, at most one per test."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def pictures(outcomes: Mapping[str, Outcome], judged: Sequence[Judged]) -> dict[
 
 
 def _drawing(outcome: Outcome, judged: Sequence[Judged]) -> Drawing:
-    """Return the picture of a test; limits without a line in its panels are written in the caption."""
-    drawn = _DRAWINGS[outcome.name]
-    limits = [j for j in judged if not j.skipped and j.figure in drawn.figures]
-    figure, caption = drawn.draw(outcome, sorted({j.limit for j in limits if j.unit == drawn.unit}))
+    """Return the picture of a test; limits without a line in its panels are in the caption."""
+    view = _DRAWINGS[outcome.name]
+    limits = [j for j in judged if not j.skipped and j.figure in view.figures]
+    figure, caption = view.draw(outcome, sorted({j.limit for j in limits if j.unit == view.unit}))
     words = "; ".join(f"{j.title} {'≥' if j.sense == '>=' else '≤'} {with_unit(j.limit, j.unit)}" for j in limits
-                      if j.unit != drawn.unit)
-    return Drawing(outcome.title, figure, f"{caption} Required, and not drawn: {words}." if words else caption)
+                      if j.unit != view.unit)
+    return Drawing(outcome.title, figure, f"{caption} Required, not plotted: {words}." if words else caption)
 
 
 def _limit(axes: Axes, limits: Sequence[float], unit: str, scale: float = 1.0, **more: bool) -> None:
@@ -62,8 +62,8 @@ def _steps(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     error.axhspan(-_ACCURACY, _ACCURACY, color=plots.GREEN, alpha=0.10, linewidth=0)
     error.set(xlabel="time [s] from the command", ylabel="angle - command [mdeg]", xlim=(0.0, HOLD),
               ylim=(-2.0 * _ACCURACY, 2.0 * _ACCURACY))
-    return figure, ("Above, the first 0.4 s; negative steps dashed, dotted lines the commands. Below, what is left of "
-                    f"the error; the green band is the accuracy of Table 2 of Yerlikaya (2016), ±{_ACCURACY:g} mdeg.")
+    return figure, ("Above, the first 0.4 s: negative steps are dashed, commands dotted. Below, the remaining "
+                    f"error; the green band is the accuracy of Table 2 of Yerlikaya (2016), ±{_ACCURACY:g} mdeg.")
 
 
 def _bode(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
@@ -89,7 +89,7 @@ def _slew(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
         panels["fin_angle"].set_title(f"{direction} direction")
         panels["fin_angle"].margins(x=0.0)
     legend_above(figure, 4)  # above a panel it would be wider than the panel
-    return figure, "Full travel in either direction."
+    return figure, "Slews over the full travel in either direction."
 
 
 def _grid(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
@@ -107,7 +107,7 @@ def _grid(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     if max(limits, default=0.0) > 4e-3 * np.nanmax(np.abs(errors)):
         axes.set_ylim(view)  # a limit far beyond the errors would flatten their curves
     legend_above(axes)
-    return figure, "Every approach (marks) and their means (lines), in thousandths of a degree."
+    return figure, "Errors of all approaches (marks) and their means (lines), in thousandths of a degree."
 
 
 def _budget(outcome: Outcome, _: Sequence[float]) -> tuple[Figure, str]:
@@ -121,7 +121,7 @@ def _budget(outcome: Outcome, _: Sequence[float]) -> tuple[Figure, str]:
     axes.grid(visible=False, axis="y")
     axes.margins(y=0.01)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return figure, "The terms, and below what they add up to; dotted lines are required."
+    return figure, "The terms and, below them, their sums; dotted lines are the required values."
 
 
 def _stiffness(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
@@ -159,7 +159,7 @@ def _mission(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
 
 
 class _Drawn(NamedTuple):
-    """How a test is drawn; required values of `figures` are lines if they are in `unit`, others are in the caption."""
+    """How a test is plotted; required values of `figures` are lines if they are in `unit`, otherwise in the caption."""
 
     draw: Callable[[Outcome, Sequence[float]], tuple[Figure, str]]
     unit: str = ""

@@ -13,23 +13,23 @@ from ...bench.metrics import motion
 from ...motions import LOAD_RISE, SETTLE, SWEEP
 from .outcome import Group, Outcome, Quantity, Rig, displayed, quantities
 
-SIZES = (1.0, 5.0, 10.0)  # deg of a step; the end of the range is added
-DURATION = 1.0  # s from the command to the other end
+SIZES = (1.0, 5.0, 10.0)  # deg, of the steps; a step to the end of the range is added
+DURATION = 1.0  # s, of a slew from the command on
 _TINY = 1e-9  # deg; a size this close to the limit is the limit
 
 STEP = quantities("rise_time", "settling_time", "overshoot", "steady_error")
 FREQUENCY = quantities(bandwidth_3db="-3 dB", bandwidth_90deg="-90 deg", peak_gain="largest gain",
-                       lowest_coherence="least coherence")
+                       lowest_coherence="lowest coherence")
 SLEW = quantities("sustained_rate", "peak_rate", time_to_90_percent="time to 90 %")
 
 
 def steps(rig: Rig) -> Outcome:
-    """Measure steps from rest at zero to each size, both signs, no load."""
+    """Measure steps from rest at 0 to each size, with both signs and without load."""
     limit = round(rig.limit, 9)
     sizes = [*(size for size in SIZES if size < limit - _TINY), limit]
     headlines = {1.0: STEP[:2], sizes[-1]: STEP[:3]}
     return Outcome(
-        f"From rest at 0 deg the command jumps to each size and stays there for {HOLD:g} s; no load. Outputs are "
+        f"From rest at 0 deg the command steps to each size and is constant for {HOLD:g} s; no load. Outputs are "
         "read every 1 ms.",
         {f"{sign}_{size:g}deg".replace(".", "p"):
          _moved(rig, f"{side * size:+g} deg", step_to(radians(side * size), HOLD), STEP,
@@ -37,15 +37,15 @@ def steps(rig: Rig) -> Outcome:
          for size in sizes for sign, side in (("plus", 1.0), ("minus", -1.0))})
 
 
-def _moved(rig: Rig, label: str, motion_of: Excitation, chosen: tuple[Quantity, ...],
+def _moved(rig: Rig, label: str, excited_by: Excitation, chosen: tuple[Quantity, ...],
            headline: tuple[Quantity, ...]) -> Group:
-    """Return the figures of the last step of a command."""
-    run = rig.run(motion_of)
+    """Return the group with the `chosen` figures of the last step of the command."""
+    run = rig.run(excited_by)
     return Group(label, displayed(motion(run, -1), chosen), headline, data=run)
 
 
 def frequency(rig: Rig) -> Outcome:
-    """Measure bandwidths under sines, and the response to logarithmic sweeps, H1 estimate by Welch's method."""
+    """Measure bandwidths with sines, and the response to logarithmic sweeps by the H1 estimate of Welch's method."""
     groups, notes = {}, []
     lowest, highest = BANDWIDTHS
     low, high = SWEPT
@@ -53,30 +53,31 @@ def frequency(rig: Rig) -> Outcome:
         response = sweep_response(rig.run(sweep(radians(amplitude), 12.0)))
         measured = sweep_figures(response, rig.subject, radians(amplitude), {})
         if measured["bandwidth_3db"] <= lowest:
-            notes.append(f"At {amplitude:g} deg the gain is below -3 dB from {lowest:g} Hz on.")
+            notes.append(f"At {amplitude:g} deg the gain is below -3 dB already at {lowest:g} Hz.")
         elif isnan(measured["bandwidth_3db"]):
-            notes.append(f"At {amplitude:g} deg there is no bandwidth: what comes out is no sine of the command's "
+            notes.append(f"At {amplitude:g} deg there is no bandwidth: the fin angle is not a sine of the command's "
                          "frequency.")
         groups[name] = Group(
             f"{amplitude:g} deg", displayed(measured, FREQUENCY), FREQUENCY[:2],
             {"frequency_hz": response.frequency, "gain_db": response.gain_db, "phase_deg": np.degrees(response.phase),
              "coherence": response.coherence}, response)
     return Outcome(
-        "Fin angle over command, the fundamental: the describing function of the amplitude. Bandwidths by sines of the "
-        f"command about 0 deg, no load, the frequency bisected between {lowest:g} and {highest:g} Hz. Curves, largest "
-        f"gain and coherence by a logarithmic sine sweep from {SWEEP[0]:g} to {SWEEP[1]:g} Hz in 12 s; H1 estimate by "
-        f"Welch's method, Hann segments of 1 s, evaluated from {low:g} to {high:g} Hz. Coherence is below 1 where the "
-        "response is not linear, or changes within a segment.", groups, tuple(notes))
+        "The describing function: the fundamental of the fin angle over that of the command, by amplitude. Bandwidths "
+        "are measured with sines about 0 deg without load, by bisection of the frequency between "
+        f"{lowest:g} and {highest:g} Hz. Curves, largest gain and coherence are from a logarithmic sine sweep of "
+        f"{SWEEP[0]:g} to {SWEEP[1]:g} Hz in 12 s: H1 estimate by Welch's method, Hann segments of 1 s, evaluated from "
+        f"{low:g} to {high:g} Hz. Coherence is below 1 where the response is not linear, or changes within a segment.",
+        groups, tuple(notes))
 
 
 def slews(rig: Rig) -> Outcome:
-    """Measure slews from one end of the range to the other: unloaded, against and with the rated load."""
+    """Measure slews from one end of the range to the other: unloaded, against the rated load, and with it."""
     loads = (("unloaded", "unloaded", 0.0, SLEW[:1]), ("opposing", f"against {rig.load:g} N.m", -rig.load, SLEW[:1]),
              ("aiding", f"with {rig.load:g} N.m", rig.load, ()))
     return Outcome(
-        f"From -{rig.limit:g} to +{rig.limit:g} deg and back the other way, after {SETTLE:g} s at the starting end "
-        f"without load. The load comes on within {LOAD_RISE * 1e3:g} ms of the command and stays: against the motion "
-        "(opposing) or with it (aiding).",
+        f"Slews from -{rig.limit:g} to +{rig.limit:g} deg, and in other runs back, after {SETTLE:g} s at the starting "
+        f"end without load. The load rises within {LOAD_RISE * 1e3:g} ms after the command and is then constant: "
+        "against the motion (opposing) or with it (aiding).",
         {f"{load}_{direction}": _moved(rig, f"{label}, {direction}", excitation(
             Test("slew", radians(rig.limit), DURATION, torque), sign, rig.subject), SLEW, headline)
          for load, label, torque, headline in loads for direction, sign in (("positive", 1.0), ("negative", -1.0))})

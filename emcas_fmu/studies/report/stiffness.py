@@ -13,30 +13,34 @@ from ...motions import STEP
 from .outcome import Array, Group, Outcome, Quantity, Rig, Value
 
 FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # Hz
-CYCLES, SETTLE = 6.0, (4.0, 0.5)  # cycles fitted; cycles, and at least s, before them
-RAMP = 5.0  # s in which the breakaway ramp reaches the rated load
-BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes, of the smaller and larger breakaway moment
-LOCKED = 1e-8  # rad peak to peak, up to which the fin counts as friction-locked
+CYCLES = 6.0  # that are fitted
+SETTLE = (4.0, 0.5)  # cycles, and at least so many s, before the fitted ones
+RAMP = 5.0  # s, in which the breakaway ramp reaches the rated load
+BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes over the smaller and the larger breakaway moment
+LOCKED = 1e-8  # rad, largest peak-to-peak motion of a friction-locked fin
 _UNPOWERED = {"enable": False}
 
-_SIZE = "magnitude of load over angle of the fundamentals"
+_SIZE = "magnitude of the ratio of the fundamentals of hinge moment and fin angle"
 _MARKS = {frequency: Quantity(f"stiffness_{frequency:g}hz_n_m_per_rad", _SIZE, f"|T/θ| at {frequency:g} Hz")
           for frequency in (1.0, 10.0, 20.0)}
-_LEAST = Quantity("least_stiffness_n_m_per_rad", f"least {_SIZE}", "least |T/θ|")
+_LEAST = Quantity("least_stiffness_n_m_per_rad", f"lowest {_SIZE}", "lowest |T/θ|")
 _SIDES = tuple(
     Quantity(f"{side}_n_m", f"hinge moment, ramped from zero in the {side} direction, at which the fin first moves"
              + "; its magnitude" * (side == "negative"), side) for side in ("positive", "negative"))
 QUANTITIES = (
-    Quantity("load_amplitude_n_m", "of the sinusoidal hinge moment", "load amplitude"),
-    Quantity("friction_locked", "whether the fin stood still, to 1e-8 rad, at every frequency", "friction-locked"),
-    _LEAST, Quantity("least_stiffness_at_hz", "frequency of the least |T/θ|", "at"), *_MARKS.values(), *_SIDES)
+    Quantity("load_amplitude_n_m", "amplitude of the sinusoidal hinge moment", "load amplitude"),
+    Quantity("friction_locked", "whether the fin moved by at most 1e-8 rad, peak to peak, at every frequency",
+             "friction-locked"),
+    _LEAST, Quantity("least_stiffness_at_hz", "frequency of the lowest |T/θ|", "lowest |T/θ| at"), *_MARKS.values(),
+    *_SIDES)
 
 
 def sweep(rig: Rig, amplitude: float, powered: bool) -> tuple[Array, bool, list[float]]:
-    """Return the stiffness T/θ [N.m/rad] at FREQUENCIES, complex, under sines of the hinge moment [N.m] about 0 deg.
+    """Return the complex stiffness T/θ [N.m/rad] at FREQUENCIES, under sines of the hinge moment about 0 deg.
 
-    Each frequency is a run. The stiffness is nan where the fin did not move or met a stop. Also returned: whether
-    the fin moved at no frequency, and the frequencies [Hz] at which it met a stop.
+    `amplitude` is that of the moment [N.m]. Each frequency is a run. The stiffness is nan where the fin did not move or
+    met a stop. Also returned: whether the fin did not move at any frequency, and the frequencies [Hz] at which it met
+    a stop.
     """
     stiffness, locked, stops = [], True, []
     for frequency in FREQUENCIES:
@@ -52,7 +56,7 @@ def sweep(rig: Rig, amplitude: float, powered: bool) -> tuple[Array, bool, list[
 
 
 def measure(rig: Rig) -> Outcome:
-    """Measure the breakaway moment; then the stiffness powered, and unpowered below and above breakaway."""
+    """Measure the breakaway moment, then the stiffness: powered, and unpowered below and above breakaway."""
     groups, notes = dict[str, Group](), list[str]()
     loads: dict[str, tuple[str, float, tuple[Quantity, ...]]] = {
         "powered": ("Powered", 0.5 * rig.load, (_LEAST, _MARKS[10.0]))}
@@ -63,9 +67,9 @@ def measure(rig: Rig) -> Outcome:
         groups["breakaway"] = Group("Breakaway moment, unpowered",
                                     {q.key: moment for q, moment in zip(_SIDES, broke, strict=True)}, _SIDES)
         if stays := bool(np.isnan(broke).any()):
-            notes.append(f"Unpowered, the rated load of {rig.load:g} N.m does not move the fin in both directions: "
-                         "there is no unpowered stiffness above breakaway.")
-        # Below a thousandth of the rated load, friction is too small for a load below breakaway to be informative.
+            notes.append(f"Unpowered, the rated load of {rig.load:g} N.m does not move the fin in at least one "
+                         "direction: there is no unpowered stiffness above breakaway.")
+        # With a breakaway moment below a thousandth of the rated load, a test below breakaway would tell nothing.
         if stays or min(broke) > 1e-3 * rig.load:
             loads["unpowered_below_breakaway"] = (
                 "Unpowered, below breakaway", rig.load if stays else BELOW * min(broke), ())
@@ -73,7 +77,7 @@ def measure(rig: Rig) -> Outcome:
             loads["unpowered_above_breakaway"] = (
                 "Unpowered, above breakaway", max(ABOVE * max(broke), 0.01 * rig.load), (_MARKS[10.0],))
     else:
-        notes.append("Unpowered: not applicable, this actuator has no enable.")
+        notes.append("Unpowered: not applicable, this actuator has no input enable.")
     at = np.array(FREQUENCIES)
     for name, (label, amplitude, headline) in loads.items():
         stiffness, locked, stops = sweep(rig, amplitude, name == "powered")
@@ -88,17 +92,17 @@ def measure(rig: Rig) -> Outcome:
                      "phase_deg": np.degrees(np.angle(stiffness[moved]))}
         groups[name] = Group(label, figures, headline, curve)
         if locked:
-            notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin stands still at every frequency; "
-                         "where the drive line is rigid, its stiffness is then infinite.")
+            notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin does not move at any frequency; "
+                         "with a rigid drive line its stiffness is infinite.")
         if stops:
             notes.append(f"{label}, {amplitude:.3g} N.m: the fin meets a mechanical stop at "
-                         f"{', '.join(f'{f:g}' for f in stops)} Hz, which are left out.")
+                         f"{', '.join(f'{f:g}' for f in stops)} Hz; these frequencies are left out.")
     angle = rig.subject.values.get("fin.stop_angle")
     stop = "" if angle is None else f" at ±{degrees(angle):g} deg"
     return Outcome(
-        f"Sinusoidal hinge moment at {len(FREQUENCIES)} frequencies from {FREQUENCIES[0]:g} to {FREQUENCIES[-1]:g} Hz "
-        f"(stepped-sine sweep), command 0 deg; T/θ is the ratio of the fundamentals over {CYCLES:g} cycles, "
-        f"by least squares after at least {SETTLE[0]:g} cycles. Powered: the loops hold 0 deg against half "
-        "the rated load. Unpowered: enable is false. Breakaway: unpowered, the moment is ramped from zero to the "
-        f"rated load in {RAMP:g} s, which reads it high by less than 0.1 % of that load. Where the fin meets its "
-        f"stops{stop} the frequency is left out.", groups, tuple(notes))
+        f"Sinusoidal hinge moment T at {len(FREQUENCIES)} frequencies from {FREQUENCIES[0]:g} to {FREQUENCIES[-1]:g} "
+        "Hz (stepped-sine sweep), command 0 deg. T/θ is the ratio of the fundamentals of moment and fin angle over "
+        f"{CYCLES:g} cycles, by least squares after at least {SETTLE[0]:g} cycles. Powered: the loops hold 0 deg "
+        "against half the rated load. Unpowered: enable is false. Breakaway: unpowered, the moment rises from zero to "
+        f"the rated load in {RAMP:g} s; the measured moment is high by less than 0.1 % of that load. Frequencies at "
+        f"which the fin meets its stops{stop} are left out.", groups, tuple(notes))

@@ -1,1 +1,1 @@
-"""The validation of a model: trajectories against an independent reference, performance against Table 2."""
+"""The validation of a model: trajectories against a reference, performance against requirements."""

@@ -1,4 +1,4 @@
-"""The comparison with the linear model, which is reported without being a requirement."""
+"""The comparison with the thesis's linear model, which is reported and is not a requirement."""
 
 from __future__ import annotations
 
@@ -15,17 +15,16 @@ from ...motions import LEAD_IN
 from ...pages.numbers import rounded
 from ...reference.linear import LinearModel
 
-# "Linear against nonlinear": amplitudes [deg], and the angle below which both agree according to the thesis.
-AMPLITUDES = (1.0, 2.0, 3.0, 10.0, 20.0)
-SMALL = 3.0  # deg
-# % of the step up to which two responses agree. Without limits, quantisation, friction and the varying reduction ratio
-# remain, a few per cent; at 5 % two curves of a report can be distinguished.
+AMPLITUDES = (1.0, 2.0, 3.0, 10.0, 20.0)  # deg, of the steps
+SMALL = 3.0  # deg, below which both models agree according to the thesis
+# Largest difference of two responses that agree [% of the step]. If no limit acts, quantisation, friction and the
+# varying reduction ratio cause a few per cent; from 5 % on two curves in a report can be distinguished.
 AGREED = 5.0
-_DURATION = 0.3  # s
+_DURATION = 0.3  # s, after the step
 
 
 def steps(values: Mapping[str, Any]) -> dict[float, Excitation]:
-    """Return steps to compare with the linear model, at its sample times, by amplitude [deg]."""
+    """Return the steps, by amplitude [deg], with rows at the linear model's sample times."""
     period = LinearModel(values).sample_time
     return {amplitude: step_to(radians(amplitude), _DURATION, step=period) for amplitude in AMPLITUDES}
 
@@ -37,10 +36,10 @@ def compare(amplitude: float, run: Run, linear: metrics.Array) -> dict[str, floa
     """
     time, angle, level = run.columns["time"], run.columns["fin_angle"], radians(amplitude)
     after = time >= LEAD_IN - 1e-9
-    difference = metrics.errors(angle[after] / level, linear[after] / level)
+    errors = metrics.errors(angle[after] / level, linear[after] / level)
     expected, rise = (metrics.step_metrics(time, y, LEAD_IN, level)["rise_time"] for y in (linear, angle))
-    return {"amplitude": amplitude, "largest_difference": 100.0 * difference.maximum,
-            "rms_difference": 100.0 * difference.rms, "rise_time_linear": expected, "rise_time_fmu": rise,
+    return {"amplitude": amplitude, "largest_difference": 100.0 * errors.maximum,
+            "rms_difference": 100.0 * errors.rms, "rise_time_linear": expected, "rise_time_fmu": rise,
             "saturated_time": float(np.trapezoid(run.columns["saturated"], time))}
 
 
@@ -52,7 +51,7 @@ def claims(comparisons: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
     small = [c for c in comparisons if c["amplitude"] < SMALL]
     large = [c for c in comparisons if c["amplitude"] > SMALL]
     alike = ", ".join("{largest_difference:.1f} % at {amplitude:g} deg".format(**c) for c in small) + "".join(
-        "; at {amplitude:g} deg itself it is {largest_difference:.1f} %".format(**c)
+        "; at {amplitude:g} deg, {largest_difference:.1f} %".format(**c)
         for c in comparisons if c["amplitude"] == SMALL)
     slower = ", ".join(f"{rounded(c['rise_time_fmu'] * 1e3, '.1f')} ms against "
                        f"{rounded(c['rise_time_linear'] * 1e3, '.1f')} ms at {c['amplitude']:g} deg" for c in large)

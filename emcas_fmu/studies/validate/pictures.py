@@ -1,4 +1,4 @@
-"""The pictures of a validation, of the cases that ran to their end."""
+"""The pictures of a validation, from the cases that ran to their end."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Look = Mapping[str, Any]
 Window = tuple[float, float]
 _DOTS: Look = {"color": plots.INK, "linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none",
                "markeredgewidth": 0.6}
-# Parameters a variable is limited by.
+# The parameter that limits each variable.
 _LIMITED = {"drive_reference": "drive.reference_limit", "motor_current": "drive.current_limit",
             "motor_voltage": "drive.supply_voltage"}
 _WHOLE = 0.0, inf
 _ANGLE = ("fin_angle", "error")
-_BELOW = (" Below, fin angle minus reference in thousandths of a degree; the green band is what the trajectory "
-          "criterion allows.")
+_BELOW = (" Below, fin angle minus reference in thousandths of a degree; the green band is the trajectory "
+          "criterion.")
 _LOADED = ("fin_angle", "fin_rate", "motor_current", "motor_voltage")
 _SWEEPS = {"chirp_1deg": ("1 deg", plots.BLUE), "chirp_3p5deg": ("3.5 deg", plots.VERMILLION)}
 
@@ -37,8 +37,8 @@ _SWEEPS = {"chirp_1deg": ("1 deg", plots.BLUE), "chirp_3p5deg": ("3.5 deg", plot
 class View(NamedTuple):
     """A picture of cases over time.
 
-    `columns` are the columns of panels: a window of time [s], and cases with line properties. Every nth point of a
-    reference, `dots`, is a mark; none with 0. A line is at the limit of the requirement `rate`.
+    `columns` are the columns of panels, each with a window of time [s], and cases with line properties. Every `dots`-th
+    point of a reference is a mark; with 0 none is. A line is at the limit of the requirement `rate`.
     """
 
     title: str
@@ -50,7 +50,7 @@ class View(NamedTuple):
 
 
 def drawings(result: Result) -> Iterator[Drawing]:
-    """Yield every picture for which the result has the runs."""
+    """Yield every picture whose cases the result has."""
     finished = {name: case for name, case in result.cases.items() if case.judged.stopped is None}
     embedded = [View("Inside the FMU", [(_WHOLE, _fin(name, plots.BLUE))], _ANGLE, 10, f"{case.case.title}.")
                 for name, case in finished.items() if case.case.kind == EMBEDDED]
@@ -67,7 +67,7 @@ def drawings(result: Result) -> Iterator[Drawing]:
 
 def _over_time(result: Result, view: View, columns: Sequence[tuple[Window, Sequence[tuple[CaseResult, Look]]]]
                ) -> Drawing:
-    """Draw a view: outputs with reference, command and limits; shaded where a limit is active."""
+    """Plot a view: outputs with reference, command and limits, shaded while a limit is active."""
     shown = [(window, case) for window, cases in columns for case, _ in cases]
     names = [name for name in view.panels if name in shown[0][1].judged.columns]
     error = "error" in view.panels and any(case.reference for _, case in shown)
@@ -117,7 +117,7 @@ def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: Win
 
 
 def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawing:
-    """Draw gain and phase of the sweeps beside the linear model's, where there is one."""
+    """Plot gain, phase and coherence of the sweeps, and of the linear model if it was compared."""
     curves: list[tuple[FrequencyResponse, dict[str, Any]]] = [
         (sweep_response(case.run), {"label": label, "color": color}) for (label, color), case in cases.items()]
     if result.linear_series:
@@ -131,12 +131,12 @@ def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawin
     return Drawing(
         "Frequency response", figure, "Fundamental of fin angle over command, from the sweeps: "
         + "; ".join(f"{look['label']}: {curve.bandwidths}" for curve, look in curves)
-        + ". Where a large amplitude meets the rate limit its response jumps to a larger lag; "
+        + ". Where a large amplitude reaches the rate limit, the response jumps to a larger lag; "
         "within about 1 Hz of the jump the estimate is smeared, by up to 0.7 dB.")
 
 
 def _linear(result: Result) -> Drawing:
-    """Draw normalised steps beside the linear model's."""
+    """Plot steps divided by their size, with those of the linear model."""
     figure, (response, difference) = plots.column("fin angle / command", "difference [%]", x="time [ms]", height=2.4,
                                                   height_ratios=(2.0, 1.0))
     for (amplitude, (run, linear)), color in zip(result.linear_series.items(), plots.COLORS, strict=False):
@@ -149,35 +149,35 @@ def _linear(result: Result) -> Drawing:
     plots.legend_above(response)
     difference.set(xlim=(40, 200))
     return Drawing(
-        "Linear and nonlinear", figure, "Steps divided by their size. The linear model's response is the same for all; "
-        "this model has quantisation and friction, which show in the small, and limits, which show in the large.")
+        "Linear and nonlinear", figure, "Steps divided by their size. The linear model's response is the same for all. "
+        "Quantisation and friction of this model show in small steps, its limits in large ones.")
 
 
 def _slew_caption(result: Result) -> str:
     rate = metrics.motion(result.cases["step_plus20"].run)
     return (f"A step to 20 deg: {degrees(rate['peak_rate']):.0f} deg/s at the peak, "
             f"{degrees(rate['sustained_rate']):.0f} deg/s in the mean over the middle 60 % of the travel. A limit that "
-            "is active while what is plotted is within its limits is that of the speed reference.")
+            "is active while all plotted variables are within theirs is that of the speed reference.")
 
 
 def _loaded_caption(result: Result) -> str:
     against, along = (degrees(metrics.motion(result.cases[name].run, 1)["sustained_rate"])
                       for name in ("load_opposing", "load_aiding"))
-    return ("From -20 to +20 deg at 350 ms while 100 N.m come on within 20 ms. Mean rate over the middle 60 % of the "
-            f"travel: {against:.0f} deg/s against the load, {along:.0f} deg/s with it. The error the load leaves "
-            "decays with the integral action of the position loop, where there is one.")
+    return ("Slews from -20 to +20 deg at 350 ms; a load of 100 N.m rises within 20 ms. Mean rate over the middle 60 % "
+            f"of the travel: {against:.0f} deg/s against the load, {along:.0f} deg/s with it. The error that the load "
+            "causes decays by the integral action of the position loop, if it has one.")
 
 
 def _sag_caption(result: Result) -> str:
     supply = result.cases["sag"].run.excitation.columns["supply_voltage"]
     shipped = result.of_thesis and not result.differences
     brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" * shipped
-    return ("A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply is down from "
+    return ("A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply drops from "
             f"{supply[0]:.3g} to {np.min(supply):.3g} V{brakes}.")
 
 
 def _fin(name: str, color: str, **more: Any) -> dict[str, Look]:
-    """Return a case as the only one of a column of panels."""
+    """Return the cases of a column of panels that has only one."""
     return {name: {"color": color, "label": "fin", **more}}
 
 
@@ -189,7 +189,7 @@ _VIEWS = (
         _ANGLE, 12, "Steps of up to ±20 deg at 50 ms, negative ones dashed."),
     *(View(f"Sine sweep of {label}", [((0.0, 12.0), _fin(name, color, linewidth=0.5)), ((4.0, 5.2), _fin(name, color)),
                                       ((9.0, 9.4), _fin(name, color))],
-           _ANGLE, 0, "Logarithmic sweep from 0.5 to 30 Hz; on the right about 2 to 3 Hz, and 11 Hz.")
+           _ANGLE, 0, "Logarithmic sweep from 0.5 to 30 Hz: left, all of it; middle, 2 to 3 Hz; right, 11 to 12 Hz.")
       for name, (label, color) in _SWEEPS.items()),
     View("Rate and saturation", [((0.04, 0.2), _fin("step_plus20", plots.BLUE))],
          ("fin_angle", "fin_rate", "drive_reference", "motor_current", "motor_voltage"), 4, _slew_caption,

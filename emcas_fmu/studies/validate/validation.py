@@ -1,4 +1,4 @@
-"""The validation: every reference case, the requirements, and the linear model where it is of the actuator."""
+"""The validation: reference cases, requirements, and for the nonlinear actuator the thesis's linear model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ...support.files import models_directory
 from ...support.progress import Progress, silent
 from . import claims
 
-TRAJECTORY_LIMIT = round(degrees(TOLERANCE), 9)  # deg
+TRAJECTORY_LIMIT = round(degrees(TOLERANCE), 9)  # deg, largest error of the fin angle
 COMPARED = {"fin_angle": "rad", "fin_rate": "rad/s", "motor_current": "A", "motor_voltage": "V", "drive_reference": "V"}
 RECORDED = (*COMPARED, "saturated")
 _REMEDY = "make its own with `emcas reference --parameters FILE --directory DIR` and validate with this directory"
@@ -36,8 +36,8 @@ _REMEDY = "make its own with `emcas reference --parameters FILE --directory DIR`
 class CaseResult:
     """The responses to a reference case, SI.
 
-    `run` is the response of the subject as it is, from which performance is judged. `exact` is the response with the
-    start values of the case, true angle and speed fed back; None where it is not compared with the reference.
+    `run` is the response of the subject as it is, which pictures show. `exact` is the response with the start
+    values of the case, true angle and speed fed back; None if it is not compared with the reference.
     """
 
     case: stored.Stored
@@ -46,16 +46,16 @@ class CaseResult:
 
     @property
     def judged(self) -> Run:
-        """The run that is compared with the reference, otherwise that of the subject as it is."""
+        """The run that is compared with the reference, or else that of the subject as it is."""
         return self.exact or self.run
 
     @property
     def reference(self) -> Columns:
-        """The columns of the reference; empty where the case is not compared with it."""
+        """The columns of the reference; empty if the case is not compared with it."""
         return self.case.reference if self.exact else {}
 
     def compared(self, name: str) -> tuple[Any, Any]:
-        """Return an output and its reference, up to the end of the shorter one."""
+        """Return an output and its reference [SI], up to the end of the shorter one."""
         response, reference = self.judged.columns[name], self.reference[name]
         rows = min(len(response), len(reference))
         return response[:rows], reference[:rows]
@@ -80,9 +80,9 @@ class CaseResult:
 class Result:
     """The result of a validation.
 
-    `folder` is that of the references, or the FMU where they are `inside` it. `cases` are by name. `linear_series` has
-    by amplitude [deg] the run of a step and the linear model's angles [rad]. `origin` is the source of the actuator's
-    equations, empty where it does not say.
+    `folder` is the folder of the references, or the FMU if they are `inside` it. `cases` are by name. `linear_series`
+    has, by amplitude [deg], the run of a step and the linear model's angles [rad]. `origin` is the source of the
+    actuator's equations, empty if the actuator does not state it.
     """
 
     about: Identification
@@ -103,29 +103,29 @@ class Result:
 
     @property
     def independent(self) -> bool:
-        """Whether no reference was recorded of the package's own stepping."""
+        """Whether no reference was recorded from the package's own stepping."""
         return all(case.independent for case in self.compared)
 
     @property
     def foreign(self) -> bool:
-        """Whether the references of the actuator are of other parameters, so that nothing was compared with them."""
+        """Whether the actuator's references are of other parameters and nothing was compared with them."""
         return not self.compared and any(result.case.model == self.about.model and result.case.reference
                                          for result in self.cases.values())
 
     @property
     def trajectory(self) -> tuple[Judged, ...]:
-        """The trajectories, judged by the references."""
+        """The criteria of the trajectories that were compared."""
         return tuple(case.trajectory for case in self.cases.values() if case.errors)
 
     @cached_property
     def comparisons(self) -> list[dict[str, float]]:
-        """The comparisons with the linear model."""
+        """The comparisons with the linear model, by amplitude; see `claims.compare`."""
         return [claims.compare(amplitude, run, linear) for amplitude, (run, linear) in self.linear_series.items()
                 if run.stopped is None]
 
     @property
     def findings(self) -> list[dict[str, Any]]:
-        """The comparison with the linear model in words."""
+        """The findings from the comparison with the linear model; see `claims.claims`."""
         return claims.claims(self.comparisons)
 
     @property
@@ -145,12 +145,12 @@ class Result:
 
     @property
     def failed(self) -> list[Judged]:
-        """The criteria that were judged and are not met."""
+        """The judged criteria that are not met."""
         return verdict.missed(self.criteria)
 
     @property
     def passed(self) -> bool:
-        """Whether something was judged and all of it passed."""
+        """Whether at least one criterion was judged and all judged ones are met."""
         return verdict.all_passed(self.criteria)
 
     @property
@@ -160,7 +160,7 @@ class Result:
 
     @property
     def outcome(self) -> bool | None:
-        """Whether it passed; None where all cases ran to their end and there is no criterion for them."""
+        """Whether the subject passed; None if all cases ran to their end and no criterion applies to them."""
         criteria = self.judged or self.foreign or self.requirements
         return None if self.cases and not criteria and not self.short else self.passed
 
@@ -177,10 +177,10 @@ class Result:
         if self.judged:
             return verdict.in_words(self.criteria, "criterion", "criteria")
         if self.outcome is None:
-            return f"what was run ended as it should; it has no reference of {self.about.model} to be judged by"
+            return f"all runs reached their end; there is no reference of {self.about.model} to judge them by"
         ended = f" and {', '.join(self.short)} did not run to the end" if self.short else ""
         why = (f"no requirement can be measured of {self.about.model}" if self.requirements else
-               f"what was run has no reference of {'these parameters' if self.foreign else self.about.model}")
+               f"the runs have no reference of {'these parameters' if self.foreign else self.about.model}")
         return f"nothing was judged{ended}: {why}"
 
 
@@ -188,12 +188,12 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
              progress: Progress = silent, inside: bool = False, specification: Specification | None = None) -> Result:
     """Judge a subject by the reference cases in `directory` (default: the shipped ones) and by requirements.
 
-    Trajectories are judged by the shipped references where these are of the subject's actuator and parameters, and by
-    those of a `directory` where they are of its actuator. With `inside`, or where the shipped references are of another
-    actuator or other parameters, trajectories are judged by the references embedded in an FMU. Requirements are those
-    of the `specification`, by default the shipped ones. With `names`, only these cases are run and no requirement is
-    judged. `progress` is called with the name of the run, the number of runs done and their total. Raises EmcasError
-    where the validation cannot be carried out; a subject that fails gives a result.
+    Trajectories are judged by the shipped references if these are of the subject's actuator and parameters, and by
+    those in a `directory` if they are of the subject's actuator. With `inside`, or if the shipped references are of
+    another actuator or other parameters, trajectories are judged by the references embedded in an FMU. Requirements are
+    those of the `specification`, by default the shipped ones. With `names`, only these cases are run and no requirement
+    is judged. `progress` is called with the name of the run, the number of finished runs and their total. Raises
+    EmcasError if the validation cannot be carried out; a subject that fails has a result.
     """
     folder = directory or models_directory() / "reference"
     available, inside = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
@@ -206,7 +206,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
         cases.append(case)
         if each.reference and not case.reference:
             notes.append(f"{case.name} is run at the subject's own supply of {supply:.4g} V and not compared: its "
-                         f"reference is of {each.supply:.4g} V")
+                         f"reference has {each.supply:.4g} V")
     steps: Mapping[float, Excitation] = {}
     if not names and parts(subject.model)[0] == NONLINEAR:
         if why := obstacle(subject.values):
@@ -245,29 +245,30 @@ def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, embedde
             inside: bool) -> tuple[list[stored.Stored], bool]:
     """Return the cases to run, and whether their references are those embedded in the subject.
 
-    Raises EmcasError where embedded references are requested and there are none, and as `stored.load` does.
+    Raises EmcasError if embedded references are requested and there are none, and as `stored.load` does.
     """
     if inside and not embedded:
-        raise EmcasError(f"{subject.identification.file}: there are no references inside; an FMU that `emcas build` "
-                         "makes without --no-references has some")
+        raise EmcasError(f"{subject.identification.file}: there are no references inside; build the FMU with `emcas "
+                         "build`, without --no-references")
     chosen = {case.name: case for case in embedded if not names or case.name in names}
     usual = {case.name for case in CASES}
-    others = [name for name in names or () if name in usual or name not in chosen]
+    from_folder = [name for name in names or () if name in usual or name not in chosen]
     shipped = load_parameters(model=subject.model)
     needed = () if names else [case.name for case in files.cases(shipped.model, shipped.values)]
-    cases = stored.load(folder, others, needed) if others or not names else []
-    if inside or (chosen and (len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases))):
-        # Performance is judged in the other cases, too.
+    cases = stored.load(folder, from_folder, needed) if from_folder or not names else []
+    of_subject = all(_made_of(subject, case) for case in cases)
+    if inside or (chosen and (len(from_folder) < len(names or ()) or not of_subject)):
+        # The other cases are run, too, without references.
         return [chosen.pop(case.name, replace(case, reference={})) for case in cases] + list(chosen.values()), True
     return cases, False
 
 
 def _run(subject: Subject, case: stored.Stored, any_parameters: bool, outputs: Sequence[str]) -> CaseResult:
-    """Run a case, and compare it with its reference where that is of the subject.
+    """Run a case, and also for comparison if its reference is of the subject.
 
-    With `any_parameters` a reference of the subject's actuator is compared, whatever its parameters are.
+    With `any_parameters`, it is enough that the reference is of the subject's actuator.
     """
-    # The encoder's chatter hides small errors: references are without it, performance is judged with it.
+    # The encoder's chatter hides small errors: references have no encoder, the subject as it is has one.
     exact, shipped = _excitation(case), with_encoder(_excitation(case))
     comparable = case.reference and (
         _made_of(subject, case) or (any_parameters and case.model == subject.actuator.name))
@@ -283,7 +284,7 @@ def _made_of(subject: Subject, case: stored.Stored) -> bool:
 
 
 def _notes(subject: Subject, result: Result, further: Sequence[str]) -> Iterator[str]:
-    """Yield notes: on the origin of references that are not those of a folder, `further` ones, and on the runs."""
+    """Yield notes: on the references, if they are not those of a folder; the notes `further`; on the runs."""
     compared, runs = result.compared, {name: case.run for name, case in result.cases.items()}
     if result.foreign:
         yield (f"Trajectories are not compared: the references in {result.folder} are of other parameters than the "
@@ -295,9 +296,9 @@ def _notes(subject: Subject, result: Result, further: Sequence[str]) -> Iterator
         yield (f"{none}: trajectories are not judged{'; requirements are' * bool(result.requirements)}"
                f"{remedy * (subject.actuator.reference is not None and not result.inside)}")
     elif result.inside:
-        made = ("integrated independently of its own parameters" if result.independent else "recorded of the package's "
-                "own stepping: this shows that it runs here as it did when it was built")
-        yield f"{', '.join(case.name for case in compared)}: compared with what is inside {result.folder}, {made}"
+        made = ("integrated independently with its own parameters" if result.independent else "recorded from the "
+                "package's own stepping: agreement shows that it runs here as it did when it was built")
+        yield f"{', '.join(case.name for case in compared)}: compared with the references in {result.folder}, {made}"
     yield from further
     if result.differences:
         yield f"The parameters differ from the defaults: {', '.join(each['name'] for each in result.differences)}"

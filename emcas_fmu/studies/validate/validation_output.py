@@ -21,11 +21,11 @@ from ...pages.terminal import table
 from .validation import TRAJECTORY_LIMIT, Result
 
 SCHEMA = "emcas-validation/2"
-"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+"""Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
 
 
 def _cases(result: Result) -> Table:
-    """Return the largest errors of the cases that were compared as a table."""
+    """Return a table of the largest errors of the cases with a reference."""
     units = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
              "motor_voltage": "voltage [V]"}
     compared = {name: case for name, case in result.cases.items() if case.errors}
@@ -33,7 +33,7 @@ def _cases(result: Result) -> Table:
     rows = ([key, *(case.errors[name].maximum if name in case.errors else None for name in shown)]
             for key, case in compared.items())
     return table(["case", *(f">{each}" for each in shown.values())], rows,
-                 f"largest error to {result.compared_with}", range(1 + len(shown)), plain=True)
+                 f"largest error against {result.compared_with}", range(1 + len(shown)), plain=True)
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
@@ -45,7 +45,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
 
 
 def as_dict(result: Result) -> dict[str, Any]:
-    """Return everything but the time series."""
+    """Return the result for JSON, without time series."""
     about, compared = result.about, bool(result.trajectory)
     name, _, version = about.name.partition(" ")
     fields = ("guid", "generation_tool", "sha256", "estimates", "kind", "model", "fin")
@@ -67,7 +67,7 @@ def as_dict(result: Result) -> dict[str, Any]:
 
 
 def write_junit(result: Result, path: Path) -> None:
-    """Write one test case per criterion."""
+    """Write a test case for each criterion."""
     wall = {name: case.judged.wall_time for name, case in result.cases.items()}
     writers.write_junit("emcas validate", {
         f"trajectory against {result.compared_with}": [
@@ -76,7 +76,7 @@ def write_junit(result: Result, path: Path) -> None:
 
 
 def write_report(result: Result, path: Path) -> None:
-    """Write the page; the same result gives the same bytes."""
+    """Write the page; the same result, command and date give the same bytes."""
     from ...figures.plots import pictures  # with Matplotlib, a third of the start of every command
     from .pictures import drawings
 
