@@ -64,7 +64,7 @@ def test_a_sag_is_a_share_of_the_supply(base: Path) -> None:
 def test_another_actuator_is_refused(base: Path) -> None:
     record(base, "--model", "second-order")
     for printed in (check(base, code=2), record(base, code=2)):
-        assert "is of the actuator second-order, not of nonlinear; name the actuator of a parameter file with" in printed
+        assert "is of the actuator second-order, not of nonlinear; name the actuator of a parameter file" in printed
     record(base, "--fresh")
     check(base)
 
