@@ -515,6 +515,14 @@ def test_of_a_users_actuator_nothing_is_said_that_is_the_thesiss(tmp_path: Path)
     assert "engineering estimates</strong>. Meeting the requirements" in text
 
 
+@pytest.mark.parametrize(("model", "of_thesis"), [("nonlinear", True), ("servo", False), ("second-order", False)])
+def test_only_the_actuator_of_the_thesis_is_said_to_meet_its_table(model: str, of_thesis: bool, tmp_path: Path) -> None:
+    write_report(validate(ParameterSubject(load_parameters(model=model)), ["step_plus5"]), tmp_path / "page.html")
+    text = " ".join((tmp_path / "page.html").read_text(encoding="utf-8").split())
+    for words in ("chosen so that the model meets Table 2", "the prototype of Yerlikaya", "Source of the model"):
+        assert (words in text) is of_thesis, words
+
+
 def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     subject = ParameterSubject(load_parameters(model="second-order"))
     subject.inputs = {name: v for name, v in subject.inputs.items() if name != "supply_voltage"}

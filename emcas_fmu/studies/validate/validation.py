@@ -130,8 +130,8 @@ class Result:
 
     @property
     def of_thesis(self) -> bool:
-        """Whether the actuator is one of those shipped that come from the thesis."""
-        return bool(self.origin) and is_shipped(self.about.model)
+        """Whether the actuator is that of the thesis, for which the shipped estimates are chosen."""
+        return is_shipped(self.about.model) and parts(self.about.model)[0] == NONLINEAR
 
     @property
     def criteria(self) -> tuple[Judged, ...]:
