@@ -45,7 +45,7 @@ def percent(share: float) -> str:
 
 
 def with_unit(value: float | bool | None, unit: str, limit: float | None = None) -> str:
-    """Return a figure with its unit, typeset; a time of less than a second is in ms.
+    """Return a figure with its unit, typeset; times below 1 s are in ms.
 
     With a `limit`, in `unit`, it has the digits that distinguish it from the limit. An angle below 1e-9 deg is shown as
     0: doubles near 20 deg are 4e-15 deg apart, and a simulation adds up the rounding of some thousands of steps.

@@ -1,16 +1,16 @@
 """Torque-speed envelopes of motor and drive, continuous and short-term (thesis, Figure 3.2).
 
-The largest torque in steady motion is that of a current within the smallest of these limits:
+The largest torque in steady motion is that of a current within all of these limits:
 
 - heat, continuous: the winding's steady temperature is heat.winding_limit;
-- heat, short-term: the winding reaches heat.winding_limit after the duration, from the steady state of a preload, a
-  share of the smallest continuous limit, so that the I2t load is empty at the start;
+- heat, short-term: the winding reaches heat.winding_limit after the duration, from the steady state under a preload;
+  this is a share of the smallest continuous limit, so the I2t load is empty at the start;
 - I2t: heat.continuous_current; short-term the current that the drive allows for the duration without folding back;
 - peak: drive.current_limit;
 - voltage: V^2 = (R i + K_e w)^2 + (n w L i)^2 at the supply, with n = motor.pole_pairs.
 
 R, K_t and K_e are those at the temperatures that the current causes, in steady state or at the end of the duration.
-With magnets that weaken much by heat, a smaller current may give the largest torque. Losses outside the winding are
+If heat weakens the magnets much, a smaller current may give the largest torque. Losses outside the winding are
 neglected.
 """
 
@@ -235,7 +235,7 @@ def draw(e: Envelope) -> Figure:
                             height=4.4)
     rpm = e.speed * RPM
     for curve, color, name in ((e.short_term, VERMILLION, f"for {e.duration:g} s"),
-                               (e.continuous, BLUE, "for any time")):
+                               (e.continuous, BLUE, "continuous")):
         axes.fill_between(rpm, curve.torque, color=color, alpha=0.18, linewidth=0.0)
         axes.plot(rpm, curve.torque, color=color, linewidth=2.0, label=f"{name} (limited by {CAUSES[curve.bound_by]})")
         axes.plot(rpm, curve.limits["heat"], color=color, linestyle="--", label=f"winding at its limit, {name}")
@@ -256,6 +256,6 @@ def write_picture(e: Envelope, path: Path, parameters: ParameterSet) -> None:
             write(plot, path)
             return
         shown = picture(plot, "Torque-speed envelope", " ".join([
-            f"Torque for {e.duration:g} s and for any time (shaded), and the limits.",
+            f"Torque for {e.duration:g} s and continuous torque (shaded), with their limits.",
             *resting_on({name: names for name, names in e.estimates.items() if name == TORQUE})]))
     write_page(path, "pages/picture.html.j2", [parameters], picture=shown)

@@ -18,7 +18,7 @@ from .thesis import linear_model
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg, of the steps
 STOP = 0.6  # s after the step, when the slowest step has settled
-_SETTLE = 2.0  # s under load before the step
+_SETTLE = 2.0  # s, under load before the step
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from ...runtime.compiled import parameter_row
 from ...simulation import respond_all
 from ...support.progress import Progress, silent
 
-AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
+AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg, of the command
 LIMITS = ("rate", "current", "voltage", "dac")
 """Limits on speed reference, drive current, supply voltage and analogue reference."""
 NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT,
@@ -102,7 +102,7 @@ def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]
         _, raw = replay(values, about, command, outputs, model)
         p = actuator.equation_parameters(FLOATS, actuator.namespace(values))
         u = outputs["drive_reference"]
-        limit = outputs.get("current_limit", p.drive.current_limit)  # heat folds it back
+        limit = outputs.get("current_limit", p.drive.current_limit)  # the extension heat folds it back
         current, supply = outputs["motor_current"], outputs.get("link_voltage", p.drive.supply_voltage)
         applied = outputs["motor_voltage"]
         if actuator.structure.inverter:  # the drive's limit is on its voltage, before the dead time takes its share
@@ -203,7 +203,7 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
         before = merged.copy()
         for k, finer in zip(missing, measured, strict=True):
             merged[k] = _joined(merged[k], finer) if k in merged else finer
-        # With a long sample time no sine between two frequencies may have whole periods.
+        # With a long sample time there may be no sine with whole periods between two frequencies.
         missing = {k: between for k in missing
                    if k not in before or len(merged[k].response.frequency) > len(before[k].response.frequency)
                    if len(between := _between(merged[k]))}

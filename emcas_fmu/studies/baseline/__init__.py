@@ -1,1 +1,1 @@
-"""An approved response to compare with: recorded once, reviewed as text, checked at every change."""
+"""A baseline, an approved response: recorded once, reviewed as text, compared at every change."""

@@ -3,7 +3,7 @@
 
 const DRAWN = "drawn command";
 const NUMBER = "([-+]?(?:\\d+\\.?\\d*|\\.\\d+)(?:e[-+]?\\d+)?)";
-const POINT = new RegExp(`^${NUMBER}(?:\\s*[,;]\\s*|\\s+)${NUMBER}$`, "i"); // a line with two decimal numbers
+const POINT = new RegExp(`^${NUMBER}(?:\\s*[,;]\\s*|\\s+)${NUMBER}$`, "i"); // a line: time and angle
 const STRAIGHT = 1e-14; // rad, second difference due to rounding: such a row is on the line between its neighbours
 
 /** The points of a setting's CSV file, time [s] and command [rad]; from a file with other columns, only its corners. */

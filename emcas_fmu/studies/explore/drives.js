@@ -41,7 +41,7 @@ function worm() {
             return `M${(WHEEL - 5) * x} ${(WHEEL - 5) * y} L${WHEEL * x} ${WHEEL * y}`;
         });
         set(wheel, {d: spokes.join(" ")});
-        /* Where a tooth is at the bottom, a gap between threads is. */
+        /* A tooth at the bottom is in a gap between threads. */
         const offset = (WHEEL * outputs.motor_angle * starts / teeth / pitch + 0.5) % 1, half = Math.ceil(46 / pitch);
         const lines = Array.from({length: 2 * half + 1}, (_, k) => pitch * (k - half + offset)).filter(
             x => x > -42 && x < 46).map(x => `M${x} ${WHEEL + 3} L${x - 4} ${WHEEL + 25}`);

@@ -3,7 +3,7 @@
  * bench/linear. Finite differences of the kernel's equations without quantisation; sampling and delay are exact. */
 
 const DIFFERENCE = 1e-6; // step, relative to arguments above 1; Jacobians are accurate to 1e-7
-const AT_A_POLE = 1e-6; // distance from a pole below which a loop has no value, as in bench/linear/frequency.py
+const AT_A_POLE = 1e-6; // distance from a pole within which a loop has no value, as in bench/linear/frequency.py
 const DECAYS = 1 - 1e-10; // largest magnitude of a pole z of a stable loop, as in bench/linear/systems.py
 
 const zeros = (rows, columns) => Array.from({length: rows}, () => new Float64Array(columns));

@@ -49,7 +49,7 @@ function lastThird(time, column) {
     return between(end - DATA.constants.HELD * (end - time[0]), end, time, column)[1];
 }
 
-/** The figures of a run from `start` to `end` [s], under a constant command [rad]. */
+/** The figures of a hold from `start` to `end` [s] at a constant command [rad]. */
 function hold({excitation: {time: rows}, outputs: {fin_angle: angle, motor_current: current}}, start, end, command) {
     const [time, response] = between(start, end, rows, angle), error = response.map(x => x - command);
     const held = lastThird(time, response), off = lastThird(time, error), figures = {

@@ -72,7 +72,7 @@ function drawPlane(plot, actuator, cases) {
     const runs = cases.map(([letter, {run: {outputs}}]) =>
         ({letter, speed: outputs.motor_speed, torque: outputs.motor_torque}));
     const fastest = largest(runs.map(({speed}) => magnitude(speed))), volts = Number(setting.get(supply));
-    let end = Math.max(1.2 * fastest, 1);  // at least to where the supply leaves no torque
+    let end = Math.max(1.2 * fastest, 1);  // extended to a speed at which the supply leaves no torque
     while (actuator.limitTorques(setting.parameters, volts, [end])[0] > 0 && end < 1e6) end *= 1.2;
     const speeds = Float64Array.from({length: 201}, (_, k) => end * (k - 100) / 100);
     const most = actuator.limitTorques(setting.parameters, volts, speeds).map(x => x / unit);

@@ -30,9 +30,9 @@ def steps(values: Mapping[str, Any]) -> dict[float, Excitation]:
 
 
 def compare(amplitude: float, run: Run, linear: metrics.Array) -> dict[str, float]:
-    """Compare the response to a step of `amplitude` [deg] with the linear model's [rad] at the same times.
+    """Compare the response to a step of `amplitude` [deg] with that of the linear model [rad] at the same times.
 
-    The figures have the names of the JSON file; differences are in % of the step, times in s.
+    The figures have the keys of the JSON file; differences are in % of the step, times in s.
     """
     time, angle, level = run.columns["time"], run.columns["fin_angle"], radians(amplitude)
     after = time >= LEAD_IN - 1e-9
@@ -46,7 +46,7 @@ def compare(amplitude: float, run: Run, linear: metrics.Array) -> dict[str, floa
 def claims(comparisons: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
     """Test the thesis's statement (chapter 5, summary) that the models agree below 3 deg, in two findings.
 
-    Each has a name, a text, and whether it holds; no verdict depends on it.
+    Each finding has a name, a text, and whether it holds; no verdict depends on the findings.
     """
     small = [c for c in comparisons if c["amplitude"] < SMALL]
     large = [c for c in comparisons if c["amplitude"] > SMALL]

@@ -62,14 +62,14 @@ class CaseResult:
 
     @cached_property
     def errors(self) -> Mapping[str, metrics.Errors]:
-        """The errors of the outputs that the reference has; empty without a reference."""
+        """The errors of the outputs that the reference has, in display units; empty without a reference."""
         return {name: metrics.errors(response * scale, reference * scale, unit)
                 for name, si in COMPARED.items() if name in self.judged.columns and name in self.reference
                 for (response, reference), (unit, scale) in [(self.compared(name), metrics.shown(si))]}
 
     @property
     def trajectory(self) -> Judged:
-        """The fin angle's largest error [deg], judged."""
+        """The verdict on the largest error of the fin angle [deg]."""
         reason = self.exact.reason if self.exact else ""
         return Judged("1 % of the accuracy of Table 2 of Yerlikaya (2016)", self.case.name, self.case.title,
                       None if reason else self.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
@@ -173,7 +173,7 @@ class Result:
 
     @property
     def verdict(self) -> str:
-        """The verdict, in words."""
+        """The verdict in words."""
         if self.judged:
             return verdict.in_words(self.criteria, "criterion", "criteria")
         if self.outcome is None:
