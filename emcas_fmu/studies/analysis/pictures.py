@@ -107,7 +107,7 @@ def nichols(analysis: Analysis) -> Drawing:
     m = analysis.linear.margins["reference"]
     return Drawing("Nichols chart", figure, f"At {at} the gain may grow by "
                    f"{_limited(m.up_db, 'dB', m.phase_crossover, 'square, ')} and fall by "
-                   f"{_limited(m.down_db, 'dB', m.reduction_crossover)}, the phase lag by "
+                   f"{_limited(m.down_db, 'dB', m.reduction_crossover)}; the phase lag may grow by "
                    f"{_limited(degrees(m.phase), 'deg', m.gain_crossover, 'circle, ')}, and the delay by "
                    f"{f'{m.delay * 1e3:.2f} ms' if np.isfinite(m.delay) else 'any amount'}. Dotted: gain and phase of "
                    "the closed loop.")
