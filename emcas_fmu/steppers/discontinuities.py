@@ -306,6 +306,8 @@ class System:
         return margins
 
     def _landed(self, ops: Ops, p: Any, begin: Record, x: Record, u: Record, m: Record, events: Values) -> Values:
+        if any(body.stop is not None and callable(body.stop.limit) for body in self._bodies):
+            u, _ = self._limited(ops, p, x, u, m)  # a stop's limit may read the values of limits and gaps
         landed = {}
         for body in self._bodies:
             slide, held = m.bodies[body.rate]

@@ -155,6 +155,14 @@ def test_a_stop_without_friction_is_left_at_once() -> None:
     assert left["fin_angle"] == pytest.approx(0.4 - 0.5 * 2.0 * 0.1**2, rel=1e-9)
 
 
+def test_a_stop_whose_limit_reads_a_listed_limit() -> None:
+    """The stop is at 0.4 rad + u.reach, which is 0.1 rad, limited from 0.3 rad."""
+    system = System(lambda ops, p, x, u: {"fin_angle": x.fin_rate, "fin_rate": u.push},
+                    (em.Limit("reach", 0.3, 0.1),
+                     em.Stop("fin_angle", "fin_rate", lambda ops, p, x, u: 0.4 + u.reach)), ("fin_angle", "fin_rate"))
+    assert run(system, {"fin_angle": 0.3, "fin_rate": 10.0}, 0.05, push=1.0) == {"fin_angle": 0.5, "fin_rate": 0.0}
+
+
 def test_a_body_that_starts_and_turns_back_within_a_step_stays() -> None:
     """Torque 3.1 that falls towards -2.9 with 1 ms, against 3 N.m of friction: it moves for 17 us, by 4e-10 rad."""
     system = System(lambda ops, p, x, u: {"fin_angle": x.fin_rate, "fin_rate": (x.torque - u.friction) / 0.05,
