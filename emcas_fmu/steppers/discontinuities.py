@@ -1,20 +1,21 @@
 """Dry friction, stops, backlash and limits, which an actuator lists beside smooth equations.
 
-Each has a name, under which the equations read its value from the plant inputs ``u``:
+The equations read the values of all but stops from the plant inputs ``u``:
 
-    Coulomb("friction", "fin_rate", torque)   u.friction, the torque [N.m] that opposes the rate; at rest it is what
-                                              holds the body, at most `torque` times breakaway (outputs only)
+    Coulomb("friction", "fin_rate", torque)   u.friction [N.m], positive against a positive rate. At rest derivatives
+                                              read 0, and outputs the holding torque, up to breakaway times `torque`
     Stop("fin_angle", "fin_rate", limit)      no value: the angle stays within +-limit, and an impact is inelastic
     Backlash("mesh", deflection, half_gap)    u.mesh, the deflection beyond the gap; u.mesh_closed, 1 in contact, else 0
     Limit("voltage", value, high, low)        u.voltage, the value between low (default -high) and high
 
-A torque, deflection, gap, value or limit is a number, the name of a parameter, or a function of (ops, p, x, u), where
-``u`` has the values of limits and gaps (for these: of those listed before), but not of frictions. The equations are
-stepped from event to event (:mod:`emcas_fmu.steppers.events`): a body starts, comes to rest or meets its stop; a
-contact closes or opens; a limit is met or left. Linear analysis has no friction, and a backlash in contact.
+A torque, deflection, gap, value or limit is a number, the name of a parameter, or a function of (ops, p, x, u). That
+function reads the values of limits and gaps in ``u``, but of no friction; the function of a limit or gap reads only
+those listed before it. The equations are stepped from event to event (:mod:`emcas_fmu.steppers.events`): a body starts,
+comes to rest or meets its stop; a contact closes or opens; a value meets or leaves its limit. Linear analysis leaves
+out frictions and stops and treats a backlash as closed and without a gap.
 
-A body that rests is one whose rate the friction would reverse: no inertia is needed to find that, but the derivative of
-the rate must be linear in the friction.
+A body at rest stays there while the deceleration by breakaway friction exceeds its acceleration without friction. This
+needs no inertia, but the derivative of the rate must be linear in the friction.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ from .events import Switched, Values
 from .smooth import Derivatives
 
 Equation = Callable[[Ops, Any, Record, Record], Value] | str | float
-# Share of one plus a limit by which its margin is wider: a value exactly at the limit is on neither side.
+# The event margins of a limit are larger by this share of 1 + |limit|: they stay positive exactly at the limit.
 _WIDER = 1e-12
-_LINEAR = 1e-6  # of a change: rounding of derivatives whose other terms are large
+_LINEAR = 1e-6  # relative tolerance of checked derivatives, for their rounding where other terms are large
 
 
-def _wider(ops: Ops, limit: Value) -> Value:
+def _widening(ops: Ops, limit: Value) -> Value:
     return 0.0 if isinstance(limit, float) and isinf(limit) else _WIDER * (1.0 + ops.fabs(limit))
 
 
@@ -50,11 +51,11 @@ def _value(equation: Equation, ops: Ops, p: Any, x: Record, u: Record) -> Value:
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Dry friction of the body with a `rate` [rad/s]: it opposes motion with `torque`, which is 0 or above.
+    """Dry friction of a body: a torque of the size `torque` [N.m] opposes the state `rate` [rad/s].
 
-    A body at rest starts beyond `breakaway` times that torque, 1 or above. The derivative of the rate must be linear in
-    the value; no other derivative may depend on it. Where a body starts and turns back within a step, its angle is kept
-    if it has a Stop.
+    The torque must not be negative. A body at rest starts beyond `breakaway` times the torque, a ratio [-] of at least
+    1. The derivative of the rate must be linear in the friction; no other derivative may depend on it. A body that
+    starts and turns back within a step ends the step at rest, with a Stop also at the angle of the step's start.
     """
 
     name: str
@@ -65,7 +66,7 @@ class Coulomb:
 
 @dataclass(frozen=True)
 class Stop:
-    """Mechanical stops at +-`limit` of an `angle` [rad], whose derivative is `rate`; an impact is inelastic."""
+    """Mechanical stops at +-`limit` [rad] of the state `angle`, whose derivative is the state `rate` [rad/s]."""
 
     angle: str
     rate: str
@@ -74,8 +75,10 @@ class Stop:
 
 @dataclass(frozen=True)
 class Limit:
-    """A `value` that is limited to `low`, by default -`high`, and `high`; the output saturated says so if it
-    `saturates`."""
+    """A `value` limited to the range from `low` to `high`, in the unit of the value; `low` is -`high` by default.
+
+    At a limit the output saturated is true if the limit `saturates`.
+    """
 
     name: str
     value: Equation
@@ -85,26 +88,26 @@ class Limit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the values."""
+        """The names under which equations read the values."""
         return (self.name,)
 
     def range(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Value, Value]:
-        """Return low and high."""
+        """Return the low and the high limit, in the unit of the value."""
         high = _value(self.high, ops, p, x, u)
         return -high if self.low is None else _value(self.low, ops, p, x, u), high
 
     def values(self, ops: Ops, value: Value, side: Value, low: Value, high: Value) -> Values:
-        """Return the values that the equations read, of a `value` at a limit or between them (`side` 1, -1, 0)."""
+        """Return the values that equations read, by name; `side` is 1 at the high limit, -1 at the low one, else 0."""
         return {self.name: ops.where(side > 0.0, high, ops.where(side < 0.0, low, value))}
 
     def smooth(self, ops: Ops, value: Value, low: Value, high: Value) -> Values:
-        """Return the values for linear analysis: a limit limits there, too."""
+        """Return the values that linear analysis reads, by name; they are limited there, too."""
         return {self.name: ops.clip(value, low, high)}
 
 
 @dataclass(frozen=True)
 class Backlash(Limit):
-    """A gap of +-`high` in a `value`, the deflection between two bodies: a force acts on what is beyond it."""
+    """A gap of half width `high` in the deflection `value` [rad]; equations read the deflection beyond the gap."""
 
     saturates: bool = False
 
@@ -124,7 +127,7 @@ Discontinuity = Coulomb | Stop | Limit
 
 
 class _At(NamedTuple):
-    """A limit or gap at one moment: its value, its range, and the side that it is limited to (1, -1; 0 between)."""
+    """A limit or gap at one moment: its value and range, and the limit that is reached (1 high, -1 low, 0 neither)."""
 
     value: Value
     low: Value
@@ -133,21 +136,22 @@ class _At(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """The dry friction and the stop of one rate."""
+    """A body: the name of its rate, and the dry friction and the stop that act on that rate."""
 
     rate: str
     friction: Coulomb | None
     stop: Stop | None
 
-    def place(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Value, Value]:
-        """Return angle and stop [rad]."""
+    def angle_and_limit(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Value, Value]:
+        """Return the angle and the limit of the stop [rad]; without a stop 0 and infinity."""
         return (0.0, inf) if self.stop is None else (getattr(x, self.stop.angle), _value(self.stop.limit, ops, p, x, u))
 
 
 class System:
-    """Smooth `derivatives`, which return d/dt of every state, with discontinuities.
+    """A plant of smooth `derivatives`, which return d/dt of every state, with discontinuities.
 
-    Raises EmcasError if two of these act on one rate, or if a state that one names is not among `states`.
+    Raises EmcasError if two frictions or two stops have the same rate, or if a friction or stop names a state that is
+    not among `states`. The first simulation raises EmcasError if limits, torques or derivatives do not fit.
     """
 
     def __init__(self, derivatives: Derivatives, discontinuities: Sequence[Discontinuity], states: Sequence[str]
@@ -162,31 +166,31 @@ class System:
         frictions = _by_rate(each for each in discontinuities if isinstance(each, Coulomb))
         stops = _by_rate(each for each in discontinuities if isinstance(each, Stop))
         self._bodies = [_Body(rate, frictions.get(rate), stops.get(rate)) for rate in {**frictions, **stops}]
-        self._still = {friction.name: 0.0 for friction in frictions.values()}
-        self.names = (*self._still, *(name for limit in self._limits for name in limit.names))
+        self._no_friction = {friction.name: 0.0 for friction in frictions.values()}
+        self.names = (*self._no_friction, *(name for limit in self._limits for name in limit.names))
         system = Switched(self._mode, self._rates, self._margins, self._landed, check=self._check)
         self.step = system.step(lambda ops, p: p)
 
-    # -- what the equations read ------------------------------------------------
+    # -- the values that equations read -----------------------------------------
 
     def smooth(self, ops: Ops, p: Any, x: Record, u: Record) -> Values:
-        """Return d/dt of the states without friction, and in contact."""
+        """Return d/dt of the states for linear analysis, without frictions, stops and gaps."""
         for limit in self._limits:
             u = _with(u, limit.smooth(ops, _value(limit.value, ops, p, x, u), *limit.range(ops, p, x, u)))
         return self._free(ops, p, x, u)
 
     def present(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Any, Value]:
-        """Return the plant inputs with every value, and whether a limit is active; friction holds a body at rest."""
+        """Return the plant inputs with every value for the outputs, and whether a limit that saturates is reached."""
         u, limits = self._limited(ops, p, x, u)
         active = reduce(ops.either, (ops.negate(ops.equal(limits[each.name].side, 0.0)) for each in self._limits
                                      if each.saturates), False)
         rates, frictions = self._free(ops, p, x, u), {}
         for body in self._bodies:
             if body.friction is not None:
-                free = rates[body.rate]
-                dry, torque, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, free)
+                acceleration = rates[body.rate]
+                deceleration, torque, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, acceleration)
                 most = torque * breakaway
-                holding = ops.clip(torque * free / ops.where(dry > 0.0, dry, 1.0), -most, most)
+                holding = ops.clip(torque * acceleration / ops.where(deceleration > 0.0, deceleration, 1.0), -most, most)
                 speed = getattr(x, body.rate)
                 frictions[body.friction.name] = ops.where(
                     ops.equal(speed, 0.0), holding, ops.where(speed > 0.0, torque, -torque))
@@ -194,8 +198,8 @@ class System:
 
     def _limited(self, ops: Ops, p: Any, x: Record, u: Record, mode: Record | None = None
                  ) -> tuple[Record, dict[str, _At]]:
-        """Return the plant inputs with the values of limits and gaps, and each of these: on the side of a mode, or of
-        now."""
+        """Return the plant inputs with the values of limits and gaps, and these by name; their sides are those of the
+        `mode`, or follow from the present values."""
         limits = {}
         for each in self._limits:
             value, (low, high) = _value(each.value, ops, p, x, u), each.range(ops, p, x, u)
@@ -207,17 +211,19 @@ class System:
 
     def _free(self, ops: Ops, p: Any, x: Record, u: Record) -> Values:
         """Return d/dt of the states without friction."""
-        return self._derivatives(ops, p, x, _with(u, self._still))
+        return self._derivatives(ops, p, x, _with(u, self._no_friction))
 
-    def _friction(self, ops: Ops, p: Any, x: Record, u: Record, rate: str, friction: Coulomb, free: Value
+    def _friction(self, ops: Ops, p: Any, x: Record, u: Record, rate: str, friction: Coulomb, acceleration: Value
                   ) -> tuple[Value, Value, Value]:
-        """Return deceleration by a friction, its torque, and breakaway ratio; `free` is d/dt of `rate` without it."""
+        """Return the deceleration [rad/s2] by a friction, its torque [N.m] and its breakaway ratio [-]; `acceleration` is
+        d/dt of `rate` without friction."""
         torque = _value(friction.torque, ops, p, x, u)
-        rubbed = self._derivatives(ops, p, x, _with(u, {**self._still, friction.name: torque}))[rate]
-        return free - rubbed, torque, _value(friction.breakaway, ops, p, x, u)
+        with_friction = self._derivatives(ops, p, x, _with(u, {**self._no_friction, friction.name: torque}))[rate]
+        return acceleration - with_friction, torque, _value(friction.breakaway, ops, p, x, u)
 
     def _check(self, ops: Ops, p: Any, x: Record, u: Record) -> None:
-        """Raise EmcasError for limits in the wrong order, negative ones, and equations that misuse a value."""
+        """Raise EmcasError for limits in the wrong order, values below their minimum, and derivatives that misuse one.
+        """
         u, read = _reading(u)
         u, limits = self._limited(ops, p, x, u)
         rates = self._free(ops, p, x, u)
@@ -227,9 +233,10 @@ class System:
                 raise EmcasError(f"{type(each).__name__} {each.name}: its low limit {at.low:.4g} is above the high "
                                  f"one, {at.high:.4g}")
             if not read.intersection(each.names):
-                raise EmcasError(f"{type(each).__name__} {each.name}: no derivative depends on u.{each.name}")
+                raise EmcasError(f"{type(each).__name__} {each.name}: no derivative depends on u.{each.name}; use it "
+                                 "in one, or remove the discontinuity")
         for body in self._bodies:
-            _, limit = body.place(ops, p, x, u)
+            _, limit = body.angle_and_limit(ops, p, x, u)
             if body.stop is not None and not limit > 0.0:
                 raise EmcasError(f"Stop of {body.stop.angle}: its limit is {limit:.4g}; it must be above 0")
             if body.stop is not None and not isclose(rates[body.stop.angle], getattr(x, body.rate), rel_tol=_LINEAR):
@@ -243,8 +250,8 @@ class System:
             raise EmcasError(f"Coulomb {name}: its torque is {torque:.4g}; it must be 0 or above")
         if (ratio := _value(friction.breakaway, ops, p, x, u)) < 1.0:
             raise EmcasError(f"Coulomb {name}: its breakaway is {ratio:.4g}; it must be 1 or above, a ratio to torque")
-        probe = 1.0 + torque  # a torque near 0 would be lost in rounding
-        free, above, below = (self._derivatives(ops, p, x, _with(u, {**self._still, name: value}))
+        probe = 1.0 + torque  # the effect of a torque near 0 would be lost in rounding
+        free, above, below = (self._derivatives(ops, p, x, _with(u, {**self._no_friction, name: value}))
                               for value in (0.0, probe, -probe))
         change = above[rate] - free[rate]
         if change >= 0.0:
@@ -253,8 +260,8 @@ class System:
         if abs(above[rate] + below[rate] - 2.0 * free[rate]) > _LINEAR * abs(change):
             raise EmcasError(f"Coulomb {name}: the derivative of {rate} must be linear in u.{name}")
         if other := [each for each in free if each != rate and above[each] != free[each]]:
-            raise EmcasError(f"Coulomb {name}: the derivative of {other[0]} depends on u.{name}, too; friction of "
-                             "bodies that are rigidly coupled needs a step")
+            raise EmcasError(f"Coulomb {name}: the derivative of {other[0]} depends on u.{name}, too; for "
+                             "friction of rigidly coupled bodies declare a step function instead of discontinuities")
 
     # -- a mode, which holds for a step -----------------------------------------
 
@@ -262,18 +269,18 @@ class System:
         u, limits = self._limited(ops, p, x, u)
         rates, bodies = self._free(ops, p, x, u), {}
         for body in self._bodies:
-            free = rates[body.rate]
-            dry, _, breakaway = (0.0, 0.0, 1.0) if body.friction is None else self._friction(
-                ops, p, x, u, body.rate, body.friction, free)
-            angle, limit = body.place(ops, p, x, u)
-            slide = stick.slide(ops, getattr(x, body.rate), free, dry * breakaway, angle, limit)
-            # Without friction nothing but a stop holds a body.
-            holds = ops.either(dry > 0.0, ops.fabs(angle) >= limit)
+            acceleration = rates[body.rate]
+            deceleration, _, breakaway = (0.0, 0.0, 1.0) if body.friction is None else self._friction(
+                ops, p, x, u, body.rate, body.friction, acceleration)
+            angle, limit = body.angle_and_limit(ops, p, x, u)
+            slide = stick.slide(ops, getattr(x, body.rate), acceleration, deceleration * breakaway, angle, limit)
+            # Without friction only a stop holds a body.
+            holds = ops.either(deceleration > 0.0, ops.fabs(angle) >= limit)
             bodies[body.rate] = slide, ops.both(ops.equal(slide.direction, 0.0), holds)
         return Record(sides={name: at.side for name, at in limits.items()}, bodies=bodies)
 
     def _acting(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Any:
-        """Return the plant inputs with every value in a mode."""
+        """Return the plant inputs with every value, as derivatives read them in a mode."""
         u, _ = self._limited(ops, p, x, u, m)
         directions = {rate: slide.direction for rate, (slide, _) in m.bodies.items()}
         return _with(u, {body.friction.name: directions[body.rate] * _value(body.friction.torque, ops, p, x, u)
@@ -281,28 +288,28 @@ class System:
 
     def _rates(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Values:
         rates = self._derivatives(ops, p, x, self._acting(ops, p, x, u, m))
-        return {**rates, **{rate: ops.where(held, 0.0, rates[rate]) for rate, (_, held) in m.bodies.items()}}
+        return {**rates, **{rate: ops.where(rests, 0.0, rates[rate]) for rate, (_, rests) in m.bodies.items()}}
 
     def _margins(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Values:
         u, limits = self._limited(ops, p, x, u, m)
         margins = {}
         for name, (value, low, high, side) in limits.items():
-            margins[f"{name} high"] = ops.where(side > 0.0, value - high, high - value) + _wider(ops, high)
-            margins[f"{name} low"] = ops.where(side < 0.0, low - value, value - low) + _wider(ops, low)
+            margins[f"{name} high"] = ops.where(side > 0.0, value - high, high - value) + _widening(ops, high)
+            margins[f"{name} low"] = ops.where(side < 0.0, low - value, value - low) + _widening(ops, low)
         rates = self._free(ops, p, x, u)
         for body in self._bodies:
-            slide, held = m.bodies[body.rate]
-            # A body that slides comes to rest; one that started at rest in this step has a speed of 0 at its start.
+            slide, rests = m.bodies[body.rate]
+            # A sliding body comes to rest where this margin is 0; a body that starts in this step begins with 0.
             slides = 1.0 if body.friction is None else ops.where(
                 ops.equal(slide.direction, 0.0), 1.0, slide.direction * getattr(x, body.rate))
-            if body.friction is not None and callable(body.friction.torque):  # what holds may change within a step
-                dry, _, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, rates[body.rate])
-                high, low = stick.holding(ops, dry * breakaway, *body.place(ops, p, x, u))
+            if body.friction is not None and callable(body.friction.torque):  # the holding torque may change in a step
+                deceleration, _, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, rates[body.rate])
+                high, low = stick.holding(ops, deceleration * breakaway, *body.angle_and_limit(ops, p, x, u))
                 slide = slide._replace(high=high, low=low)
-            margins[body.rate] = ops.where(held, stick.reserve(ops, slide, rates[body.rate]), slides)
+            margins[body.rate] = ops.where(rests, stick.reserve(ops, slide, rates[body.rate]), slides)
             if body.stop is not None:
-                angle, limit = body.place(ops, p, x, u)
-                margins[body.stop.angle] = ops.where(held, 1.0, limit - ops.fabs(angle))
+                angle, limit = body.angle_and_limit(ops, p, x, u)
+                margins[body.stop.angle] = ops.where(rests, 1.0, limit - ops.fabs(angle))
         return margins
 
     def _landed(self, ops: Ops, p: Any, begin: Record, x: Record, u: Record, m: Record, events: Values) -> Values:
@@ -310,14 +317,14 @@ class System:
             u, _ = self._limited(ops, p, x, u, m)  # a stop's limit may read the values of limits and gaps
         landed = {}
         for body in self._bodies:
-            slide, held = m.bodies[body.rate]
-            speed, moves, back = getattr(x, body.rate), ops.negate(held), False
+            slide, rests = m.bodies[body.rate]
+            speed, moves, back = getattr(x, body.rate), ops.negate(rests), False
             if body.friction is not None:
                 started = ops.both(moves, ops.negate(ops.equal(slide.direction, 0.0)))
                 back = ops.both(started, stick.nowhere(ops, slide, getattr(begin, body.rate), speed))
                 speed = ops.where(ops.either(back, ops.both(moves, events[body.rate])), 0.0, speed)
             if body.stop is not None:
-                angle, limit = body.place(ops, p, x, u)
+                angle, limit = body.angle_and_limit(ops, p, x, u)
                 beyond = ops.both(ops.fabs(angle) >= limit, angle * speed > 0.0)
                 met = ops.both(moves, ops.either(events[body.stop.angle], beyond))
                 inside = ops.where(met, ops.where(angle > 0.0, limit, -limit), ops.clip(angle, -limit, limit))
@@ -328,7 +335,7 @@ class System:
 
 
 def _reading(u: Any) -> tuple[Any, set[str]]:
-    """Return inputs that record the names that are read of them, and these names."""
+    """Return inputs that record which of their names are read, and the set of these names."""
     read: set[str] = set()
 
     class Reading(type(u)):  # type: ignore[misc]
@@ -343,7 +350,7 @@ def _by_rate(discontinuities: Any) -> dict[str, Any]:
     by_rate: dict[str, Any] = {}
     for each in discontinuities:
         if each.rate in by_rate:
-            remedy = "the narrower" if isinstance(each, Stop) else "one with the sum"
+            remedy = "only the narrower stop" if isinstance(each, Stop) else "one friction with the sum of the torques"
             raise EmcasError(f"{type(each).__name__} of {each.rate} is listed twice; list {remedy}")
         by_rate[each.rate] = each
     return by_rate
