@@ -1,1 +1,1 @@
-"""One step of a plant each: from a state to the end of a tick, or to the first event in it."""
+"""Steppers of plants: each computes one step, to the end of a tick or to the first event in it."""

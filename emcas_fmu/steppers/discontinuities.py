@@ -190,7 +190,8 @@ class System:
                 acceleration = rates[body.rate]
                 deceleration, torque, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, acceleration)
                 most = torque * breakaway
-                holding = ops.clip(torque * acceleration / ops.where(deceleration > 0.0, deceleration, 1.0), -most, most)
+                divisor = ops.where(deceleration > 0.0, deceleration, 1.0)
+                holding = ops.clip(torque * acceleration / divisor, -most, most)
                 speed = getattr(x, body.rate)
                 frictions[body.friction.name] = ops.where(
                     ops.equal(speed, 0.0), holding, ops.where(speed > 0.0, torque, -torque))
@@ -215,8 +216,8 @@ class System:
 
     def _friction(self, ops: Ops, p: Any, x: Record, u: Record, rate: str, friction: Coulomb, acceleration: Value
                   ) -> tuple[Value, Value, Value]:
-        """Return the deceleration [rad/s2] by a friction, its torque [N.m] and its breakaway ratio [-]; `acceleration` is
-        d/dt of `rate` without friction."""
+        """Return the deceleration [rad/s2] by a friction, its torque [N.m] and its breakaway ratio [-];
+        `acceleration` is d/dt of `rate` without friction."""
         torque = _value(friction.torque, ops, p, x, u)
         with_friction = self._derivatives(ops, p, x, _with(u, {**self._no_friction, friction.name: torque}))[rate]
         return acceleration - with_friction, torque, _value(friction.breakaway, ops, p, x, u)

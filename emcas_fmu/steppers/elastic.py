@@ -1,12 +1,12 @@
 """One step of rotor and fin with an elastic drive line between them (:mod:`emcas_fmu.physics.drive_line`).
 
 Both motions make one implicit midpoint step under the midpoint torque of the line, which conserves the energy of an
-undamped line, however stiff. Dry friction on both sides is solved with them: a body at rest that friction holds stays
-exactly there. The current follows its exponential for the back-EMF of the mean speed.
+undamped line, however stiff. Dry friction on both sides is solved together with the motions: a body at rest that
+friction holds stays exactly there. The current follows its exponential for the back-EMF at the mean speed.
 
-The equations are smooth while their event margins are above 0: the gap ahead or the pressure on a flank, each speed,
-the distances to the fin's stops, the drive's voltage reserve. The step ends at the first event
-(:func:`emcas_fmu.steppers.events.first_event`), and the caller steps on.
+The equations are smooth while all event margins are above 0: the gap ahead of a flank or the pressure on it, both
+speeds, the distances to the fin's stops, the voltage reserve of the drive. The step ends at the first event
+(:func:`emcas_fmu.steppers.events.first_event`), and the caller continues from there.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
-from .electrical import Drive, electrical_mode, reserve, resolved, switched
+from .electrical import ElectricalMode, electrical_mode, reserve, resolved_step, switched
 from .events import PROGRESS, Values, first_event
 from .rigid import friction_speed, integral_end, stops
 
-# The least share of a step before a flank separates: in less, a slow motion may not exceed the rounding of its angle.
-# Meanwhile the flank pulls and removes energy.
+# The separation of a flank is at least this share of the step after its start: in less time, a slow motion may be
+# smaller than the rounding of its angle. Meanwhile the flank pulls, which removes energy.
 _LEAVING = 1e-3
-_LEAST_LOCKING = 1e-12  # of -e, for a screw that does not lock: no bound
+_LEAST_LOCKING = 1e-12  # smallest value of -e: the longest step for a screw that does not lock is as good as unlimited
 
 
 class Pair(NamedTuple):
-    """Rotor angle [rad] and speed [rad/s], motor current [A], drive integral [V]; the fin's angle and speed at the
-    motor."""
+    """The states: angle [rad] and speed [rad/s] of the rotor, motor current [A], drive integral [V]; angle and speed of
+    the fin, referred to the motor."""
 
     motor_angle: Value
     motor_speed: Value
@@ -41,7 +41,7 @@ class Pair(NamedTuple):
 
 
 class _Mode(NamedTuple):
-    """The mode of a step: whether a flank presses, from which deflection [rad], and the drive's mode."""
+    """The mode of a step: whether a flank presses, the deflection [rad] at which it begins to, and the drive's mode."""
 
     pressed: Value
     flank: Value
@@ -49,7 +49,8 @@ class _Mode(NamedTuple):
 
 
 class _Electric(NamedTuple):
-    """Mean current at_rest - slope w [A] for the mean speed w [rad/s], and the shares for the current at the end."""
+    """The mean current at_rest - slope w [A] at a mean speed w [rad/s]; the weights of the starting current in the mean
+    current (`kept`) and in the current at the end (`decay`)."""
 
     at_rest: Value
     slope: Value
@@ -101,18 +102,18 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
         (2 J/h + b + K_t K_e' + k) W - k U = r_1 - friction        (2 J_f/h + b_f + k) U - k W = r_2 - friction
 
     where k = h K/2 + D. The matrix is symmetric and the solution under friction minimises a convex function, so it is
-    unique. Friction that falls with speed is that at the rotor speed `at`, by default the mid-step speed of a first
-    solution.
+    unique. Friction that falls with speed is evaluated at a rotor speed `at` [rad/s], by default the mid-step speed of
+    a first solution.
     """
     if at is None:
         at = friction_speed(ops, p, s, lambda: 0.5 * (
             s.motor_speed + _advanced(ops, p, c, s, acting, mode, h, s.motor_speed).motor_speed))
     if not screw.lossy(p):
         return _solved(ops, p, c, s, acting, mode, h, at)[0]
-    # The load L on the screw grows with W, whatever the friction at the fin, and so does the left side of the rotor's
-    # row with either efficiency e while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same with both. A
-    # screw that locks, e < 0, needs steps that are short enough (:func:`longest_step`).
-    # A speed against the direction counts as rest.
+    # The load L on the screw grows with W, whatever the friction at the fin. With either efficiency e so does the left
+    # side of the rotor's row while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same with both. A screw
+    # that locks, e < 0, needs steps that are short enough (:func:`longest_step`).
+    # If `at` is against the motor's direction, the efficiencies are those at rest.
     along = ops.where(at * s.motor_speed < 0.0, 0.0, at) if screw.falls(p) else at
     (driving, load, way), (driven, _, _) = (
         _solved(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
@@ -121,9 +122,9 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 
 
 def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
-    """Return the longest step [s] in which a screw that locks, e < 0, has one acceleration.
+    """Return the longest step [s] in which the acceleration of a screw that locks, e < 0, is unique.
 
-    -e k is at most a share `most` of 2 J/h, k = h K/2 + D, which also covers a fin at rest.
+    In it -e k, with k = h K/2 + D, is at most the share `most` of 2 J/h. This is also enough for a fin at rest.
     """
     locking = ops.maximum(-screw.backward(ops, p), _LEAST_LOCKING)
     inertia = most * screw.rotor_inertia(p)
@@ -135,11 +136,11 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
             felt: Value | None = None) -> tuple[Pair, Value, Value]:
     """Return the end of :func:`_advanced`, the load on the screw [N.m] and the rotor's direction (-1, 0, 1).
 
-    A rotor that feels e times the load has in its row of the equations, J = J_r + e J_n with the nut's J_n,
+    If e times the load acts on the rotor (`felt`), its row of the equations is, with J = J_r + e J_n, J_n of the nut,
 
         (2 J/h + b + K_t K_e' + e k) W - e k U = r_1 - friction
     """
-    def seen(x: Value) -> Value:
+    def at_rotor(x: Value) -> Value:
         return x if felt is None else felt * x
 
     def body_force() -> Value:
@@ -154,21 +155,21 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     if felt is not None:
         inertia = inertia + (felt - 1.0) * screw.nut_inertia(p)
     rotor, fin = 2.0 * inertia / h, 2.0 * m.inertia / h
-    # Linearised about the speed at the start, u^2 -> 2 u U - u^2 for the mean.
+    # The centrifugal term is linearised about the speed u at the start: u^2 becomes 2 u U - u^2.
     swing = m.centrifugal * s.fin_side_speed
     alone_2 = fin + mechanics.hinge_damping(p, m) - 2.0 * swing
-    r_1 = (rotor * s.motor_speed + driving + seen(body_force())) - seen(spring)
+    r_1 = (rotor * s.motor_speed + driving + at_rotor(body_force())) - at_rotor(spring)
     r_2 = (fin - swing) * s.fin_side_speed + m.load + spring
 
     low_stop, high_stop = stops(ops, p)
-    held = mechanics.hinge_dry(p, m)
-    high = ops.where(s.fin_side_angle >= high_stop, WALL, held)
-    low = -ops.where(s.fin_side_angle <= low_stop, WALL, held)
+    hinge = mechanics.hinge_dry(p, m)
+    high = ops.where(s.fin_side_angle >= high_stop, WALL, hinge)
+    low = -ops.where(s.fin_side_angle <= low_stop, WALL, hinge)
     up, down = friction.coulomb(ops, p, 1.0, m.fin), -friction.coulomb(ops, p, -1.0, m.fin)
     fin_rests, rotor_rests = ops.equal(s.fin_side_speed, 0.0), ops.equal(s.motor_speed, 0.0)
-    sliding = ops.where(s.fin_side_speed > 0.0, held, -held)
+    sliding = ops.where(s.fin_side_speed > 0.0, hinge, -hinge)
 
-    # The fin's mean speed while the rotor rests, and the direction in which its torque then starts the rotor.
+    # The fin's mean speed while the rotor rests, and the direction in which the torque then starts the rotor.
     free, _ = _beyond(ops, r_2, high, low)
     fin_alone = ops.where(fin_rests, free, r_2 - sliding) / (alone_2 + k)
     if felt is None:
@@ -184,16 +185,16 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     if friction.falls(p):
         up, down = friction.coulomb(ops, p, 1.0, m.fin, at), -friction.coulomb(ops, p, -1.0, m.fin, at)
     n_1 = r_1 - ops.where(way > 0.0, up, down)
-    # The rotor's mean speed while the fin rests; from rest it moves in the direction of its torque.
-    rotor_alone = n_1 / (alone_1 + seen(k))
+    # The rotor's mean speed while the fin rests; a rotor at rest starts only in the direction of its torque.
+    rotor_alone = n_1 / (alone_1 + at_rotor(k))
     rotor_alone = ops.where(ops.both(rotor_rests, rotor_alone * way < 0.0), 0.0, rotor_alone)
     _, pushed = _beyond(ops, r_2 + k * rotor_alone, high, low)
     fin_held = ops.both(fin_rests, ops.equal(pushed, 0.0))
     n_2 = r_2 - ops.where(fin_rests, ops.where(pushed > 0.0, high, low), sliding)
-    # The products of k cancel by hand.
-    determinant = alone_1 * alone_2 + k * (alone_1 + seen(alone_2))
-    w = ops.where(fin_held, rotor_alone, ((alone_2 + k) * n_1 + seen(k) * n_2) / determinant)
-    u = ops.where(fin_held, 0.0, ((alone_1 + seen(k)) * n_2 + k * n_1) / determinant)
+    # The products k k are left out: they cancel.
+    determinant = alone_1 * alone_2 + k * (alone_1 + at_rotor(alone_2))
+    w = ops.where(fin_held, rotor_alone, ((alone_2 + k) * n_1 + at_rotor(k) * n_2) / determinant)
+    u = ops.where(fin_held, 0.0, ((alone_1 + at_rotor(k)) * n_2 + k * n_1) / determinant)
     w, u = ops.where(rotor_held, 0.0, w), ops.where(rotor_held, fin_alone, u)
 
     current, integral = _electric_end(ops, p, s, mode.drive, e, w, h)
@@ -205,7 +206,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
 
 
 def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> Values:
-    """Return the event margins by name, above 0 until the mode that held at `start` ends."""
+    """Return the event margins by name, above 0 until the mode at `start` ends."""
     deflection = s.motor_angle - s.fin_side_angle
     side = ops.where(mode.flank > 0.0, 1.0, -1.0)
     torque = drive_line.torque(c, deflection, s.motor_speed - s.fin_side_speed, mode.flank)
@@ -227,7 +228,7 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
 def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Value) -> _Mode:
     """Return the mode at the start of a step of `h` [s].
 
-    A flank that has just been met presses if the motion without it would close the gap.
+    A flank that has just been met presses if the motion without its force would close the gap.
     """
     deflection = s.motor_angle - s.fin_side_angle
     pressed, flank = drive_line.pressed(ops, c, deflection, s.motor_speed - s.fin_side_speed)
@@ -246,19 +247,20 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
         speed = _advanced(ops, p, c, s, acting, _Mode(pressed, flank, electric), h).motor_speed
         return tuple(electrical_mode(ops, p, s, acting, h, lambda: (speed - s.motor_speed) / h))
 
-    return _Mode(pressed, flank, Drive(*ops.branch(p.motor.pole_pairs > 0.0, accelerated, lambda: tuple(electric))))
+    electric = ElectricalMode(*ops.branch(p.motor.pole_pairs > 0.0, accelerated, lambda: tuple(electric)))
+    return _Mode(pressed, flank, electric)
 
 
 def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, Value]:
-    """Return the state after `h` [s] or at the first event before, and the time until then [s]."""
+    """Return the state after `h` [s] or at the first event in that time, and the time that has passed [s]."""
     s = s._replace(**switched(ops, s, acting.enabled))
-    h = resolved(ops, p, s, acting, h)
+    h = resolved_step(ops, p, s, acting, h)
     c = drive_line.line(ops, p, s.fin_side_angle + 0.5 * h * s.fin_side_speed)
     mode = _mode(ops, p, c, s, acting, h)
     whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
-    # At a stop the fin may only leave it; any other margin that was lost before is not an event.
+    # A margin that is 0 at the start causes no event, except that of a stop towards which the fin moves.
     outward = {"upper stop": whole.fin_side_angle > s.fin_side_angle,
                "lower stop": whole.fin_side_angle < s.fin_side_angle}
     lost = {name: ops.both(after[name] <= 0.0, outward.get(name, y > 0.0)) for name, y in before.items()}

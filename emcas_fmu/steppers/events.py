@@ -1,13 +1,13 @@
 """One step of equations that are smooth between events: stick and slip, locking, valves that open, limits, stops.
 
-For actuators with events that have no closed forms. A mode defines which equations apply: numbers by name, chosen at
-the start of the step and constant in it, with other frozen values (such as a lever's ratio at mid-step). The states
-then make a step of ROS2 (:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order. Each event margin of a mode
-is above 0 while the mode holds. The step ends when the first of them is lost, located by a secant and a correction;
-there `landed` sets values that are known exactly, such as the speed 0 of a body that comes to rest, and the caller
+It serves actuators whose events have no closed forms. A mode defines which equations apply: values by name, chosen at
+the start of the step and constant in it (also such as a lever's ratio at mid-step). The step integrates the states by
+ROS2 (:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order. Each event margin of a mode is above 0 while the
+mode holds. The step ends where the first margin is lost, that is, falls to 0, which a secant and a correction locate.
+There `landed` sets values that are known exactly, such as the speed 0 of a body that comes to rest, and the caller
 continues with the mode of that state.
 
-A margin that is 0 at the start of the step, as that of a body at rest which now slides, is not an event in it.
+A margin that is 0 at the start of a step, such as the speed of a body that starts, causes no event in the step.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from .smooth import ros2
 
-# The least share of a step before an event, so that every call moves on.
+# An event is at least this share of the step after its start, so that every call advances.
 PROGRESS = 1e-6
-# The share of a margin at the step's start above which its zero is still far; and the share of the step that is then
-# stepped at least.
+# The zero of a margin is far if more than the first share of its starting value remains at the first estimate of the
+# time. The step then advances by at least the second share of `h`.
 _FAR, _FURTHER = 0.5, 1.0 / 16.0
 Values = Mapping[str, Value]
 
 
 @dataclass(frozen=True)
 class Switched:
-    """Equations with events, of states by name.
+    """Equations with events; states, event margins and events are mappings by name.
 
     mode(ops, p, x, u, h)               the mode of a step of `h` [s] that starts at `x`
-    derivatives(ops, p, x, u, mode)     d/dt of the states; states without one are constant
-    margins(ops, p, x, u, mode)         event margins by name, above 0 while the mode holds
-    landed(ops, p, begin, x, u, mode, events)  states that differ from `x` at the end of a step from `begin`: `events`
-                                        says by name which margin was lost there
+    derivatives(ops, p, x, u, mode)     d/dt of the states; states without a derivative are constant
+    margins(ops, p, x, u, mode)         event margins, above 0 while the mode holds
+    landed(ops, p, begin, x, u, mode, events)  corrected values of states at `x`, the end of a step from `begin`; the
+                                        event of the margin that was lost there is true
     check(ops, p, x, u)                 raises EmcasError for values or equations that do not fit the events; called in
                                         the first simulation of a user's actuator
-    begun(ops, p, x, u, h)              states that an input switches as the step begins, and the longest step up to `h`
-    least                               by name of a margin the least share of a step before its event, if not PROGRESS
+    begun(ops, p, x, u, h)              states at the start, some switched by inputs, and a step up to `h` [s]
+    least                               smallest share of a step before the event of a margin; by default PROGRESS, 1e-6
     """
 
     mode: Callable[[Ops, Any, Record, Any, Value], Record]
@@ -54,13 +54,13 @@ class Switched:
     least: Values = field(default_factory=dict)
 
     def step(self, as_built: Callable[[Ops, Any], Any]) -> SwitchedStep:
-        """Return the function `step(ops, p, x, u, h)` of an actuator whose plant has the parameters `as_built`."""
+        """Return the function `step(ops, p, x, u, h)`; `as_built(ops, p)` returns the parameters of the plant."""
         return SwitchedStep(self, as_built)
 
 
 @dataclass(frozen=True)
 class SwitchedStep:
-    """The function `step(ops, p, x, u, h)` of a system whose parameters are `as_built`."""
+    """The function `step(ops, p, x, u, h)` of a system; `as_built(ops, p)` returns the parameters of the plant."""
 
     system: Switched
     as_built: Callable[[Ops, Any], Any]
@@ -77,7 +77,7 @@ class SwitchedStep:
 
 
 def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) -> tuple[Record, Value]:
-    """Return the states after `h` [s] or at the first event before, and the time that took [s]."""
+    """Return the states after `h` [s] or at the first event in that time, and the time that has passed [s]."""
     x, h = system.begun(ops, p, x, u, h)
     mode = system.mode(ops, p, x, u, h)
     names = tuple(system.derivatives(ops, p, x, u, mode))
@@ -98,12 +98,12 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
 
     whole = moved(h)
     start, after = margins(x), margins(whole)
-    before = {name: y for name, y in start.items() if after[name] is not y}  # what a step holds is never lost
+    before = {name: y for name, y in start.items() if after[name] is not y}  # the same value: no event
     lost = {name: ops.both(after[name] <= 0.0, y > 0.0) for name, y in before.items()}
 
     def to_event() -> tuple[Value, ...]:
         first = first_event(ops, h, before, after, lost, lambda time: margins(moved(time)), system.least)
-        # A margin that first grows, or hardly falls, is zero nowhere near: the step looks further, without an event.
+        # A margin that first grows, or hardly falls, has its zero far away: the step then ends later, without an event.
         far = first.margin > _FAR * first.begin
         used = ops.where(far, ops.maximum(first.time, _FURTHER * h), first.time)
         events = {name: ops.both(happens, ops.negate(far)) for name, happens in first.happens.items()}
@@ -115,8 +115,8 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
 
 
 class FirstEvent(NamedTuple):
-    """The first event in a step: its time [s], by margin whether the loss of that margin is the event, and the value
-    of the lost margin at the start of the step and near the event."""
+    """The first event in a step: its time [s]; for each margin, whether its loss is the event; the lost margin at the
+    start of the step, and at the first estimate of the time."""
 
     time: Value
     happens: Values
@@ -126,10 +126,10 @@ class FirstEvent(NamedTuple):
 
 def first_event(ops: Ops, h: Value, before: Values, after: Values, lost: Values, at: Callable[[Value], Values],
                 least: Values = MappingProxyType({})) -> FirstEvent:
-    """Return the first event of a step of `h` [s], in which the margins go from `before` to `after`.
+    """Return the first event of a step of `h` [s], in which the margins change from `before` to `after`.
 
-    `lost` says by name which of them are lost; `at` returns all at a time [s]. The event is at a share PROGRESS of the
-    step at least, or at that by its name in `least`.
+    `lost` is true for the margins that are lost; `at` returns the margins at a time [s]. The event's time is at least
+    the share PROGRESS of the step, or the share in `least` for that margin.
     """
     time, index, begin, end = h, -1.0, 1.0, 1.0
     for i, name in enumerate(before):

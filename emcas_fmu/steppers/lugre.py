@@ -1,18 +1,18 @@
-"""One step of the plant with LuGre friction (:mod:`emcas_fmu.extensions.lugre`), which never sticks.
+"""One step of a plant with LuGre friction (:mod:`emcas_fmu.extensions.lugre`), with which a motor never sticks.
 
     dz/dt = w - a z        a = sigma_0 |w|/g        torque = sigma_0 z + sigma_1 dz/dt
 
-For the rate a frozen at a predicted mid-step speed the deflection z follows its exact exponential, and its end and
-means over a step of length h are linear in the step's mean speed W:
+With the rate a constant over a step of length h, at a predicted mid-step speed, the deflection z follows its exact
+exponential. Its value at the end and its means are linear in the step's mean speed W:
 
     end = e^-x z + h f1 W     mean z = f1 z + h f2 W     mean dz/dt = f1 (W - a z)     x = a h
     f1 = (1 - e^-x)/x         f2 = (1 - f1)/x
 
-In the midpoint step of the motion, friction is thus a torque and a viscous coefficient, and the step is solved with the
-current as in :mod:`emcas_fmu.steppers.rigid`. With sigma_1 a <= 4 sigma_0 (it is below sigma_0) the step is passive
-whatever the prediction: the work of friction h W (mean torque) is at least the change of sigma_0 z^2/2, since it is
-that of the exact z under a constant W. Events are the voltage limit and the stops; a motor pressed against a stop stays
-exactly there, with constant bristles.
+In the midpoint step of the motion, friction is thus a torque and a viscous coefficient, and motion and current are
+solved together as in :mod:`emcas_fmu.steppers.rigid`. If sigma_1 a <= 4 sigma_0 (here it is below sigma_0), the step is
+passive whatever the prediction: the work against friction, h W (mean torque), is that of the exact z under a constant
+W, hence at least the change of sigma_0 z^2/2. Events are the voltage limit and the stops; a motor pressed against a
+stop stays exactly there, and the deflection of the bristles is constant.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .electrical import Plant
 from .events import PROGRESS
 from .rigid import Motion, Step
 
-_SERIES = 0.02  # x below which f2 is its series: there both forms are accurate to 1e-12
+_SERIES = 0.02  # x below which f2 is computed by its series: at this x both forms are accurate to 1e-12
 
 
 def shares(ops: Ops, x: Value) -> tuple[Value, ...]:
@@ -47,15 +47,15 @@ def shares(ops: Ops, x: Value) -> tuple[Value, ...]:
 
 
 def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: Value, h: Value) -> tuple[Value, ...]:
-    """Return the bristles over a step of `h` [s], with the rate a of a motor speed `at` [rad/s].
+    """Return coefficients of the bristles over a step of `h` [s], with the rate a at a motor speed `at` [rad/s].
 
-    Returns at_rest [N.m], slope [N.m.s/rad], kept [1] and gain [s]: the mean torque is at_rest + slope W and the
+    They are at_rest [N.m], slope [N.m.s/rad], kept [-] and gain [s]: the mean torque is at_rest + slope W, and the
     deflection at the end is kept z + gain W.
     """
     rate, damping = mechanics.bristles(ops, p, m, at)
     kept, first, second = shares(ops, rate * h)
     stiffness = p.lugre.stiffness
-    fallen = (1.0 - kept) / h  # a f1, with no product of large and small
+    fallen = (1.0 - kept) / h  # a f1, without the product of a large and a small number
     return ((stiffness * first - damping * fallen) * deflection, stiffness * h * second + damping * first, kept,
             h * first)
 
@@ -64,7 +64,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
           ) -> tuple[Step, Value]:
     """Return a step of a free motor and the deflection at its end [rad].
 
-    Friction is that at a speed `at` [rad/s], by default the mid-step speed of a first step.
+    Friction is evaluated at a speed `at` [rad/s], by default the mid-step speed of a first step.
     """
     if at is None:
         at = _step(ops, p, s, deflection, u, h, s.motor_speed)[0].current.speed
@@ -72,7 +72,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     at_rest, slope, kept, gain = _bristles(ops, p, m, deflection, at, h)
     damping = mechanics.damping(ops, p, m, at) + slope
     w = s.motor_speed
-    # As in rigid.py: mid-step speed in the viscous terms, linearised in the centrifugal term.
+    # As in rigid.py, the viscous and the (linearised) centrifugal term use the mid-step speed.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - at_rest - damping * w + m.centrifugal * w * w
     motion = Motion(1.0, inertia, torque, 0.0, 0.0, m.load)
@@ -86,7 +86,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
 
 def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, step: Step, end_deflection: Value
           ) -> tuple[Value, ...]:
-    """Return state and deflection at the end of a free motor's `step` or at its first event, and that time [s]."""
+    """Return state and deflection at the end of a free motor's `step` or at its first event, and the time of it [s]."""
     side = step.motion.direction
     low, high = rigid.stops(ops, p)
     stop = ops.where(side > 0.0, high, low)
@@ -120,9 +120,9 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
     pressed = pressing(s.motor_current) >= 0.0
     free, free_deflection = _step(ops, p, s, deflection, u, h)
     # A motor that would start into the stop stays at rest, as in rigid.py.
-    nowhere = side * (free.end.motor_angle - s.motor_angle) >= 0.0
+    outwards = side * (free.end.motor_angle - s.motor_angle) >= 0.0
 
-    def held(h: Value) -> Step:
+    def resting(h: Value) -> Step:
         motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load, True)
         d = electrical.electrical_mode(ops, p, s, u, h)
         c = rigid.current_course(ops, p, s, motion, d, h)
@@ -130,28 +130,28 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
         return Step(Plant(s.motor_angle, 0.0, c.end, integral), motion, d, c)
 
     def stays() -> tuple[Value, ...]:
-        step = held(h)
+        step = resting(h)
         crossing = rigid.voltage_events(ops, p, step.drive, step.end)
         released = ops.both(pressed, pressing(step.end.motor_current) < 0.0)
 
         def to_event() -> tuple[Value, ...]:
             balance = rigid.time_to(ops, step.current, (spring - m.load) / p.motor.torque_constant)
-            voltage = rigid.voltage_time(ops, p, s, step, crossing, h, held)
+            voltage = rigid.voltage_time(ops, p, s, step, crossing, h, resting)
             first = ops.minimum(voltage, ops.where(released, balance, h))
             used = ops.maximum(first, PROGRESS * h)
-            return *held(used).end, deflection, used
+            return *resting(used).end, deflection, used
 
         return ops.branch(ops.either(released, ops.either(*crossing)), to_event, lambda: (*step.end, deflection, h),
                           rare=True)
 
-    return ops.branch(ops.either(pressed, nowhere), stays,
+    return ops.branch(ops.either(pressed, outwards), stays,
                       lambda: _free(ops, p, s, deflection, u, h, free, free_deflection))
 
 
 def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) -> tuple[Plant, Value, Value]:
-    """Return state and deflection [rad] after `h` [s] or at the first event before, and the time until then [s]."""
+    """Return state and deflection [rad] after `h` [s] or at the first event, and the time that has passed [s]."""
     s = s._replace(**electrical.switched(ops, s, u.enabled))
-    h = electrical.resolved(ops, p, s, u, h)
+    h = electrical.resolved_step(ops, p, s, u, h)
     low, high = rigid.stops(ops, p)
     side = ops.where(s.motor_angle >= high, 1.0, ops.where(s.motor_angle <= low, -1.0, 0.0))
     resting = ops.both(ops.equal(s.motor_speed, 0.0), ops.negate(ops.equal(side, 0.0)))

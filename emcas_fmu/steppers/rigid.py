@@ -1,12 +1,12 @@
-"""One step of the plant: from a state to the end of a tick, or to the first event in it.
+"""One step of a plant with a rigid drive line, to the end of a tick or to the first event in it.
 
 The motion makes an implicit midpoint step (second order) under the mean torque of the tick. The current is much
-faster, so it follows its exact exponential for the back-EMF of mid-tick; both are solved together, since the mean
-current is linear in the acceleration that it causes.
+faster, so it follows its exact exponential for the back-EMF at mid-tick. Both are solved together without iteration,
+since the mean current is linear in the acceleration that it causes.
 
 Within a tick the equations are smooth until an event: the speed reaches zero, a stuck motor breaks away, the drive's
-voltage meets or leaves its limit, or the fin meets a stop. The step then ends at that event, whose time has a closed
-form, and the caller steps on through the rest of the tick.
+voltage meets or leaves its limit, or the fin meets a stop. The step then ends at that event, whose time is computed
+without iteration, and the caller steps through the rest of the tick.
 """
 
 from __future__ import annotations
@@ -18,39 +18,39 @@ from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
 from ..physics.stick import WALL, overcome
-from .electrical import Drive, Plant, electrical_mode, resolved, switched
+from .electrical import ElectricalMode, Plant, electrical_mode, resolved_step, switched
 from .events import PROGRESS, zero_between
 
-# With a time constant below this share of a step the current has long settled and follows the speed. A limit that is
-# met within that share, with a supply of microvolts, would otherwise be met again and again in ever shorter steps.
+# A secant locates the voltage limit if the current's time constant or the time to the limit is below this share of the
+# step: so fast a current follows the speed, and steps to a limit of microvolts would become ever shorter.
 _SETTLED = 1.0 / 16.0
-# Share of the change of speed in a step that may remain where the speed is set to zero. More remains where the current
-# reverses within the step, so that the speed is not linear and its zero is later: the step then ends without the event.
-_LEFT = 0.01
-_TINY = 1e-300
+# A reversing motor is set to rest if at most this share of its change of speed in the step remains. More remains if the
+# current reverses in the step: the speed is not linear then and its zero is later, so the step ends without the event.
+_REMAINDER = 0.01
+_TINY = 1e-300  # instead of a divisor of 0
 
 
 class Motion(NamedTuple):
-    """Direction (-1, 0 stuck, 1) and the mechanics along it: (inertia) dw = K_t i + torque."""
+    """The mechanics of a motor in a step, by its direction (-1, 0 stuck, 1): inertia dw/dt = K_t i + torque."""
 
     direction: Value
-    inertia: Value
-    torque: Value
-    high: Value  # applied torque that moves a motor at rest in the positive direction
-    low: Value  # and in the negative one
-    load: Value
+    inertia: Value  # [kg.m2], with the terms of the midpoint rule
+    torque: Value  # [N.m], with friction
+    high: Value  # applied torque [N.m] above which a motor at rest starts in the positive direction
+    low: Value  # applied torque [N.m] below which it starts in the negative direction
+    load: Value  # external torque [N.m]
     stuck: Value = False
 
     @property
     def mobility(self) -> Value:
-        """Acceleration [rad/s2] of a torque of 1 N.m."""
+        """The acceleration per torque [1/(kg.m2)]."""
         return 1.0 / self.inertia
 
 
 class Current(NamedTuple):
-    """i(t) = final + (start - final) exp(-t/tau); ``mean`` over the step, ``end`` at its end.
+    """The current i(t) = final + (start - final) exp(-t/tau) [A] in a step: its ``mean``, and its value at the ``end``.
 
-    ``speed`` is the mean speed of a sliding motor under that current.
+    ``tau`` is in s; ``speed`` is the mean speed [rad/s] of a sliding motor under this current.
     """
 
     start: Value
@@ -74,10 +74,10 @@ def _stop_ahead(ops: Ops, p: Any, direction: Value) -> Value:
 
 def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value,
             felt: Value = 1.0) -> Motion:
-    """Return the mechanics of a motor that turns in a direction (`heading` 1 or -1), or of one at rest (None).
+    """Return the mechanics of a motor that turns in the direction `heading` (1 or -1) or is at rest (None).
 
-    Friction is that at a speed `at` [rad/s]. `felt` is the share of the load that the motor feels through a screw with
-    losses.
+    Friction is evaluated at a speed `at` [rad/s]. `felt` is the share of the load that acts on the motor through a
+    screw with losses.
     """
     m = mechanics.coefficients(ops, p, s.motor_angle + 0.5 * h * s.motor_speed, u)
     direction, high, low = heading, 0.0, 0.0
@@ -101,18 +101,18 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
         p, m = screw.felt(p, m, felt)
         dry = direction * mechanics.breakaway(ops, p, m, direction, at)
     damping = mechanics.damping(ops, p, m, direction)
-    # Midpoint speed w + h dw/2 in the viscous and (linearised) the centrifugal term.
+    # The viscous and the (linearised) centrifugal term use the midpoint speed w + h/2 dw/dt.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - dry - damping * w + m.centrifugal * w * w
     return Motion(direction, inertia, torque, high, low, load, heading is None and ops.equal(direction, 0.0))
 
 
-def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: Value | None,
+def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: ElectricalMode, h: Value, heading: Value | None,
                    at: Value) -> Motion:
-    """Return the motion with the efficiency for the step's mean torques: forward where they drive the load.
+    """Return the motion with the screw's efficiency for the step's mean torques: forward if they drive the load.
 
-    The sign of the load is the same with either efficiency (:mod:`emcas_fmu.physics.screw`). A speed against the
-    heading counts as rest.
+    The sign of the load is the same with either efficiency (:mod:`emcas_fmu.physics.screw`). If `at` is against the
+    heading, the efficiencies are those at rest.
     """
     along = ops.maximum(heading * at, 0.0) if heading is not None and screw.falls(p) else at
     driving = _motion(ops, p, s, u, h, heading, at, screw.forward(ops, p, along))
@@ -125,29 +125,29 @@ def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, he
                             torque=ops.where(forward, driving.torque, driven.torque))
 
 
-def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Value) -> Current:
-    """Return the current over a step for the back-EMF of the step's mean speed, and that speed.
+def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: ElectricalMode, h: Value) -> Current:
+    """Return the current in a step for the back-EMF at the step's mean speed.
 
-    Mean speed and mean integral are linear in the final current, so no iteration is needed. A disabled drive's bridge
-    is open and has no current.
+    Mean speed and mean integral are linear in the final current, so no iteration is needed. The bridge of a disabled
+    drive is open and conducts no current.
     """
     half_step = 0.5 * h
-    # Torque and source are known last, so their factors, inverses among them, are computed before.
-    drift = s.motor_speed + half_step * motion.mobility * motion.torque  # mean speed if there were no current
+    # Torque and source are available last; their factors, with the slow divisions, are computed before them.
+    drift = s.motor_speed + half_step * motion.mobility * motion.torque  # mean speed without current
 
     def flowing() -> tuple[Value, ...]:
         decay = ops.exp(-h / d.tau)
-        kept = d.tau / h * (1.0 - decay)  # share of the starting current in the mean
-        gone = 1.0 - kept
-        lag = d.tau * gone  # its share in the mean speed, times its torque over the inertia
+        start_share = d.tau / h * (1.0 - decay)  # weight of the starting current in the mean current
+        final_share = 1.0 - start_share
+        lag = d.tau * final_share  # weight [s] of the starting current in the mean speed, before the factor `gain`
         half = half_step * d.integral_gain
         gain = ops.where(motion.stuck, 0.0, p.motor.torque_constant * motion.mobility)
         speed_at_zero = drift + gain * lag * s.motor_current
         speed_slope = gain * (half_step - lag)
-        at_rest = d.source + half * (d.i_ref - kept * s.motor_current) - drive.back_emf(
+        at_rest = d.source + half * (d.i_ref - start_share * s.motor_current) - drive.back_emf(
             p, ops.where(motion.stuck, 0.0, speed_at_zero))
-        final = at_rest * (1.0 / (d.loop + half * gone + drive.back_emf(p, speed_slope)))
-        mean = final * gone + s.motor_current * kept
+        final = at_rest * (1.0 / (d.loop + half * final_share + drive.back_emf(p, speed_slope)))
+        mean = final * final_share + s.motor_current * start_share
         return final, mean, final + (s.motor_current - final) * decay, speed_at_zero + speed_slope * final
 
     final, mean, end, speed = ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0, drift))
@@ -162,16 +162,16 @@ def time_to(ops: Ops, c: Current, value: Value) -> Value:
 
 
 class Step(NamedTuple):
-    """The end of a step without events, and its equations: motion, electrical mode, current."""
+    """A step without events: its end, and the mechanics, electrical mode and current in it."""
 
     end: Plant
     motion: Motion
-    drive: Drive
+    drive: ElectricalMode
     current: Current
 
 
 def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value | None = None) -> Step:
-    """Return a step under the friction at a speed `at` [rad/s], by default the mid-step speed of a first step."""
+    """Return a step with friction at a speed `at` [rad/s], by default that of :func:`friction_speed`."""
     if at is None:
         at = friction_speed(ops, p, s, lambda: _step(ops, p, s, u, h, heading, s.motor_speed).current.speed)
     motion = _motion(ops, p, s, u, h, heading, at)
@@ -187,7 +187,7 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
         angle = s.motor_angle + h * c.speed
         if heading is not None:
             return angle, speed
-        # A motor that would start against its direction stays at rest.
+        # A motor whose speed would end against its starting direction stays at rest.
         starts = speed * motion.direction > 0.0
         return ops.where(starts, angle, s.motor_angle), ops.where(starts, speed, 0.0)
 
@@ -196,8 +196,8 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
 
 
 def friction_speed(ops: Ops, p: Any, s: Any, predicted: Callable[[], Value]) -> Value:
-    """Return the motor speed [rad/s] at which friction acts in a step from `s`: where friction depends on the speed,
-    that of mid-step, which `predicted` returns."""
+    """Return the motor speed [rad/s] at which friction is evaluated in a step from `s`: the mid-step speed, which
+    `predicted` returns, if friction depends on the speed; otherwise the speed at the start."""
     if friction.falls(p):
         return predicted()
     if screw.falls(p):
@@ -210,24 +210,24 @@ def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:
     return ops.where(motion.stuck, 0.0, (drive.torque(p, s.motor_current) + motion.torque) * motion.mobility)
 
 
-def integral_end(ops: Ops, p: Any, s: Any, d: Drive, mean: Value, end: Value, speed: Value, h: Value) -> Value:
-    """Return the drive's integral [V] at the end of a step with a `mean` current and one at its `end` [A], at a motor
-    speed [rad/s]."""
+def integral_end(ops: Ops, p: Any, s: Any, d: ElectricalMode, mean: Value, end: Value, speed: Value, h: Value) -> Value:
+    """Return the drive integral [V] at the end of a step with a `mean` current and an `end` current [A]; `speed` is the
+    motor's at the end [rad/s]."""
     if p.structure.current == "pwm":
         return s.drive_integral
 
-    followed = d.side * d.limit_at(ops, p, speed, end) - p.drive.kp * (d.i_ref - end)
-    moved = s.drive_integral + h * d.integral_gain * (d.i_ref - mean)
-    return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
+    at_limit = d.side * d.limit_at(ops, p, speed, end) - p.drive.kp * (d.i_ref - end)
+    integrated = s.drive_integral + h * d.integral_gain * (d.i_ref - mean)
+    return ops.where(d.enabled, ops.where(d.stays > 0.0, at_limit, integrated), 0.0)
 
 
 Crossing = tuple[Value, Value]
-"""Whether the demanded voltage meets its limit in a step, and whether it leaves it."""
+"""Whether the demanded voltage meets its limit in a step, and whether it leaves the limit."""
 
 
 class Events(NamedTuple):
-    """Events in a step: the voltage crosses its limit, a motor at rest breaks away (``up``, ``down``), a turning one
-    comes to rest (``reversing``) or meets a stop."""
+    """Events in a step: the voltage crosses its limit, a motor at rest breaks away (``up``, ``down``), a turning motor
+    comes to rest (``reversing``) or meets a stop (``stopping``)."""
 
     crossing: Crossing
     up: Value
@@ -236,15 +236,15 @@ class Events(NamedTuple):
     stopping: Value
 
 
-def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
-    """Return whether the demanded voltage crosses its limit on the way to `end`."""
+def voltage_events(ops: Ops, p: Any, d: ElectricalMode, end: Plant) -> Crossing:
+    """Return whether the demanded voltage meets or leaves its limit in a step to `end`."""
     if p.structure.current == "pwm":
         return False, False
     demand = drive.voltage_demand(p, d.i_ref, end.motor_current, end.drive_integral)
     limit = d.limit_at(ops, p, end.motor_speed, end.motor_current)
     free = ops.equal(d.side, 0.0)
-    # From the limit itself the mode of the start holds through the step. Without supply the voltage is 0 on both sides
-    # of its limit, which a decaying current would meet in ever shorter steps.
+    # A step that starts at the limit keeps its mode. Without supply the voltage is 0 on both sides of its limit, which
+    # a decaying current would meet in ever shorter steps.
     watched = ops.both(ops.both(d.enabled, d.supply > 0.0), ops.equal(d.at_limit, 0.0))
     entering = ops.both(watched, ops.both(free, ops.fabs(demand) > limit))
     return entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit))
@@ -266,9 +266,9 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
                  ) -> Value:
     """Return the time [s] at which the demanded voltage crosses the limit, `h` if it does not.
 
-    `part` computes a shorter step. A current that settles in much less than the step follows the speed to the limit:
-    with the back-EMF of mid-step it meets the limit at once, in truth much later. The time is then that of a secant
-    from there to the step's end.
+    `part` computes a shorter step. A current that settles in much less than the step follows the speed to the limit.
+    With the back-EMF at mid-step it would meet the limit at once, but really does so much later: the time is then the
+    zero of a secant from the first time to the step's end.
     """
     if p.structure.current == "pwm":
         return h
@@ -276,8 +276,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     before = drive.voltage_demand(p, d.i_ref, s.motor_current, s.drive_integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.motor_current, step.end.drive_integral)
     side = ops.where(entering, ops.sign(after), d.side)
-    # By the current's exponential, with the integral of the step's start; where the integral rather than the current
-    # moves the demand, by the line between its ends.
+    # The time follows from the current's exponential with the integral at the step's start or, if the integral rather
+    # than the current moves the demand, from the line between the demands at start and end.
     limit = d.limit_at(ops, p, step.end.motor_speed, step.end.motor_current)
     boundary = d.i_ref - (side * limit - s.drive_integral) / p.drive.kp
     on_course = (boundary - s.motor_current) * (step.end.motor_current - boundary) >= 0.0
@@ -289,9 +289,9 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), on_line(before, after))
 
     def moving() -> tuple[Value, ...]:
-        # No later than the zero of the line between the reserves at start and end: an early end is tried again.
-        even = on_line(before + side * (limit - d.limit), after)
-        return (ops.where(on_course, ops.minimum(time, even), even),)
+        # At most the zero of the line between the reserves at start and end; the caller continues from an early end.
+        latest = on_line(before + side * (limit - d.limit), after)
+        return (ops.where(on_course, ops.minimum(time, latest), latest),)
 
     (time,) = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (time,))
 
@@ -301,8 +301,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
         return ops.where(entering, -beyond, beyond)
 
     def later() -> tuple[Value, ...]:
-        left = reserve(part(ops.maximum(time, PROGRESS * h)).end)
-        return (ops.where(left > 0.0, ops.clip(zero_between(ops, time, left, h, reserve(step.end)), time, h), time),)
+        rest = reserve(part(ops.maximum(time, PROGRESS * h)).end)
+        return (ops.where(rest > 0.0, ops.clip(zero_between(ops, time, rest, h, reserve(step.end)), time, h), time),)
 
     met = ops.either(entering, leaving)
     (time,) = ops.branch(ops.both(met, ops.minimum(d.tau, time) < _SETTLED * h), later, lambda: (time,))
@@ -310,7 +310,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
 
 
 def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
-    """Return the time [s] at which a `stopping` motor meets the angle `stop`, else `h`; constant acceleration."""
+    """Return the time [s] at which a motor of constant acceleration meets the angle `stop` [rad], if `stopping`; else
+    `h`."""
     travel = stop - s.motor_angle
     acceleration = (step.end.motor_speed - s.motor_speed) / h
     root = ops.sqrt(ops.maximum(s.motor_speed * s.motor_speed + 2.0 * acceleration * travel, 0.0))
@@ -326,7 +327,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     voltage = voltage_time(ops, p, s, step, e.crossing, h, lambda time: _step(ops, p, s, u, time, heading))
     stopping = stop_time(ops, s, step, e.stopping, stop, h)
     if heading is not None:
-        # First the zero of the line between the speeds, then that of the line to this point.
+        # A guess on the line between the speeds at start and end is corrected on a line through the speed at the guess.
         slowing = ops.where(e.reversing, s.motor_speed - step.end.motor_speed, 1.0)
         guess = ops.where(e.reversing, h * s.motor_speed / slowing, h)
 
@@ -339,7 +340,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
 
         (other,) = ops.branch(e.reversing, refined, lambda: (h,))
     else:
-        # The torque on a motor at rest exceeds its friction.
+        # The event of a motor at rest: the torque exceeds the friction.
         edge = ops.where(e.up, step.motion.high, step.motion.low)
         time = time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
         other = ops.where(ops.either(e.up, e.down), time, h)
@@ -349,7 +350,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     hits = ops.both(e.stopping, stopping <= first)
     met: Value = other <= first
     if heading is not None:
-        met = ops.both(met, part.motor_speed * heading <= _LEFT * (s.motor_speed - step.end.motor_speed) * heading)
+        met = ops.both(met, part.motor_speed * heading <= _REMAINDER * (s.motor_speed - step.end.motor_speed) * heading)
     rests = ops.either(hits, ops.both(e.reversing, met))
     return *part._replace(motor_angle=ops.where(hits, stop, part.motor_angle),
                           motor_speed=ops.where(rests, 0.0, part.motor_speed)), used
@@ -364,20 +365,20 @@ def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
 
 
 def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
-    """Return the state after `h` [s] or at the first event before, and the time until then [s]."""
+    """Return the state after `h` [s] or at the first event in that time, and the time that has passed [s]."""
     s = s._replace(**switched(ops, s, u.enabled))
     if p.structure.current != "loop":
         *plant, used = _headed(ops, p, s, u, h)
-    else:  # two sets of code, so that the one whose limit is the supply is as short as without the other
+    else:  # two versions of the code: in the second the supply is the voltage limit, which makes it short
         fixed = with_values(p, {"motor.pole_pairs": 0})
         *plant, used = ops.branch(p.motor.pole_pairs > 0.0,
-                                  lambda: _headed(ops, p, s, u, resolved(ops, p, s, u, h)),
+                                  lambda: _headed(ops, p, s, u, resolved_step(ops, p, s, u, h)),
                                   lambda: _headed(ops, fixed, s, u, h))
     return Plant(*plant), used
 
 
 def _headed(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Value, ...]:
-    """Return the result of :func:`advance` by the direction of the motor."""
+    """Return the result of :func:`advance` for a motor that turns or is at rest."""
     return ops.branch(ops.fabs(s.motor_speed) > 0.0,
                       lambda: _follow(ops, p, s, u, h, ops.where(s.motor_speed > 0.0, 1.0, -1.0)),
                       lambda: _follow(ops, p, s, u, h, None))

@@ -19,14 +19,14 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 
 _GAMMA = 1.0 - 1.0 / sqrt(2.0)
-# Increment of a difference quotient: about the square root of the rounding of a state of order one.
+# Increment of a difference quotient over 1 + |state|: a few times the square root of a state's relative rounding.
 _INCREMENT = 1e-7
 
 Derivatives = Callable[[Ops, Any, Record, Any], Mapping[str, Value]]
 
 
 def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Value], h: Value) -> list[Value]:
-    """Return the values after `h` [s] from `begin`; `slope` returns d/dt of each."""
+    """Return the values after a step of `h` [s] from `begin`; `slope` returns d/dt of each value."""
     count, first = len(begin), slope(begin)
     columns = []
     for i, value in enumerate(begin):
@@ -42,7 +42,7 @@ def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Valu
 
 
 def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Value]:
-    """Return the solution of linear equations by elimination without pivoting, which I - g h A near I does not need."""
+    """Return the solution of linear equations by elimination without pivoting; a matrix I - g h A near I needs none."""
     rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
     count = len(rows)
     for i in range(count):
@@ -60,7 +60,7 @@ def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Val
 
 
 def _zero(value: Value) -> bool:
-    """Return whether a value is the number 0, whose terms are left out of a traced program."""
+    """Return whether a value is the number 0: a traced program leaves out terms with it."""
     return isinstance(value, float) and value == 0.0
 
 
