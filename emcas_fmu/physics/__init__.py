@@ -1,4 +1,4 @@
-"""The actuator's physics: pure functions of (ops, parameters, ...), SI units.
+"""The actuator's physics: pure functions of (ops, parameters, ...), in SI units.
 
 `p` is the parameter tree (:func:`emcas_fmu.namespace.namespace`), of numbers, arrays or
 symbols. Numbers in brackets are equations of Yerlikaya (2016), "Dynamic modeling

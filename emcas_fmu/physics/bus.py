@@ -7,21 +7,21 @@
 V is the voltage at the drives; the sag s = V_source - V. V_b is the no-load voltage E_0 - K Q/(Q - q) of the generic
 battery model of Tremblay, Dessaint and Dekkiche (2007), IEEE Vehicle Power and Propulsion Conference, 284-289, without
 its exponential, V_source = E_0 - K and U = K: slow, then steep where the battery is empty. Unlike the polarisation of
-Shepherd (1965), K Q/(Q - q) times the current, it falls at rest, too. Without a link the battery takes back all
-returned power until it is full. With one a diode is in front of the battery, as of one that must not be charged:
-returned power raises V until drives or the chopper draw it.
+Shepherd (1965), K Q/(Q - q) times the current, it also lowers the voltage at rest. Without a link the battery takes
+back all returned power until it is full. With a link a diode protects the battery from being charged: returned power
+raises V until drives or the chopper consume it.
 
-All is stepped at instants h apart; in between V is held. A drive at its voltage limit raises its current by about
-dV h/L in that time. Without a link the new sag is therefore where that line meets V_b and R I (one step of Newton's
-method): otherwise the sag would overshoot where R h/L is not small. A link follows its equation exactly under the
-held current I (:func:`emcas_fmu.physics.supply.moved`); since drives and link are stepped in turn, its oscillation
-with their inductances stays bounded if C >= h^2 sum 1/L_i, which C is raised to. V_0 is a millivolt, or the source's
-voltage if that is less: drives on a collapsed bus still switch their motors' currents onto it, and P/V limits I as long
-as V is not zero.
+The bus is updated at instants h apart; V is constant in between. In that time a drive at its voltage limit changes its
+current by about dV h/L. Without a link the new sag is therefore where this line meets that of V_b and R I (one step of
+Newton's method): otherwise the sag would overshoot if R h/L is not small. A link follows its equation exactly under
+the constant current I (:func:`emcas_fmu.physics.supply.moved`). Since drives and link are stepped in turn, the
+oscillation of the link with their inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this. V_0
+is a millivolt, or the source's voltage if that is less: drives on a collapsed bus still switch their motors' currents
+onto it, and I = sum P_i/V is finite as long as V is not zero.
 
-Actuators with a link of their own draw the charge that they really had in an interval; the sag follows from the mean
-current that they will draw in the next one, with 1/L = Y/h, Y their mean admittance. Of links alone c = Y h takes part
-in a change of V, and C >= sum c lets the exchange of bus and links gain no energy.
+An actuator with its own link draws the charge that really flowed in an interval; the sag follows from the mean current
+that it will draw in the next interval, with 1/L = Y/h, Y its mean admittance. Only the part c = Y h of its link takes
+part in a change of V, and with C >= sum c the exchange between bus and links gains no energy.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from ..namespace import namespace
 from ..ops.base import Ops, Value
 from . import supply
 
-LEAST = 1e-3  # V
+LEAST = 1e-3  # V, smallest voltage at the drives
 NO_LINK = -1.0  # V, state of a link that does not exist or has not been stepped yet
-EMPTY = 1e-6  # least share of the charge that the open-circuit voltage is computed for
+EMPTY = 1e-6  # smallest remaining share of the charge for which the open-circuit voltage is computed
 
 
 def voltage(ops: Ops, source: Value, sag: Value, link: Value, _: Value) -> Value:
-    """Return the voltage at the drives [V]: that of the link; without one, the source's without the sag."""
+    """Return the voltage at the drives [V]: that of the link or, without a link, the source's minus the sag."""
     least = ops.clip(source, 0.0, LEAST)
     return ops.where(link < 0.0, ops.maximum(source - sag, least), ops.maximum(link, least))
 
 
 def fall(ops: Ops, p: Any, drawn: Value) -> Value:
-    """Return the fall [V] of the open-circuit voltage after a charge [A.s] from the start; 0 of an unlimited one."""
+    """Return the fall [V] of the open-circuit voltage with a charge [A.s] `drawn` since the start; 0 if unlimited."""
     full = ops.where(p.charge > 0.0, p.charge, 1.0)
     share = ops.where(p.charge > 0.0, ops.clip((drawn + p.charge_used) / full, 0.0, 1.0 - EMPTY), 0.0)
     return p.polarisation * share / (1.0 - share)
@@ -60,8 +60,8 @@ def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current:
               inverse_inductance: Value) -> tuple[Value, ...]:
     """Return sag [V], voltage of the link [V] and charge drawn [A.s] after an instant of the bus.
 
-    The drives draw a `current` [A] from now on, and a `mean` [A] since the last instant; `inverse_inductance` is sum
-    1/L_i [1/H].
+    The drives draw a `current` [A] from now on, and drew a `mean` [A] since the last instant; `inverse_inductance` is
+    sum 1/L_i [1/H].
     """
     sag, link, drawn = states
     h, fallen = p.update_time, fall(ops, p, drawn)
@@ -78,6 +78,6 @@ def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current:
     def direct() -> tuple[Value, ...]:
         resistance, admittance = p.source_resistance, h * inverse_inductance
         reached = sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
-        return reached, link, ops.maximum(drawn + mean * h, -p.charge_used)  # full: it takes no more
+        return reached, link, ops.maximum(drawn + mean * h, -p.charge_used)  # a full battery takes no more
 
     return ops.branch(p.capacitance > 0.0, linked, direct)

@@ -5,12 +5,12 @@
     C = k_T T_r (r + (1 - r) phi/I_r)      k_T = max(1 + a (T - T_0), 0.1)
     C_th dT/dt = sum |F_k s_k| - (T - T_a)/R_th
 
-v is the amplifier's, of a supply V; below 0 it is that of the suppressor, which absorbs the coil's energy, as the
-amplifier draws no current backwards. phi is the flux, as the coil current that holds it when steady, behind eddy
-currents in the body. C is the torque at which the clutch slips, whatever the slip speed, r the part that is left of it
-without current. F_k s_k is what slipping makes of heat, in one body of all clutches. A torque in proportion to the
-current, whatever the slip speed, is what data sheets of magnetic particle clutches show; for friction clutches, of
-which they give the rated point alone, it is an engineering choice.
+v comes from the amplifier on a supply V; a negative v is that of the suppressor, which absorbs the coil's energy, since
+the amplifier returns no current to the supply. phi is the flux, expressed as the steady coil current that holds it; it
+lags because of eddy currents in the body. C is the torque at which the clutch slips at any slip speed, r its share that
+remains without current. F_k s_k is the heat of slipping; one body of all clutches absorbs it. Data sheets of magnetic
+particle clutches show a torque in proportion to the current at any slip speed. Those of friction clutches give only the
+rated point: for these the proportion is an engineering choice.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
 
-LEAST = 0.1  # a line of torque over temperature is not followed below this share
-_BAND = 1e-9  # of a limit, within which a demand that comes from beyond counts as free
+LEAST = 0.1  # smallest k_T
+_BAND = 1e-9  # share of a limit by which a demand has to exceed it to be limited
 
 
 class Coil(NamedTuple):
-    """A coil in a mode: current reference [A], gain K_p of its amplifier [V/A], the limit that its voltage is on (1:
-    the supply's, -1: the suppressor's, 0: none), and the supply [V]."""
+    """A coil in a mode: current reference [A], gain K_p of its amplifier [V/A], the limit of its voltage that is
+    reached (`side` 1: the supply's, -1: the suppressor's, 0: none), and the supply [V]."""
 
     reference: Value
     gain: Value
@@ -50,14 +50,14 @@ class Coil(NamedTuple):
         return ops.maximum(self.voltage(ops, p, current), 0.0) * current
 
     def margin(self, ops: Ops, p: Any, current: Value) -> Value:
-        """Return the event margin [V] of the demand: its distance to the limits, or beyond the limit that it is on."""
+        """Return the event margin [V] of the demand: its distance to the nearer limit, or its excess over a limit."""
         clamp, demand = p.coil.suppression_voltage, self.demand(p, current)
         beyond = ops.where(self.side > 0.0, demand - self.supply, -clamp - demand)
         return ops.where(ops.equal(self.side, 0.0), ops.minimum(self.supply - demand, demand + clamp), beyond)
 
 
 def coil(ops: Ops, p: Any, reference: Value, gain: Value, current: Value, supply: Value) -> Coil:
-    """Return a coil with a current reference and a current [A] in its mode, at a supply [V]."""
+    """Return the mode of a coil at a current reference and a current [A], a `gain` K_p [V/A] and a supply [V]."""
     supply = ops.maximum(supply, 0.0)
     free = Coil(reference, gain, 0.0, supply)
     demand, clamp = free.demand(p, current), p.coil.suppression_voltage
@@ -66,7 +66,7 @@ def coil(ops: Ops, p: Any, reference: Value, gain: Value, current: Value, supply
 
 
 def flux_rate(p: Any, current: Value, flux: Value) -> Value:
-    """Return dphi/dt [A/s]."""
+    """Return dphi/dt [A/s] at a coil current and a flux [A]."""
     return (current - flux) / p.clutch.eddy_time
 
 
@@ -76,7 +76,7 @@ def torque_per_ampere(p: Any) -> Value:
 
 
 def share_at(ops: Ops, p: Any, temperature: Value) -> Value:
-    """Return the torque at a temperature [degC] over that at the reference, k_T."""
+    """Return k_T [-], the ratio of the torque at a temperature [degC] to that at the reference temperature."""
     return ops.maximum(1.0 + p.clutch.temperature_coefficient * (temperature - p.clutch.reference_temperature), LEAST)
 
 
@@ -86,6 +86,6 @@ def capacity(p: Any, flux: Value, share: Value = 1.0) -> Value:
 
 
 def warming(p: Any, heat: Value, temperature: Value) -> Value:
-    """Return dT/dt [K/s] under a power of slip [W]."""
+    """Return dT/dt [K/s] at a temperature [degC] under the heat of slipping [W]."""
     lost = (temperature - p.friction.temperature) / p.clutch.thermal_resistance
     return (heat - lost) / p.clutch.heat_capacity

@@ -4,8 +4,8 @@
     J_s w' = t_s - C_s sgn w + F - e L                  L = J_l w' + L_0        e of :mod:`emcas_fmu.physics.screw`
 
 m and w are the speeds of rotor and screw, L the load behind the screw. Three dry frictions are set-valued: the rotor's,
-the screw's with what a loaded one adds at rest, and the clutch. w' does not fall with F, and m' does not rise: whether
-the clutch holds is whether |F| <= C for the F with which both go on alike, and there is one answer to every state.
+the screw's (at rest with the part that its load adds) and the clutch's. With a rising F, w' does not fall and m' does
+not rise. The clutch therefore holds if |F| <= C for the F that keeps both speeds equal; every state has one solution.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from .stick import start
 class Train(NamedTuple):
     """Rotor, clutch and screw at one moment: inertias [kg.m2] and torques [N.m] of the module's equations.
 
-    `dry` is C_m; `sliding`, `load` are C_s and L_0 of motion up and down; `behind` acts through the screw at rest
-    without friction; a screw at rest starts under a torque above `high` or below `low`; `forward` and `backward` are
-    the values of e.
+    `dry` is C_m; `sliding` and `load` are C_s and L_0 in positive and in negative motion; `behind` is the load's torque
+    on a screw at rest without friction; a screw at rest starts under a torque above `high` or below `low`; `forward`
+    and `backward` are the values of e.
     """
 
     rotor: Value
@@ -41,8 +41,8 @@ class Train(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Directions (-1, 1, or 0: sticks) of screw, rotor and clutch, whose slip is the rotor's speed over the screw's;
-    and e."""
+    """Directions of sliding (-1, 1, or 0: sticks) of screw, rotor and clutch, whose slip is the rotor's speed minus the
+    screw's; and e (`felt`)."""
 
     screw: Value
     rotor: Value
@@ -63,7 +63,7 @@ def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
 
 
 def _felt(ops: Ops, t: Train, m: Motion) -> Motion:
-    """Return the motion with the e of its load: forward where the screw drives it."""
+    """Return the motion with its e: the forward value where the screw drives the load."""
     net, inertia, _ = _driving(ops, t, m)
     against = (t.behind_inertia * net + inertia * _chosen(ops, t.load, m.screw)) * m.screw > 0.0
     return m._replace(felt=ops.where(against, t.forward, t.backward))
@@ -72,26 +72,26 @@ def _felt(ops: Ops, t: Train, m: Motion) -> Motion:
 def accelerations(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value]:
     """Return d/dt of the speeds of screw and rotor [rad/s2], equal while the clutch holds."""
     net, inertia, rotor = _driving(ops, t, m)
-    both = (net - m.felt * _chosen(ops, t.load, m.screw)) / (inertia + m.felt * t.behind_inertia)
-    both = ops.where(ops.equal(m.screw, 0.0), 0.0, both)
-    slipping = ops.where(ops.equal(m.rotor, 0.0), 0.0, (rotor - m.clutch * t.capacity) / t.rotor)
-    return both, ops.where(ops.equal(m.clutch, 0.0), both, slipping)
+    screw_rate = (net - m.felt * _chosen(ops, t.load, m.screw)) / (inertia + m.felt * t.behind_inertia)
+    screw_rate = ops.where(ops.equal(m.screw, 0.0), 0.0, screw_rate)
+    rotor_rate = ops.where(ops.equal(m.rotor, 0.0), 0.0, (rotor - m.clutch * t.capacity) / t.rotor)
+    return screw_rate, ops.where(ops.equal(m.clutch, 0.0), screw_rate, rotor_rate)
 
 
 def transmitted(ops: Ops, t: Train, m: Motion) -> Value:
-    """Return L [N.m] behind a screw that turns."""
+    """Return the load L [N.m] behind a screw that turns."""
     rate, _ = accelerations(ops, t, m)
     return t.behind_inertia * rate + _chosen(ops, t.load, m.screw)
 
 
 def _between(ops: Ops, t: Train) -> tuple[Value, Value]:
-    """Return the least and the largest torque [N.m] from rotor to screw with which both stay at rest."""
+    """Return the smallest and the largest torque [N.m] from rotor to screw under which both stay at rest."""
     applied = t.screw_torque + t.behind
     return (ops.maximum(t.rotor_torque - t.dry, t.low - applied), ops.minimum(t.rotor_torque + t.dry, t.high - applied))
 
 
 def held(ops: Ops, t: Train, m: Motion) -> Value:
-    """Return F [N.m] of a clutch that holds; with both bodies at rest, where F is not unique, the smallest."""
+    """Return F [N.m] of a clutch that holds; with both bodies at rest, where F is not unique, that nearest to 0."""
     rate, _ = accelerations(ops, t, m)
     least, most = _between(ops, t)
     resting = ops.maximum(least, ops.minimum(most, 0.0))
@@ -99,21 +99,21 @@ def held(ops: Ops, t: Train, m: Motion) -> Value:
 
 
 def torque(ops: Ops, t: Train, m: Motion) -> Value:
-    """Return F [N.m]."""
+    """Return the clutch's torque F [N.m]."""
     return ops.where(ops.equal(m.clutch, 0.0), ops.clip(held(ops, t, m), -t.capacity, t.capacity),
                      m.clutch * t.capacity)
 
 
 def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion:
-    """Return the directions of sliding at speeds [rad/s]."""
+    """Return the motion at speeds of screw and rotor [rad/s]."""
     turns, slip = ops.sign(screw_speed), ops.sign(rotor_speed - screw_speed)
-    # As one: from rest the rotor's friction and the screw's hold together.
+    # Rotor and screw as one body, which the frictions of both hold at rest.
     applied = t.screw_torque + t.behind + t.rotor_torque
     starts = start(ops, applied, t.high + t.dry, t.low - t.dry)
     way = ops.where(ops.equal(turns, 0.0), starts, turns)
     joined = _felt(ops, t, Motion(way, way, 0.0, 0.0))
     slip = ops.where(ops.equal(slip, 0.0), start(ops, held(ops, t, joined), t.capacity, -t.capacity), slip)
-    # Each separately, under the torque of the clutch.
+    # Rotor and screw as two bodies, under the torque of the slipping clutch.
     pushed = slip * t.capacity
     screw_way = ops.where(ops.equal(turns, 0.0), start(ops, t.screw_torque + t.behind + pushed, t.high, t.low), turns)
     rotor_way = ops.sign(rotor_speed)
@@ -142,12 +142,12 @@ def landed(ops: Ops, m: Motion, begin: tuple[Value, Value], end: tuple[Value, Va
            ) -> tuple[Value, Value]:
     """Return the speeds [rad/s] of screw and rotor after a step, equal to the bit if they stick.
 
-    `begin` and `end` are both speeds before and after the step. A friction also sticks if it comes to rest, or starts
-    against its direction; `events` says by name which margin was lost.
+    `begin` and `end` are both speeds before and after the step. A friction also sticks if it comes to rest, or would
+    slide against the direction of its start; `events` is true for the margin that was lost.
     """
     def stops(direction: Value, before: Value, after: Value, event: Value) -> Value:
-        vain = ops.both(ops.equal(before, 0.0), after * direction <= 0.0)
-        return ops.where(ops.equal(direction, 0.0), True, ops.either(event, vain))
+        backwards = ops.both(ops.equal(before, 0.0), after * direction <= 0.0)
+        return ops.where(ops.equal(direction, 0.0), True, ops.either(event, backwards))
 
     still = stops(m.screw, begin[0], end[0], events["screw"])
     halted = stops(m.rotor, begin[1], end[1], events["rotor"])

@@ -4,9 +4,9 @@
 
 w and m are the speeds of screw and motor, s_k the speed at which a friction slides. There are four of them, the screw's
 (s = w), the motor's (s = m), that of a clutch which turns the screw with the motor (s = m - w) and that of one which
-turns it against the motor (s = -m - w). One that slides at s_k feels F_k = C_k sgn s_k. One at s_k = 0 sticks, with
-the torque within +-C_k that keeps it there. What sticks and what slides is the minimum of a convex function (the
-principle of least constraint), so there is one answer to every state.
+turns it against the motor (s = -m - w). The torque of a friction that slides is F_k = C_k sgn s_k. At s_k = 0 a
+friction sticks with the torque within +-C_k that keeps s_k at 0. The frictions that stick are those at the minimum of a
+convex function (the principle of least constraint), so every state has one solution.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from . import stick
 SCREW, MOTOR, WITH, AGAINST = range(4)
 NAMES = ("screw", "motor", "with", "against")
 _SHARES = ((1.0, 0.0), (0.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))  # (l_k, m_k)
-# Along which both bodies move while a friction sticks: l_k w + m_k m = 0.
+# For each friction the direction (w, m) of a motion in which it sticks: l_k w + m_k m = 0.
 _ALONG = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0), (1.0, -1.0))
-# Between two of these directions, which sign every sliding speed has: eight sectors of the plane (w, m).
+# One direction in each of the eight sectors of the plane (w, m) between these; in a sector no sliding speed is zero.
 _SECTORS = ((2.0, 1.0), (1.0, 2.0), (-1.0, 2.0), (-2.0, 1.0), (-2.0, -1.0), (-1.0, -2.0), (1.0, -2.0), (2.0, -1.0))
 
 
 class Dry(NamedTuple):
-    """A dry friction [N.m] for positive and for negative sliding, both positive."""
+    """The torques of a dry friction [N.m], both positive, against positive and negative sliding."""
 
     high: Value
     low: Value
@@ -42,7 +42,7 @@ class Bodies(NamedTuple):
 
 
 def _dot(pair: Sequence[float], values: Sequence[Value]) -> Value:
-    """Return the scalar product with shares that mostly are 0, 1 or -1, without needless operations."""
+    """Return a scalar product without operations for shares of 0, 1 and -1."""
     total: Value = 0.0
     for share, value in zip(pair, values, strict=True):
         if share:
@@ -65,7 +65,7 @@ def _sliding(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]
 
 
 def _holding(b: Bodies, k: int, torques: tuple[Value, Value]) -> Value:
-    """Return the torque [N.m] of friction k that keeps it sticking under these torques of screw and motor."""
+    """Return the torque [N.m] with which friction k sticks under these torques of screw and motor."""
     if k in (SCREW, MOTOR):
         return torques[k]
     (inertia, other), (screw, motor) = b.inertias, torques
@@ -73,7 +73,7 @@ def _holding(b: Bodies, k: int, torques: tuple[Value, Value]) -> Value:
 
 
 def _drag(b: Bodies, along: tuple[float, float], forward: bool) -> Value:
-    """Return the friction [N.m] against a start along a direction of the plane (w, m), or the opposite one."""
+    """Return the friction [N.m] against a start in a direction of the plane (w, m), or in the opposite direction."""
     total: Value = 0.0
     for shares, dry in zip(_SHARES, b.dry, strict=True):
         slip = sum(x * y for x, y in zip(shares, along, strict=True)) * (1.0 if forward else -1.0)
@@ -88,7 +88,7 @@ def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, 
     signs = [ops.sign(speed) for speed in speeds]
 
     def moving() -> tuple[Value, ...]:
-        """At most one friction sticks while the bodies move: the others slide."""
+        """Return the directions while the bodies move: at most one friction sticks."""
         torques = _sliding(ops, b, signs)
         return tuple(ops.where(ops.equal(sign, 0.0),
                                stick.start(ops, _holding(b, k, torques), dry.high, -dry.low), sign)
@@ -140,7 +140,7 @@ def _rest_margins(ops: Ops, b: Bodies) -> list[Value]:
 
 
 def accelerations(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]:
-    """Return d/dt of the speeds of screw and motor [rad/s2]; bodies that stick together have the same to the bit."""
+    """Return d/dt of the speeds of screw and motor [rad/s2], of equal size to the bit while a clutch sticks."""
     sticks = [ops.equal(sign, 0.0) for sign in signs]
     screw, motor = _sliding(ops, b, signs)
     together = (screw + motor) / (b.inertias[0] + b.inertias[1])
@@ -174,22 +174,22 @@ def margins(ops: Ops, b: Bodies, signs: Sequence[Value], screw: Value, motor: Va
 
 def landed(ops: Ops, signs: Sequence[Value], begin: tuple[Value, Value], end: tuple[Value, Value],
            events: Any) -> tuple[Value, Value]:
-    """Return the speeds [rad/s] of screw and motor after a step, equal to the bit if a friction sticks.
+    """Return the speeds [rad/s] of screw and motor after a step, of equal size to the bit if a clutch sticks.
 
-    `begin` and `end` are both speeds before and after the step. A friction also sticks if it comes to rest, or starts
-    against its direction; `events` says by name which margin was lost.
+    `begin` and `end` are both speeds before and after the step. A friction also sticks if it comes to rest, or would
+    slide against the direction of its start; `events` is true for the margin that was lost.
     """
     before, after = slips(*begin), slips(*end)
 
     def sticks(k: int) -> Value:
         sliding = ops.negate(ops.equal(signs[k], 0.0))
-        vain = ops.both(ops.equal(before[k], 0.0), after[k] * signs[k] <= 0.0)
-        return ops.where(sliding, ops.either(events[NAMES[k]], vain), True)
+        backwards = ops.both(ops.equal(before[k], 0.0), after[k] * signs[k] <= 0.0)
+        return ops.where(sliding, ops.either(events[NAMES[k]], backwards), True)
 
     still, halted = sticks(SCREW), sticks(MOTOR)
     joined, opposed = sticks(WITH), sticks(AGAINST)
     either = ops.either(joined, opposed)
-    # Bodies that move as one rest as one.
+    # Bodies that stick together come to rest together.
     screw = ops.where(ops.either(still, ops.both(either, halted)), 0.0, end[0])
     motor = ops.where(joined, screw, ops.where(opposed, -screw, ops.where(halted, 0.0, end[1])))
     return screw, motor

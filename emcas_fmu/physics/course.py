@@ -4,44 +4,43 @@ from __future__ import annotations
 
 from ..ops.base import Ops, Value
 
-# Below this ratio of step to time constant the weights are series, since the closed forms lose digits; the series are
+# Below this ratio of step to time constant series give the weights, since the closed forms lose digits; the series are
 # off by 6e-7 at most.
 _SHORT = 0.01
 
 
 def shares(ops: Ops, ratio: Value) -> tuple[Value, Value]:
-    """Return the mean over the step of the share s(t) of the change from start to end, and the mean of s^2.
+    """Return the means over the step of s and s^2; s(t) is the share of the change from start to end.
 
     `ratio` is the step over the exponential's time constant, above 0.
     """
     def exact() -> tuple[Value, ...]:
         decay = ops.exp(-ratio)
-        gone = 1.0 - decay
-        kept = gone / ratio
-        return (1.0 - kept) / gone, (1.0 - 2.0 * kept + 0.5 * kept * (1.0 + decay)) / (gone * gone)
+        change = 1.0 - decay
+        rest = change / ratio
+        return (1.0 - rest) / change, (1.0 - 2.0 * rest + 0.5 * rest * (1.0 + decay)) / (change * change)
 
     first, second = ops.branch(ratio > _SHORT, exact, lambda: (0.5 + ratio / 12.0, 1.0 / 3.0 + ratio / 12.0))
     return first, second
 
 
 def mean(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
-    """Return the mean of a value that goes from `start` to `end`; `ratio` as in :func:`shares`."""
+    """Return the mean of a value that changes from `start` to `end`; `ratio` as in :func:`shares`."""
     return start + (end - start) * shares(ops, ratio)[0]
 
 
 def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
-    """Return the mean of i^2 [A^2] over a step in which i goes from `start` to `end` [A]; `ratio` as in :func:`shares`.
-    """
+    """Return the mean of i^2 [A^2] while i changes from `start` to `end` [A]; `ratio` as in :func:`shares`."""
     first, second = shares(ops, ratio)
-    way = end - start
-    return start * start + way * (2.0 * start * first + way * second)
+    change = end - start
+    return start * start + change * (2.0 * start * first + change * second)
 
 
 def mean_product(ops: Ops, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
-    """Return the mean product of two values that go from `start` to `end` on the exponential of :func:`shares`.
+    """Return the mean product of two values that change from `start` to `end` on the exponential of :func:`shares`.
 
     The unit is the product of those of the values.
     """
     first, second = shares(ops, ratio)
-    (a, b), way_a, way_b = start, end[0] - start[0], end[1] - start[1]
-    return a * b + (a * way_b + b * way_a) * first + way_a * way_b * second
+    (a, b), change_a, change_b = start, end[0] - start[0], end[1] - start[1]
+    return a * b + (a * change_b + b * change_a) * first + change_a * change_b * second

@@ -20,10 +20,10 @@ from . import kinematics, loads, mechanics
 
 
 class Linkage(NamedTuple):
-    """The cylinder at one fin angle.
+    """The cylinder on the lever at one fin angle.
 
-    ``ratio`` R [m] and its ``slope`` R' [m], both chambers' volumes [m3], ``inertia`` about the hinge [kg.m2], ``dry``
-    friction [N.m], and the ``load``, the moment [N.m] on the fin without pressures and friction.
+    ``ratio`` R [m/rad] and its ``slope`` R' [m/rad2], the volumes of both chambers [m3], ``inertia`` about the hinge
+    [kg.m2], ``dry`` friction [N.m], and ``load``, the moment [N.m] on the fin without pressures and friction.
     """
 
     ratio: Value
@@ -36,12 +36,12 @@ class Linkage(NamedTuple):
 
 
 def _piston(p: Any) -> Any:
-    """Return parameters of the lever with a piston instead of a screw: its lead is 1 m/rad."""
+    """Return parameters in which a lead of 1 m/rad makes the screw of the lever a piston."""
     return with_values(p, {"screw.lead": 1.0})
 
 
 def piston_position(ops: Ops, p: Any, fin_angle: Value) -> Value:
-    """Return the piston's displacement x [m] at a fin angle [rad], 0 at 0."""
+    """Return the piston's displacement x [m] at a fin angle [rad]; both are 0 together."""
     return kinematics.motor_angle(ops, _piston(p), fin_angle)
 
 
@@ -68,7 +68,7 @@ def dry_drop(ops: Ops, p: Any, fin_angle: Value) -> Value:
 
 
 def pressing(p: Any, c: Linkage, pressure_1: Value, pressure_2: Value) -> Value:
-    """Return the moment [N.m] about the hinge of pressures [Pa] and loads."""
+    """Return the moment [N.m] about the hinge from pressures [Pa] and loads."""
     return c.ratio * p.cylinder.area * (pressure_1 - pressure_2) + c.load
 
 
@@ -87,5 +87,5 @@ def pressure_rates(p: Any, c: Linkage, fin_rate: Value, pressure_1: Value, press
 
 
 def makeup(ops: Ops, p: Any, pressure: Value, refill: Value, open_: Value) -> Value:
-    """Return the flow [m3/s] into a chamber at `pressure` [Pa] through its check valve, if open, from `refill` [Pa]."""
+    """Return the flow [m3/s] through a check valve into a chamber at `pressure` [Pa]; `refill` [Pa] opens the valve."""
     return ops.where(open_, p.check_valve.conductance * (refill - pressure), 0.0)

@@ -4,7 +4,7 @@
     i_ref = clip(K_v u + i_off, +-I_max)
     v = clip(K_p (i_ref - i) + xi, +-V_w)        dxi/dt = K_i (i_ref - i), held while v is clipped
 
-V_w is the supply V, or with n > 0 pole pairs what the inductive voltage across the winding leaves of it,
+V_w is the supply V or, with n > 0 pole pairs, the part of V that the inductive voltage across the winding leaves,
 
     V_w^2 = max(V^2 - (n w L i)^2, 0)
 """
@@ -58,7 +58,7 @@ def voltage_limit(ops: Ops, p: Any, supply: Value, speed: Value, current: Value)
 def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
     """Return the largest steady current [A] at a motor speed [rad/s]: (R i + K_e w)^2 + (n w L i)^2 = V^2.
 
-    Without a solution it is the current that comes closest.
+    If there is no solution, it is the current with the smallest left side.
     """
     resistance, emf = p.motor.resistance, back_emf(p, speed)
     across = inductive_voltage(p, speed, 1.0)
@@ -79,9 +79,10 @@ def knee_speed(ops: Ops, p: Any, supply: Value, current: Value) -> Value:
 
 def applied_voltage(ops: Ops, p: Any, reference: Value, speed: Value, current: Value, integral: Value, supply: Value
                     ) -> tuple[Value, Value]:
-    """Return the winding's voltage [V] and whether it, or the current reference, is limited.
+    """Return the winding's voltage [V], and whether this voltage or the current reference is limited.
 
-    `reference` is the analogue reference [V] in the drive, `supply` in V. A PWM amplifier has no current reference.
+    `reference` is the analogue reference [V] in the drive, `supply` its voltage [V]. A PWM amplifier has no current
+    reference.
     """
     if p.structure.current == "pwm":
         demand = pwm_voltage(p, reference)
@@ -100,7 +101,7 @@ def pwm_voltage(p: Any, reference: Value) -> Value:
 
 
 def flowing(p: Any, reference: Value, current: Value) -> Value:
-    """Return the motor current [A]: the state, or with an ideal loop the current reference."""
+    """Return the motor current [A]: the state `current`, or with an ideal loop the current reference."""
     return current_reference_raw(p, reference) if p.structure.current == "ideal" else current
 
 
@@ -117,16 +118,16 @@ def rates(p: Any, reference: Value, speed: Value, current: Value, integral: Valu
 
 
 def lag(p: Any) -> Value:
-    """Return the time constant [s] of the current behind its reference: L/(R + K_p), 0 of an ideal loop."""
+    """Return the time constant [s] of the current behind its reference: L/(R + K_p), 0 for an ideal loop."""
     if p.structure.current == "ideal":
         return 0.0
     return p.motor.inductance / (p.motor.resistance + (p.drive.kp if p.structure.current == "loop" else 0.0))
 
 
 def inverse(p: Any, current: Value, speed: Value, integral: Value) -> tuple[Value, Value]:
-    """Return the reference [V] that causes a motor current [A] at a motor speed [rad/s], without offset and limits.
+    """Return the reference [V] for a motor current [A] at a motor speed [rad/s], without offset and limits.
 
-    `integral` [V] is that of the current loop; the second value is that a sample time later.
+    `integral` [V] is that of the current loop; the second result is the integral after a sample time.
     """
     if p.structure.current == "ideal":
         return current / p.drive.current_gain, integral
@@ -150,7 +151,7 @@ def stall_torque(p: Any, reference: Value) -> Value:
 
 
 def torque(p: Any, current: Value) -> Value:
-    """Return motor torque [N.m], (2.47)."""
+    """Return the motor torque [N.m] at a motor current [A], (2.47)."""
     return p.motor.torque_constant * current
 
 

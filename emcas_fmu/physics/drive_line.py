@@ -7,7 +7,7 @@ the screw, moment T R about the hinge):
 
     s = theta_m - phi                                        deflection at the motor [rad]
     C_s = c_t + c_x/l^2        C_h = R^2 sum 1/k_j           compliances [rad/(N.m)] before and behind the flanks
-    C = C_s + 1/(l^2 k_c) + C_h                              the contact's only with a gap
+    C = C_s + 1/(l^2 k_c) + C_h                              second term, of the contact, only with a gap
     K = 1/C        D = sum D_i (C_i/C)^2                     each damping at its share of the rate of deflection
     f = K (s -+ g/2) + D ds/dt        T = f >= 0 on the flank s >= g/2, f <= 0 on s <= -g/2, else 0
 
@@ -31,13 +31,13 @@ from ..ops.base import Ops, Value
 from . import kinematics, mechanics
 from .loads import NONE
 
-# A flank counts as met this close to it: both angles are rounded.
-MET = 1e-9  # rad at the motor, 1e-12 m: far above the rounding of its angle
+# A flank counts as met within this distance, since both angles are rounded.
+MET = 1e-9  # rad at the motor, 1e-12 m: far above the rounding of the motor angle
 _NO_ROTOR = {"inertia.motor": 0.0, "inertia.screw": 0.0, "mass.nut": 0.0}
 
 
 class Line(NamedTuple):
-    """A drive line at the motor: K [N.m/rad], D [N.m.s/rad], g/2 [rad], C_s/C [-]; whether it has a gap."""
+    """A drive line at the motor: K [N.m/rad], D [N.m.s/rad], g/2 [rad], C_s/C [-]; `loose`: it has a gap."""
 
     stiffness: Value
     damping: Value
@@ -68,7 +68,7 @@ def rigid(ops: Ops, p: Any) -> Value:
 
 
 def line(ops: Ops, p: Any, angle: Value) -> Line:
-    """Return the drive line at a fin angle referred to the motor [rad]; not valid for a rigid one."""
+    """Return the drive line at a fin angle referred to the motor [rad]; not valid for a rigid line."""
     parts, square = p.drive_line, p.screw.lead * p.screw.lead
     structure = structure_compliance(p)
     loose = parts.backlash > 0.0
@@ -87,7 +87,7 @@ def line(ops: Ops, p: Any, angle: Value) -> Line:
 
 
 def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, Value]:
-    """Return whether a flank presses, and the deflection [rad] at which it begins to: +-g/2, or 0 if preloaded."""
+    """Return whether a flank presses, and the deflection [rad] where it begins to press: +-g/2, 0 if preloaded."""
     def on(side: float) -> Value:
         beyond = side * deflection - c.half_gap
         pushing = c.stiffness * beyond + c.damping * side * rate > least(c)
@@ -100,12 +100,12 @@ def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, V
 
 
 def least(c: Line) -> Value:
-    """Return the torque [N.m] below which a flank counts as left: that of the deflection MET."""
+    """Return the torque [N.m] below which a flank counts as separated: that of the deflection MET."""
     return c.stiffness * MET
 
 
 def torque(c: Line, deflection: Value, rate: Value, flank: Value) -> Value:
-    """Return f [N.m at the motor] of a pressed line, from rotor to fin."""
+    """Return the torque f [N.m, at the motor] from rotor to fin while a flank presses."""
     return c.stiffness * (deflection - flank) + c.damping * rate
 
 

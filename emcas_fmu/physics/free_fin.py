@@ -1,4 +1,4 @@
-"""A fin whose shaft is broken at the fork: fin and shaft turn on the hinge between its stops, without a drive.
+"""A fin whose shaft is broken at the fork: fin and shaft turn about the hinge between the stops, without a drive.
 
     (J_fin + J_shaft) d2(delta)/dt2 = T_f - b_f d(delta)/dt - C_f sgn(d(delta)/dt)
 
@@ -29,13 +29,13 @@ def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
     dry, viscous = mechanics.hinge_friction(p)
     way = ops.where(rate > 0.0, 1.0, ops.where(rate < 0.0, -1.0, ops.where(torque > 0.0, 1.0, -1.0)))
     net = torque - way * dry
-    held = ops.both(ops.equal(rate, 0.0), ops.fabs(torque) <= dry)
+    rests = ops.both(ops.equal(rate, 0.0), ops.fabs(torque) <= dry)
     inertia = p.inertia.fin + p.inertia.shaft + 0.5 * h * viscous
-    return ops.where(held, 0.0, net - viscous * rate) / inertia
+    return ops.where(rests, 0.0, net - viscous * rate) / inertia
 
 
 def advance(ops: Ops, p: Any, angle: Value, rate: Value, u: Record, h: Value) -> tuple[Value, Value]:
-    """Return angle [rad] and rate [rad/s] after `h` [s]; dry friction or a stop may bring the fin to rest."""
+    """Return angle [rad] and rate [rad/s] of the fin after `h` [s]; dry friction or a stop may bring it to rest."""
     torque = moment(ops, p, angle + 0.5 * h * rate, u)
     first = _pushed(ops, p, torque, rate, h)
     turns = rate * (rate + h * first) < 0.0

@@ -2,16 +2,16 @@
 
     C_m = k_C(T) max(sum_n c_n (fin_angle/20 deg)^n, 0)        b_m = k_b(T) b
 
-with coefficients c_n and b of the direction of motion. At rest friction is whatever holds the motor there, up to C_m:
-it sticks exactly. Section 3.3 measures both at 24 and -6 degC and fits sixth-order polynomials of the fin angle per
-direction. The ratios k_C and k_b to the friction at 24 degC are tables over temperature, ``friction.table.*``: linear
-between their points, held beyond the first and the last.
+with coefficients c_n and b for each direction of motion. At rest friction balances the other torques up to C_m: the
+motor sticks exactly. Section 3.3 measures both at 24 and -6 degC and fits sixth-order polynomials of the fin angle for
+each direction. The ratios k_C and k_b to the friction at 24 degC are tables over temperature, ``friction.table.*``:
+linear between their points, constant beyond the first and the last.
 
 With :mod:`emcas_fmu.extensions.stribeck` C_m changes with the speed w, from s C_m at rest:
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-The bristle of :mod:`emcas_fmu.extensions.lugre` is solved in :mod:`emcas_fmu.steppers.lugre`.
+The bristles of :mod:`emcas_fmu.extensions.lugre` are integrated in :mod:`emcas_fmu.steppers.lugre`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLY
 
 
 def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
-    """Return the ratio at friction.temperature; at a point of the table it equals the point's to the bit."""
+    """Return the ratio at friction.temperature; at a point of the table it is that of the table to the bit."""
     points, now = p.friction.table.temperature, p.friction.temperature
     factor = ratios[0]
     for low, high, at_low, at_high in zip(points, points[1:], ratios, ratios[1:], strict=False):
@@ -37,7 +37,7 @@ def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
 
 def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
     """Return the polynomial [N.m] of one direction at a fin angle [rad], as fitted; it may be negative."""
-    # Coefficients of the angle itself follow from parameters alone.
+    # The coefficients for the angle itself, without the division by the span, depend on parameters alone.
     return polynomial(fin, [c * (1.0 / POLYNOMIAL_SPAN**n) for n, c in enumerate(coefficients)])
 
 
@@ -58,15 +58,15 @@ def falls(p: Any) -> bool:
 
 
 def stribeck(ops: Ops, static_ratio: Value, stribeck_speed: Value, speed: Value) -> Value:
-    """Return dry friction at a speed [rad/s] over that of fast sliding [-]: `static_ratio` at rest."""
+    """Return the ratio [-] of dry friction at a speed, in the unit of `stribeck_speed`, to that of fast sliding."""
     share = speed / stribeck_speed
     return 1.0 + (static_ratio - 1.0) * ops.exp(-share * share)
 
 
 def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) -> Value:
-    """Return dry friction C_m [N.m] at the motor for motion along the sign of `direction`, at a speed [rad/s].
+    """Return dry friction C_m [N.m] at the motor for motion along the sign of `direction`, at a motor speed [rad/s].
 
-    A speed against the direction counts as rest.
+    If the speed is against the direction, the friction is that at rest.
     """
     factor = _temperature_factor(ops, p, p.friction.table.coulomb)
     value = coulomb_reference(ops, p, direction, fin)
@@ -78,11 +78,11 @@ def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) 
 
 
 def viscous(ops: Ops, p: Any, direction: Value) -> Value:
-    """Return viscous coefficient b_m [N.m.s/rad] at the motor for motion along the sign of `direction`."""
+    """Return the viscous coefficient b_m [N.m.s/rad] at the motor for motion along the sign of `direction`."""
     factor = _temperature_factor(ops, p, p.friction.table.viscous)
     return ops.where(direction > 0.0, p.friction.viscous.positive * factor, p.friction.viscous.negative * factor)
 
 
 def mean_viscous(ops: Ops, p: Any) -> Value:
-    """Return the mean b_m [N.m.s/rad] of both directions, which is that of the fundamental of an oscillation."""
+    """Return the mean b_m [N.m.s/rad] of both directions, which damps the fundamental of an oscillation."""
     return 0.5 * (viscous(ops, p, 1.0) + viscous(ops, p, -1.0))

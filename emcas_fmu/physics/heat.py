@@ -1,18 +1,18 @@
-"""Heat of the motor: two nodes, what follows their temperatures, and the drive's I2t limit.
+"""Heat of the motor: two thermal nodes, the parameters that depend on them, and the drive's I2t limit.
 
     C_w dT_w/dt = R i^2 - (T_w - T_c)/R_wc        C_c dT_c/dt = (T_w - T_c)/R_wc - (T_c - T_a)/R_ca
     R = R_0 (1 + a_R (T_w - T_0))        K_t = K_t0 (1 + a_K (T_c - T_0)), K_e likewise
 
-w is the winding, c the case with stator and magnets, a the ambient. Losses of iron and of friction are left out.
-The drive counts the squares of its current beyond the continuous one I_c, as servo drives do, and never below zero:
+w is the winding, c the case with stator and magnets, a the ambient. Losses of iron and friction are left out. As in
+servo drives, the drive integrates the square of its current beyond that of the continuous current I_c, not below zero:
 
     ds/dt = F (i^2 - I_c^2) / ((I_p^2 - I_c^2) t_p)        0 <= s
     I_max^2 = I_c^2 + (I_p^2 - I_c^2) clip((1 - s)/(1 - F), 0, 1)
 
-From s = 0 the peak I_p (drive.current_limit) is there for t_p; from s = F on the limit folds back to I_c, which it
-has at s = 1. It is a continuous function of a state, so that it neither jumps nor chatters: under a reference beyond it
-i^2 - I_c^2 falls exponentially, with the time constant t_p (1 - F)/F. The budget is that of the drive: a fault that
-lowers drive.current_limit leaves I_p and s alone, and the lower of the two limits acts.
+From s = 0 the peak I_p (drive.current_limit) is available for t_p; from s = F on the limit folds back, to I_c at s = 1.
+The limit is a continuous function of a state, so it neither jumps nor chatters: under a larger reference i^2 - I_c^2
+falls exponentially, with the time constant t_p (1 - F)/F. I_p is the drive's rated peak: a fault that lowers
+drive.current_limit does not change I_p and s, and the lower of the two limits acts.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..namespace import with_values
 from ..ops.base import Ops, Value
 
 FOLDING = 0.9  # F, the share of the I2t budget from which the limit folds back
-# Lines fitted about T_0 are bounded below by this share of their value there.
+# Lower bound of the lines over temperature, as a share of their value at T_0.
 LEAST = 0.1
 
 
@@ -32,12 +32,12 @@ def _linear(ops: Ops, p: Any, coefficient: Value, temperature: Value) -> Value:
 
 
 def resistance(ops: Ops, p: Any, winding: Value) -> Value:
-    """Return winding resistance [Ohm] at a winding temperature [degC]."""
+    """Return the winding's resistance [Ohm] at a winding temperature [degC]."""
     return p.motor.resistance * _linear(ops, p, p.heat.resistance_coefficient, winding)
 
 
 def magnets(ops: Ops, p: Any, case: Value) -> Value:
-    """Return flux of the magnets at a case temperature [degC] over that at the reference: the factor of K_t and K_e."""
+    """Return the flux of the magnets at a case temperature [degC] over that at T_0, the factor of K_t and K_e [-]."""
     return _linear(ops, p, p.heat.torque_coefficient, case)
 
 
@@ -50,25 +50,25 @@ def at_temperatures(ops: Ops, p: Any, winding: Value, case: Value) -> Any:
 
 
 def flows(p: Any, winding: Value, case: Value) -> tuple[Value, Value]:
-    """Return heat [W] from winding to case and from case to ambient at their temperatures [degC]."""
+    """Return the heat flows [W] from winding to case and from case to ambient at their temperatures [degC]."""
     return ((winding - case) / p.heat.winding_to_case, (case - p.friction.temperature) / p.heat.case_to_ambient)
 
 
 def warmed(p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[Value, Value]:
-    """Return temperatures [degC] of winding and case after `h` [s] under a constant loss [W] in the winding.
+    """Return the temperatures [degC] of winding and case after `h` [s] under a constant loss [W] in the winding.
 
-    Implicit midpoint rule: second order, stable for any step, energy balanced.
+    The implicit midpoint rule is of second order, stable for any step, and conserves energy.
     """
     inward, outward = flows(p, winding, case)
     winding_rate, case_rate = 2.0 * p.heat.winding_capacity / h, 2.0 * p.heat.case_capacity / h
     between, away = 1.0 / p.heat.winding_to_case, 1.0 / p.heat.case_to_ambient
     first, second = loss - inward, inward - outward
     below = case_rate + between + away
-    # Half the changes; the products of the conductance between the nodes cancel by hand.
+    # Half the changes. The square of the conductance between the nodes is left out: it cancels.
     determinant = winding_rate * below + between * (case_rate + away)
     rise = (first * below + second * between) / determinant
-    follows = (second * (winding_rate + between) + first * between) / determinant
-    return winding + 2.0 * rise, case + 2.0 * follows
+    case_rise = (second * (winding_rate + between) + first * between) / determinant
+    return winding + 2.0 * rise, case + 2.0 * case_rise
 
 
 def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:
@@ -78,9 +78,10 @@ def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:
 
 
 def loaded(ops: Ops, p: Any, load: Value, square: Value, h: Value, rated: Value | None = None) -> Value:
-    """Return the I2t load s [1] after `h` [s] of a mean square of the current [A^2].
+    """Return the I2t load s [-] after `h` [s] with a mean `square` of the current [A^2].
 
-    It is 0 where the whole peak is continuous. `rated` [A] is the peak of a drive that a fault derates, else None.
+    It is 0 if the peak is not above the continuous current. `rated` [A] is the peak of a drive that a fault derates,
+    else None.
     """
     continuous, reserve = _squares(ops, p, p.drive.current_limit if rated is None else rated)
     limited = reserve > 0.0
@@ -96,10 +97,10 @@ def sustained_current(ops: Ops, p: Any, duration: Value) -> Value:
 
 
 def current_limit(ops: Ops, p: Any, load: Value, rated: Value | None = None) -> Value:
-    """Return the largest current reference [A] at an I2t load s [1], within a derated drive's limit."""
+    """Return the largest current reference [A] at an I2t load s [-], within the limit of a derated drive."""
     peak = p.drive.current_limit if rated is None else rated
     continuous, reserve = _squares(ops, p, peak)
-    left = (1.0 - load) / (1.0 - FOLDING)
-    folded = ops.sqrt(continuous + ops.clip(left, 0.0, 1.0) * reserve)
-    limit = ops.where(left >= 1.0, peak, folded)
+    remaining = (1.0 - load) / (1.0 - FOLDING)
+    folded = ops.sqrt(continuous + ops.clip(remaining, 0.0, 1.0) * reserve)
+    limit = ops.where(remaining >= 1.0, peak, folded)
     return limit if rated is None else ops.minimum(limit, p.drive.current_limit)

@@ -1,40 +1,41 @@
 """Inverter of a three-phase motor: dead time between its switches, and the diodes of an open bridge.
 
-In the dead time t_d between two switches of a phase, its current flows through a diode. At f switching periods a second
-the phase lacks V t_d f along its current on average (Jeong and Park, *The analysis and compensation of dead-time
-effects in PWM inverters*, IEEE Trans. Ind. Electron. 38, 1991): in the field-oriented drive, over an electrical turn,
-the fundamental of that square wave, line to line,
+In the dead time t_d between two switches of a phase, the phase current flows through a diode. With f switching periods
+a second the phase loses V t_d f on average, in the direction of its current (Jeong and Park, *The analysis and
+compensation of dead-time effects in PWM inverters*, IEEE Trans. Ind. Electron. 38, 1991). A field-oriented drive loses
+the fundamental of this square wave over an electrical turn, line to line:
 
     V_d = (4 sqrt(3)/pi) V t_d f        v - V_d clip(i/i_r, +-1)        i_r = V/(16 L f)
 
-below the ripple i_r in proportion to the current, which then reverses in each period. i_r is the largest amplitude of
-the ripple, that of pulses of half the time; 0.05 or 0.4 A instead move the default fin by less than 0.002 deg. The
-missing voltage does not leave the supply and is no loss: the motor's power is that of the voltage that remains.
+Below the ripple i_r, where the current reverses in each period, the lost voltage is proportional to the current. i_r is
+the largest amplitude of the ripple, at a duty cycle of one half; with 0.05 or 0.4 A instead the default fin angle
+differs by less than 0.002 deg. The lost voltage takes no power from the supply: the motor's power is that of the
+remaining voltage.
 
-An open bridge rectifies: its diodes conduct from the motor into the supply V where the mean of the rectified back-EMF E
-(the amplitude line to line), 3 E/pi, exceeds it, and after the bridge has opened, until no current is left:
+An open bridge rectifies: its diodes conduct from the motor into the supply V if the mean 3 E/pi of the rectified
+back-EMF exceeds V (E: its amplitude line to line), and after the bridge has opened until the current is 0:
 
     L di/dt = -+ V_s - R_s i - K_e w
 
-against the current's sign. With n pole pairs, and X = n w L, up to E = 1.4 V
+with V_s against the current. With n pole pairs, and X = n w L, up to E/V = 1.4
 
     V_s = V_o = pi V/3        R_s = R_b = sqrt(R^2 + (0.8 X)^2)
 
-where V_o |i| + (R_b - R) i^2 returns to the supply. R_b is an estimate: a fit to the three phases on the diodes of a
-stiff supply. Its braking current is within 13 % of theirs for 3 to 8 pole pairs of the default motor at 39 V and E from
-1.1 to 1.4 V (26 % too large at most from 10 V on, or with 1 pole pair); below it is off by 0.4 A at most, where the
-phases conduct in pulses. The power returned is then 4 % too large at most.
+where V_o |i| + (R_b - R) i^2 returns to the supply. R_b is an estimate, fitted to three phases on the diodes of a stiff
+supply. For 3 to 8 pole pairs of the default motor at 39 V its braking current is within 13 % of that of the phases for
+E/V from 1.1 to 1.4 (at most 26 % too large from 10 V on, or with 1 pole pair). At a lower E/V, where the phases conduct
+in pulses, it is off by at most 0.4 A; the returned power is then at most 4 % too large.
 
-From E = 2 V on all phases conduct at all times. Of their current, of the amplitude I, and the fundamental V_1 of the
-bridge's voltage, which is in phase with it,
+From E/V = 2 on all phases conduct at all times. With the amplitude I of their current and the fundamental V_1 of the
+bridge's voltage, which is in phase with the current,
 
     (V_1 + R I)^2 + (X I)^2 = E^2        V_1 = (2 sqrt(3)/pi) V        r = I/|i| = E/(V_1 + R I)
     V_s = r V_1        R_s = r^2 R
 
-V_1 I = V_s |i| returns; R I^2 is heat. The braking current is within 9 % of the phases', from E = 3 V on within 3 %,
-for 1 to 8 pole pairs up to 350 rad/s. V = 0 has the current of shorted terminals (:mod:`.winding`), and returns
-nothing. Between 1.4 and 2 V the constants change in proportion to E/V (within 20 %). I is that of a constant speed: a
-fin that is released at 277 rad/s into 0 V runs on 7 % further than on three phases.
+V_1 I = V_s |i| returns to the supply; R I^2 is heat. The braking current is within 9 % of that of the phases, from
+E/V = 3 on within 3 %, for 1 to 8 pole pairs up to 350 rad/s. At V = 0 it is that of shorted terminals
+(:mod:`.winding`), and no power returns. Between E/V = 1.4 and 2 the constants change linearly with E/V (within 20 %). I
+is that at a constant speed: a fin released at 277 rad/s into 0 V moves 7 % further than with three phases.
 """
 
 from __future__ import annotations
@@ -47,17 +48,17 @@ from . import drive
 
 _FUNDAMENTAL = 4.0 * sqrt(3.0) / pi
 IN_SERIES = 2.0 / _FUNDAMENTAL
-"""Share of V_d that two phases in series lose, 2 V t_d f."""
+"""The voltage that two phases in series lose, 2 V t_d f, as a share of V_d."""
 _RIPPLE = 1.0 / 16.0
 _TINY = 1e-300
 _RECTIFIED = pi / 3.0
 _REACTIVE = 0.8
 _LINE = 2.0 * sqrt(3.0) / pi
-_FITTED, _CONTINUOUS = 1.4, 2.0  # back-EMF over supply, up to the fit and from the phasors on
+_FITTED, _CONTINUOUS = 1.4, 2.0  # E/V up to which R_b is fitted, and from which all phases conduct at all times
 
 
 class Diodes(NamedTuple):
-    """What opposes the current of conducting diodes: V_s [V], R_s [Ohm] and the part of R_s that is loss [Ohm]."""
+    """Voltage V_s [V] and resistance R_s [Ohm] of conducting diodes, and the part of R_s that is loss [Ohm]."""
 
     voltage: Value
     resistance: Value
@@ -65,27 +66,27 @@ class Diodes(NamedTuple):
 
 
 def dead_voltage(ops: Ops, p: Any, supply: Value) -> Value:
-    """Return the voltage V_d [V] that the dead time takes along the current, at a supply [V]."""
+    """Return the voltage V_d [V] that the dead time takes from the drive, at a supply [V]."""
     return _FUNDAMENTAL * (p.inverter.dead_time * p.inverter.switching_frequency) * ops.maximum(supply, 0.0)
 
 
 def _within_ripple(p: Any) -> Value:
-    """Return the resistance [Ohm] with the drop of the dead time at currents below the ripple, V_d/i_r."""
+    """Return the resistance [Ohm] that is equivalent to the dead time at currents below the ripple, V_d/i_r."""
     frequency = p.inverter.switching_frequency
     return _FUNDAMENTAL / _RIPPLE * p.motor.inductance * p.inverter.dead_time * (frequency * frequency)
 
 
 def dead_resistance(ops: Ops, p: Any, supply: Value, current: Value) -> Value:
-    """Return the resistance [Ohm] with the drop of the dead time at a current [A], from a supply [V]."""
+    """Return the resistance [Ohm] that is equivalent to the dead time at a current [A] and a supply [V]."""
     return ops.minimum(dead_voltage(ops, p, supply) / ops.maximum(ops.fabs(current), _TINY), _within_ripple(p))
 
 
 def settled(ops: Ops, p: Any, supply: Value, source: Value, resistance: Value) -> Value:
-    """Return the current [A] of a source [V] behind a resistance [Ohm] with the drop of the dead time."""
-    dead, least = dead_voltage(ops, p, supply), _within_ripple(p)
+    """Return the steady current [A] from a source [V] through a resistance [Ohm] and the drop of the dead time."""
+    dead, within = dead_voltage(ops, p, supply), _within_ripple(p)
     beyond = ops.fabs(source) - dead
-    return ops.where(beyond * least > resistance * dead, ops.sign(source) * beyond / resistance,
-                     source / (resistance + least))
+    return ops.where(beyond * within > resistance * dead, ops.sign(source) * beyond / resistance,
+                     source / (resistance + within))
 
 
 def onset(ops: Ops, supply: Value) -> Value:
@@ -94,7 +95,7 @@ def onset(ops: Ops, supply: Value) -> Value:
 
 
 def diodes(ops: Ops, p: Any, supply: Value, speed: Value) -> Diodes:
-    """Return the conducting diodes of an open bridge at a supply [V] and a motor speed [rad/s]."""
+    """Return the constants of conducting diodes of an open bridge at a supply [V] and a motor speed [rad/s]."""
     resistance, emf = p.motor.resistance, ops.fabs(drive.back_emf(p, speed))
     across, supply = p.inverter.pole_pairs * speed * p.motor.inductance, ops.maximum(supply, 0.0)
     fitted = ops.sqrt(resistance * resistance + _REACTIVE * across * (_REACTIVE * across))
@@ -115,7 +116,7 @@ def diodes(ops: Ops, p: Any, supply: Value, speed: Value) -> Diodes:
 def current_side(ops: Ops, p: Any, supply: Value, speed: Value, current: Value) -> Value:
     """Return the sign of the current (-1, 0, 1) that the diodes of an open bridge let flow at a motor speed [rad/s].
 
-    0: they do not conduct. A `current` [A] that flows continues; another begins against the back-EMF.
+    It is 0 if they do not conduct. A `current` [A] that flows keeps its sign; a new one flows against the back-EMF.
     """
     emf = drive.back_emf(p, speed)
     begins = ops.where(ops.fabs(emf) > onset(ops, supply), -ops.sign(emf), 0.0)

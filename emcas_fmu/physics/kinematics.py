@@ -4,9 +4,9 @@
     theta = x / l                       motor angle; l = screw lead per radian
     R = d theta/d fin_angle = (d/l) / cos^2 phi
 
-The tangent of the lever angle is linear in the motor angle, so everything the equation of motion needs follows from it
-by arithmetic alone. Simpler models have a constant ratio, that of an assembly angle of zero and small angles (2.18):
-theta = (d/l) fin_angle.
+The tangent of the lever angle is linear in the motor angle, so the equation of motion needs only arithmetic with it.
+Simpler models have a constant ratio, that of an assembly angle of zero and small angles (2.18): theta = (d/l)
+fin_angle.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ def lever_tangent(ops: Ops, p: Any, motor_angle: Value) -> Value:
 
 
 def fin_angle(ops: Ops, p: Any, tangent: Value) -> Value:
-    """Return fin angle [rad] from tan(phi)."""
+    """Return the fin angle [rad] for tan(phi)."""
     return ops.atan(tangent) - p.kinematics.initial_angle
 
 
 def fin_at(ops: Ops, p: Any, motor: Value) -> Value:
-    """Return fin angle [rad] at a motor angle [rad], the inverse of (2.5)."""
+    """Return the fin angle [rad] at a motor angle [rad], by the inverse of (2.5)."""
     return fin_angle(ops, p, lever_tangent(ops, p, motor))
 
 
 def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
-    """Return motor angle [rad] at a fin angle [rad], (2.5); zero at fin angle zero."""
+    """Return the motor angle [rad] at a fin angle [rad], (2.5); zero at fin angle zero."""
     ratio = p.kinematics.moment_arm / p.screw.lead
     initial = p.kinematics.initial_angle
     if p.structure.constant_ratio:
@@ -44,7 +44,7 @@ def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
 
 
 def deviates(ops: Ops, p: Any, plant: Any) -> Value:
-    """Return whether lever or screw of a plant deviate from the nominal ones."""
+    """Return whether lever or screw of the parameters `plant` deviate from the nominal ones in `p`."""
     same: Value = True
     for nominal, actual in ((p.kinematics.moment_arm, plant.kinematics.moment_arm), (p.screw.lead, plant.screw.lead),
                             (p.kinematics.initial_angle, plant.kinematics.initial_angle)):
@@ -60,5 +60,5 @@ def reduction_ratio(ops: Ops, p: Any, tangent: Value) -> Value:
 
 
 def nut_position(ops: Ops, p: Any, motor: Value) -> Value:
-    """Return nut displacement [m] at a motor angle [rad], (2.1)."""
+    """Return the nut's displacement [m] at a motor angle [rad], (2.1)."""
     return p.screw.lead * motor

@@ -8,9 +8,9 @@ x axis; the hinge is at r = (mounting.station, 0, 0) from it:
     f = R_x(azimuth) (g_b - a_h)                               specific force in the fin's frame
     W = R_x(azimuth) w        A = R_x(azimuth) w'              the vehicle's rotation in the fin's frame
 
-A part of mass m at r from the hinge feels m (f - A x r - W x (W x r) - 2 W x v). The first term acts at the centres of
-mass, turned by the fin angle d. In the others what turns about the hinge is a plate through it: mass at s along its
-chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
+The force on a mass m at r from the hinge is m (f - A x r - W x (W x r) - 2 W x v). The first term acts at the centres
+of mass, turned by the fin angle d. In the other terms the turning parts are a plate through the hinge: mass at s along
+the chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
 
     -y . r x (W x (W x r)) = (W . r) (x W_z - z W_x) = s^2 ((W_x^2 - W_z^2) sin d cos d + W_x W_z cos 2d)
     -y . r x (A x r)       = -s^2 A_y
@@ -20,9 +20,9 @@ chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia abou
     P_n = m_nut f_x
 
 A steady roll thus turns the fin away from zero. Products of inertia with the coordinate y along the hinge are
-neglected, and so are the parts' thickness and, for the nut, its distance from the hinge. The largest product is
-m s y cos d A_x: of the default fin (3 kg, s = -0.03 m) at y = 0.2 m, an assumption, -9 N.m at 500 rad/s2; a host adds
-it to aero_torque. Rotor and screw turn about body x (:func:`emcas_fmu.physics.mechanics.rotor_torque`).
+neglected, and so are the parts' thickness and, for the nut, its distance from the hinge. The largest product gives
+m s y cos d A_x. For the default fin (3 kg, s = -0.03 m) and an assumed y = 0.2 m this is -9 N.m at 500 rad/s2; a host
+adds it to aero_torque. Rotor and screw turn about body x (:func:`emcas_fmu.physics.mechanics.rotor_torque`).
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ def motion_loads(ops: Ops, p: Any, *motion: Value) -> MotionLoads:
     """Return the loads of a vehicle's motion, (2.27)-(2.33), (2.36).
 
     `motion` is the body's acceleration [m/s2], roll, pitch and yaw [rad], rates [rad/s] and angular acceleration
-    [rad/s2]; yaw turns about the direction of gravity. The fin's frame is the body's turned about x by
-    mounting.azimuth.
+    [rad/s2]; yaw has no effect, since it turns about the direction of gravity. The fin's frame is the body's, turned
+    about x by mounting.azimuth.
     """
     a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
     station, azimuth = p.mounting.station, p.mounting.azimuth
@@ -86,11 +86,11 @@ def fin_inertia(p: Any) -> Value:
 
 
 def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
-    """Return moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
+    """Return the moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
 
     `u` has the fields of :class:`MotionLoads`.
     """
-    # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
+    # fin_angle = phi - initial_angle; the rotation by -initial_angle depends on parameters only.
     sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
 
     def lever() -> tuple[Value, Value]:
@@ -120,7 +120,7 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
             angle: Callable[[], tuple[Value, Value]]) -> Value:
     """Return the moment [N.m] of the masses, from `weight`, and of rotation; `angle` returns the fin's cosine and sine.
 
-    Most hosts set none of these inputs: the moment is then `nothing`, a zero.
+    Most hosts set none of these inputs: the result is then `nothing`, a zero.
     """
     def rotating() -> tuple[Value, ...]:
         cosine, sine = angle()
@@ -134,7 +134,7 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
 
 
 def _zero(ops: Ops, first: Value, *others: Value) -> Value:
-    """Return whether all of these are zero, by one comparison, since every step needs it."""
+    """Return whether all values are zero, by a single comparison since every step needs it."""
     total = ops.fabs(first)
     for other in others:
         total = total + ops.fabs(other)
@@ -156,5 +156,5 @@ def _turned(moments: tuple[Value, Value], cosine: Value, sine: Value, u: Any) ->
 
 
 def nut_force(ops: Ops, p: Any, u: Any) -> Value:
-    """Return axial body force P_n [N] on the nut along +x, (2.42)-(2.45)."""
+    """Return the axial body force P_n [N] on the nut along +x, (2.42)-(2.45)."""
     return p.mass.nut * u.f_x

@@ -9,7 +9,7 @@ divided by R becomes
 
     (J_t + J_ft/R^2) dw = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
 
-whose coefficients hardly vary, R' = 2 R tan(phi). The vehicle's angular acceleration A_x about the screw reduces the
+with R' = 2 R tan(phi). Its coefficients hardly vary. The vehicle's angular acceleration A_x about the screw reduces the
 motor's torque by (J_motor + J_screw) A_x, since rotor and screw also turn with the vehicle.
 """
 
@@ -27,12 +27,12 @@ from .loads import fin_inertia
 HINGE_DRY = ("friction.fin_coulomb",)
 """Parameters [N.m] whose sum is the dry friction about the hinge; deviations and faults scale each."""
 HINGE_VISCOUS = ("friction.fin_viscous",)
-"""Parameters [N.m.s/rad] whose sum is the viscous friction there."""
-_LEAST = 1e-12  # N.m: bristles with less friction slip at once
+"""Parameters [N.m.s/rad] whose sum is the viscous coefficient about the hinge."""
+_LEAST = 1e-12  # N.m, smallest g of bristles
 
 
 class Mechanics(NamedTuple):
-    """Coefficients of the equation of motion at one position, all at the motor.
+    """Coefficients of the equation of motion at one motor angle, all referred to the motor except `fin`.
 
     ``inertia`` [kg.m2], ``load`` [N.m] (external, positive along positive motor
     angle), ``rotor`` [N.m] (the share of it that acts on the rotor itself),
@@ -54,10 +54,10 @@ def screw_inertia(p: Any) -> Value:
 
 
 def rotor_torque(p: Any, u: Any) -> Value:
-    """Return torque [N.m] on rotor and screw of the vehicle's angular acceleration about the screw.
+    """Return the torque [N.m] on rotor and screw from the vehicle's angular acceleration about the screw.
 
-    A positive motor angle is a right-handed turn about body +x; the sign is the opposite for a motor that turns the
-    other way.
+    A positive motor angle is a right-handed turn about body +x; for a motor that turns in the other direction the sign
+    is the opposite.
     """
     return -(p.inertia.motor + p.inertia.screw) * u.alpha_x
 
@@ -68,7 +68,7 @@ def external_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
 
 
 def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> Mechanics:
-    """Return the equation's coefficients at a motor angle [rad] under the loads.LOADS that `u` has."""
+    """Return the coefficients of the equation at a motor angle [rad] under the loads.LOADS in `u`."""
     tangent = kinematics.lever_tangent(ops, p, motor_angle)
     ratio = kinematics.reduction_ratio(ops, p, tangent)
     gain = 1.0 / ratio  # one division for all: divisions are slow
@@ -93,7 +93,7 @@ class HingeFriction(NamedTuple):
 
 
 def hinge_friction(p: Any) -> HingeFriction:
-    """Return the friction about the hinge: the only equations of it, for every actuator."""
+    """Return the friction about the hinge; all actuators use these equations."""
     return HingeFriction(*(reduce(add, (value_of(p, name) for name in names)) for names in (HINGE_DRY, HINGE_VISCOUS)))
 
 
@@ -113,19 +113,19 @@ def hinge_damping(p: Any, m: Mechanics) -> Value:
 
 
 def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value, speed: Value = 0.0) -> Value:
-    """Return T_c/R [N.m], dry friction at the motor for motion along `direction`, at a motor speed [rad/s]."""
+    """Return T_C/R [N.m], the dry friction at the motor for motion along `direction`, at a motor speed [rad/s]."""
     return friction.coulomb(ops, p, direction, m.fin, speed) + hinge_dry(p, m)
 
 
 def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
-    """Return viscous coefficient [N.m.s/rad] at the motor, that of the hinge included (2.17)."""
+    """Return the viscous coefficient [N.m.s/rad] at the motor, including that of the hinge (2.17)."""
     return friction.viscous(ops, p, direction) + hinge_damping(p, m)
 
 
 def bristles(ops: Ops, p: Any, m: Mechanics, speed: Value) -> tuple[Value, Value]:
     """Return a = sigma_0 |w|/g [1/s] and sigma_1 [N.m.s/rad] of LuGre bristles at a motor speed w [rad/s].
 
-    g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
+    g is C_m, with its excess at low speed, plus the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
     """
     bristle, turning = p.lugre, ops.fabs(speed)
     motor = (friction.coulomb(ops, p, speed, m.fin)

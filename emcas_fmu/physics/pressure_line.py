@@ -7,18 +7,18 @@ p is the absolute pressure at the actuators, p_set the setting of the pump's reg
 an accumulator of the volume V_0 with the precharge p_0; it changes by p V^n = constant. Below p_0 the accumulator is
 empty, and only oil, its air and pipes are compliant: C is then a hundredth of its value at p_0 (an estimate).
 
-A step h has C and the draw of its start, with a draw that is proportional to the pressure, and the pump's flow of its
-end:
+A step h uses C at its start, the pump's flow at its end, and the draw Q at its start, which it changes in proportion to
+the pressure:
 
     C (p' - p)/h = Q_pump(p') - Q - |Q|/p (p' - p)
 
-Each of the three pieces of Q_pump has a solution p'. The correct p' is the larger of that without flow and the smaller
-of the other two. It is a mean, with
-weights that are not negative, of p, p_set and pressures at which flows balance: it does not overshoot, whatever h is. A
-line that fills stops at p_0 for a step, since C changes there. p stays above a hundredth of a bar, as that of vapour.
+Each of the three pieces of Q_pump has a solution p'. The correct p' is the larger of the solution without pump flow and
+the smaller of the other two. It is a mean, with weights that are not negative, of p, p_set and pressures at which flows
+balance: it does not overshoot, whatever h is. A line that fills stops at p_0 for a step, since C changes there. p stays
+at a hundredth of a bar or above, like the pressure of vapour.
 
-An actuator behind a throttle, with the pressure p_1 behind it, has the slope Q/(2 (p - p_1)). The step is stable where
-that drop is more than a quarter of p, and otherwise where h times the slope is below C.
+The draw of an actuator behind a throttle, with the pressure p_1 behind the throttle, really has the slope
+Q/(2 (p - p_1)). The step is stable if the drop p - p_1 is above a quarter of p, or if h times the slope is below C.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 
-LEAST = 1e3  # Pa
+LEAST = 1e3  # Pa, smallest pressure
 EMPTY = 0.01  # compliance with an empty accumulator over that at the precharge
 LEAST_COMPLIANCE = 1e-16  # m3/Pa, of less than a cubic centimetre of oil: a line is never quite stiff
 AT_SOURCE = -1.0  # state of a line that has not been stepped yet: it has the source's pressure
 
 
 def pressure(ops: Ops, source: Value, state: Value) -> Value:
-    """Return the pressure at the actuators [Pa]; the source's until the line is stepped."""
+    """Return the pressure at the actuators [Pa]; until the first step of the line it is the source's."""
     return ops.where(state < 0.0, source, state)
 
 
@@ -47,14 +47,14 @@ def compliance(ops: Ops, line: Any, at: Value) -> Value:
 
 
 def next_pressure(ops: Ops, line: Any, source: Value, state: Value, drawn: Value) -> Value:
-    """Return the pressure [Pa] after an instant of the line, while the actuators together draw a flow [m3/s]."""
+    """Return the pressure [Pa] after an update of the line; `drawn` is the flow to all actuators [m3/s]."""
     p, h = ops.maximum(pressure(ops, source, state), LEAST), line.update_time
     slope = ops.fabs(drawn) / p
-    held = compliance(ops, line, p) / h  # m3/s for each Pa that the pressure changes by
-    flow = held * p + slope * p - drawn
-    without = flow / (held + slope)
-    full = (flow + line.pump_flow) / (held + slope)
-    regulated = (flow + line.pump_gain * source) / (held + slope + line.pump_gain)
-    reached = ops.maximum(without, ops.minimum(regulated, full))
+    storage = compliance(ops, line, p) / h  # flow [m3/s] per change of pressure [Pa]
+    flow = storage * p + slope * p - drawn
+    no_flow = flow / (storage + slope)
+    full = (flow + line.pump_flow) / (storage + slope)
+    regulated = (flow + line.pump_gain * source) / (storage + slope + line.pump_gain)
+    reached = ops.maximum(no_flow, ops.minimum(regulated, full))
     stopped = ops.where(p < line.precharge_pressure, ops.minimum(reached, line.precharge_pressure), reached)
     return ops.maximum(stopped, LEAST)

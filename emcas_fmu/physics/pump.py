@@ -6,12 +6,13 @@
     r(dp) = dp - p_r sgn dp beyond +-p_r, else 0
 
 D is the pump's displacement per radian, xi its leakage from side to side, C_e that to the case, which is at the
-pressure p_a of the reservoir; K_b o the bypass valve, open by the share o; K_r the relief valves, set to p_r, one for
-each way; K_c the check valves by which the reservoir refills a chamber, p_o their cracking pressure. Rotor and pump
-have one inertia J. Merritt, "Hydraulic Control Systems" (1967), chapter 4, for leakage and friction of a pump.
+pressure p_a of the reservoir; K_b o that of the bypass valve, open by the share o; K_r that of the relief valves, one
+for each direction, which open at p_r; K_c that of the check valves through which the reservoir refills a chamber, p_o
+their cracking pressure. Rotor and pump have one inertia J. Merritt, "Hydraulic Control Systems" (1967), chapter 4, for
+leakage and friction of a pump.
 
-Oil does not bear tension: at the pressure p_v a void opens, and what flows in or out of the chamber then changes the
-void, under a modulus far below the oil's. The chamber keeps its volume, so the void has to close before pressure rises.
+Oil does not bear tension: at the pressure p_v a void opens. Flow into or out of the chamber then changes the void,
+under a modulus far below the oil's. The chamber keeps its volume, so the void has to close before pressure rises.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ class Valves(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Coefficients of the flows in a state of the valves: ``cross`` (p1 - p2) - ``set`` from chamber 1 to 2, and
-    ``feed`` - ``drain`` p from the reservoir into a chamber; ``share`` is the modulus over that of oil."""
+    """Coefficients of the flows [m3/s] in a state of the valves: ``cross`` (p1 - p2) - ``set`` from chamber 1 to 2, and
+    ``feed`` - ``drain`` p from the reservoir into a chamber; ``share`` [-] is the modulus over that of oil."""
 
     cross: Value
     set: Value
@@ -76,7 +77,7 @@ def bypass(ops: Ops, p: Any, enabled: Value) -> Value:
 
 
 def lines(ops: Ops, p: Any, v: Valves, bypassing: Value) -> Lines:
-    """Return the coefficients of the flows in a state of the valves, with the bypass's conductance [m3/(s.Pa)]."""
+    """Return the coefficients of the flows in a state of the valves, and a conductance of the bypass [m3/(s.Pa)]."""
     case, check, reservoir, refill = (p.pump.case_leakage, p.check_valve.conductance, p.reservoir.pressure,
                                       refill_pressure(p))
     fed, fed_by_check = case * reservoir, case * reservoir + check * refill
@@ -95,12 +96,12 @@ def flows(p: Any, line: Lines, motor_speed: Value, pressure_1: Value, pressure_2
 
 
 def driving(p: Any, current: Value, drop: Value) -> Value:
-    """Return the torque [N.m] on the shaft of a motor current [A] and a pressure drop [Pa] from chamber 1 to 2."""
+    """Return the torque [N.m] on the shaft from a motor current [A] and a pressure drop [Pa] from chamber 1 to 2."""
     return drive.torque(p, current) - p.pump.displacement * drop
 
 
 def dry(ops: Ops, p: Any, drop: Value) -> Value:
-    """Return the dry friction [N.m] of the shaft."""
+    """Return the dry friction [N.m] of the shaft at a pressure drop [Pa]."""
     return p.pump.coulomb_friction + p.pump.pressure_friction * ops.fabs(drop)
 
 

@@ -1,7 +1,7 @@
 """Efficiency of the screw: the share of the load that acts on the rotor.
 
-The load of the screw, its axial force F, is L = F l referred to the motor (l lead per radian): all that is on the load
-side of the screw, positive if it resists positive motion. On the rotor acts e L,
+The load of the screw, its axial force F, is L = F l at the motor (l lead per radian). It contains all on the load side
+of the screw and is positive if it resists positive motion. The torque e L acts on the rotor:
 
     J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw; T_m with other torques on the rotor
     L = J_l dw/dt + L_0        J_l = m_nut l^2 + J_ft/R^2        L_0 = C_f sgn w/R + b_f w/R^2 - T_f/R - l P_n - ...
@@ -9,9 +9,9 @@ side of the screw, positive if it resists positive motion. On the rotor acts e L
 
 The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. The branch with the larger
 resistance applies, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
-net = T_m - C_m sgn w - b_m w. A backward efficiency of 0 or less is a screw that the load cannot drive.
+net = T_m - C_m sgn w - b_m w. The load cannot drive a screw with a backward efficiency of 0 or less.
 
-The efficiencies are parameters or those of a worm and its wheel (:mod:`emcas_fmu.physics.worm`), l = 1 and R = N.
+The efficiencies are parameters, or those of worm and wheel (:mod:`emcas_fmu.physics.worm`) with l = 1 and R = N.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ def backward(ops: Ops, p: Any, speed: Value = 0.0) -> Value:
 
 
 def share(ops: Ops, p: Any, transmitted: Value, direction: Value, speed: Value = 0.0) -> Value:
-    """Return e [-] under a load [N.m] of that sign along `direction`, at a motor speed [rad/s]."""
+    """Return e [-] for a load `transmitted` [N.m] in motion along `direction`, at a motor speed [rad/s]."""
     return ops.where(transmitted * direction > 0.0, forward(ops, p, speed), backward(ops, p, speed))
 
 
 def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
-    """Return the friction [N.m] that a load [N.m] on the screw adds to that which holds it at rest."""
+    """Return the friction [N.m] that a load `transmitted` [N.m] adds to the other friction of a screw at rest."""
     return (share(ops, p, transmitted, direction) - 1.0) * transmitted * direction
 
 
@@ -71,12 +71,12 @@ def rotor_inertia(p: Any) -> Value:
 
 
 def nut_inertia(p: Any) -> Value:
-    """Return share [kg.m2] of the nut in J_l."""
+    """Return the inertia of the nut in J_l [kg.m2]."""
     return p.mass.nut * p.screw.lead * p.screw.lead
 
 
 def load_inertia(p: Any, gain: Value) -> Value:
-    """Return J_l [kg.m2] of nut and fin behind a rigid line of a gain 1/R."""
+    """Return J_l [kg.m2] of nut and fin behind a rigid line with the `gain` 1/R."""
     return nut_inertia(p) + fin_inertia(p) * (gain * gain)
 
 
@@ -92,7 +92,7 @@ def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
 
 
 def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
-    """Return parameters and coefficients with the load side multiplied by `e`."""
+    """Return the parameters and coefficients in which the load side is multiplied by `e`."""
     inertia = m.inertia + (e - 1.0) * load_inertia(p, m.gain)
     load = e * behind(m) + m.rotor
     return with_hinge_friction(p, e), m._replace(inertia=inertia, load=load, centrifugal=e * m.centrifugal)
@@ -100,7 +100,8 @@ def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
 
 def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value, direction: Value,
                 speed: Value = 0.0) -> tuple[Value, Value]:
-    """Return L [N.m] of a screw that turns at a speed [rad/s], and e [-], from `net` [N.m], J_l [kg.m2], L_0 [N.m]."""
+    """Return L [N.m] and e [-] of a screw that turns at a speed [rad/s], from `net` [N.m], J_l [kg.m2] (`inertia`) and
+    L_0 [N.m] (`at_rest`)."""
     rotor = rotor_inertia(p)
     weighed = inertia * net + rotor * at_rest
     e = share(ops, p, weighed, direction, speed)

@@ -1,4 +1,4 @@
-"""Heat of a loaded screw: (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from states and outputs of an actuator."""
+"""Heat of a loaded screw, (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from states and outputs of an actuator."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from . import drive_line, friction, kinematics, loads, mechanics, screw
 
 def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, u: Record, direction: Value
                ) -> tuple[Value, Value]:
-    """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a speed of the motor [rad/s] and a fin angle [rad]."""
+    """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a motor speed [rad/s] and a fin angle [rad]."""
     m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin))
     m = m._replace(load=moment * m.gain + p.screw.lead * loads.nut_force(ops, p, u))
     return screw.load_inertia(p, m.gain), screw.load(p, m, speed, direction)
 
 
 def _line_load(ops: Ops, p: Any, x: Record, fin: Value, u: Record) -> tuple[Value, Value]:
-    """Return the same with an elastic drive line behind screw and nut."""
+    """Return J_l [kg.m2] and L_0 [N.m] of an elastic drive line: only the nut is rigidly behind the screw."""
     deflection, rate = x.motor_angle - x.fin_side_angle, x.motor_speed - x.fin_side_speed
     c = drive_line.line(ops, p, x.fin_side_angle)
     pressed, flank = drive_line.pressed(ops, c, deflection, rate)
@@ -28,7 +28,7 @@ def _line_load(ops: Ops, p: Any, x: Record, fin: Value, u: Record) -> tuple[Valu
 
 
 def loss(ops: Ops, p: Any, x: Record, u: Record, shown: Mapping[str, Value]) -> Value:
-    """Return the power [W] that the screw turns into heat; `shown` are the actuator's other outputs."""
+    """Return the power [W] that the screw turns into heat; `shown` contains the actuator's other outputs."""
     speed, fin = shown["motor_speed"], shown["fin_angle"]
     direction = ops.where(speed > 0.0, 1.0, -1.0)
 

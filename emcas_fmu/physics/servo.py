@@ -6,10 +6,11 @@
 
 T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a
 DC motor without inductance, whose constants and resistance follow from them (K_t = K_e = V_n/w_0, R = V_n^2/(T_s w_0)).
-With `motor.asymmetry` brushes off their neutral position lose that share of T_m in one direction of the voltage.
+`motor.asymmetry` is the share of T_m that is lost in one direction of the voltage, since brushes are off their neutral
+position.
 
-C is the dry friction of the gear. It grows with the torque that the teeth transmit, the mean of those at both ends, as
-that of a gear with an efficiency does; m is the share lost under a small torque, m + c that under the stall torque.
+C is the dry friction of the gear. It grows with T_l, the mean of the torques at both ends of the teeth, as in a gear
+with an efficiency; m is the share lost under a small torque, m + c the share lost under the stall torque.
 Friction that depends on load, with a Stribeck curve: Duclusaud et al., "Extended friction models for the physics
 simulation of servo actuators" (2024), there with coefficients of each end and another quadratic term.
 """
@@ -28,7 +29,7 @@ def output_speed(p: Any, x: Record) -> Value:
 
 
 def _excess(ops: Ops, p: Any, x: Record, u: Record) -> Value:
-    """Return the voltage beyond the back-EMF over the nominal voltage; 0 with an open bridge."""
+    """Return the voltage minus the back-EMF as a share [-] of the nominal voltage; 0 with an open bridge."""
     return ops.where(u.enabled, u.reference * u.supply / p.motor.nominal_voltage
                      - output_speed(p, x) / p.motor.no_load_speed, 0.0)
 
@@ -39,7 +40,7 @@ def current(ops: Ops, p: Any, x: Record, u: Record) -> Value:
 
 
 def voltage(ops: Ops, p: Any, x: Record, u: Record) -> Value:
-    """Return the mean voltage [V] at the motor: that of the bridge, the back-EMF while it is open."""
+    """Return the mean voltage [V] at the motor: that of the bridge or, while the bridge is open, the back-EMF."""
     emf = p.motor.nominal_voltage * output_speed(p, x) / p.motor.no_load_speed
     return ops.where(u.enabled, u.reference * u.supply, emf)
 
@@ -52,7 +53,7 @@ def motor_torque(ops: Ops, p: Any, x: Record, u: Record) -> Value:
 
 
 def windup(ops: Ops, p: Any, x: Record, u: Record) -> Value:
-    """Return the angle [rad] of the motor, at the output shaft, ahead of the fin: play and wind-up."""
+    """Return the lead [rad] of the motor, at the output shaft, over the fin: play and wind-up."""
     return x.motor_angle / p.gear.ratio - x.fin_angle
 
 

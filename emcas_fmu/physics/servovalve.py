@@ -1,11 +1,11 @@
 """Four-way servovalve: spool and metering edges.
 
-    z'' = w_v^2 (u - z) - 2 zeta_v w_v z'        |z'| <= 1/t_s, |z| <= 1        spool, of its stroke
-    Q1 = K (g(z) s(p_s - p1) - g(-z) s(p1 - p_t))        Q2 with z turned        K = Q_r/sqrt(dp_r/2)
+    z'' = w_v^2 (u - z) - 2 zeta_v w_v z'        |z'| <= 1/t_s, |z| <= 1        spool, as a share of its stroke
+    Q1 = K (g(z) s(p_s - p1) - g(-z) s(p1 - p_t))        Q2 with p2 and -z        K = Q_r/sqrt(dp_r/2)
     g(z) = (z + sqrt(z^2 + l^2))/2        s(dp) = dp/(dp^2 + dp_0^2)^(1/4)
 
-Q_r is the flow at a pressure drop dp_r across both edges, fully open. g is an edge with the lap l (leakage at null),
-s the root of turbulent flow without its corner at 0, dp_0 where flow becomes laminar. Merritt (1967), chapter 5;
+Q_r is the flow at a pressure drop dp_r across both edges, fully open. g is the opening of an edge with the lap l
+(leakage at null), s the root of turbulent flow, smooth at 0: flow is laminar far below dp_0. Merritt (1967), chapter 5;
 Jelali & Kroll, "Hydraulic Servo-systems" (2003), chapter 4.
 """
 
@@ -28,7 +28,7 @@ def turbulent(ops: Ops, p: Any, drop: Value) -> Value:
 
 
 def gain(ops: Ops, p: Any) -> Value:
-    """Return K [m3/(s.Pa^0.5)], the flow of an open edge."""
+    """Return K [m3/(s.Pa^0.5)], the flow coefficient of an open edge."""
     return p.valve.rated_flow / ops.sqrt(0.5 * p.valve.rated_pressure)
 
 
@@ -50,6 +50,6 @@ def fastest(p: Any) -> Value:
 
 
 def spool_acceleration(p: Any, spool: Value, speed: Value, command: Value) -> Value:
-    """Return z'' [1/s2] between the limits of speed and stroke."""
+    """Return z'' [1/s2] within the limits of speed and stroke, at a `spool` position [-] and its `speed` [1/s]."""
     w = p.valve.natural_frequency
     return w * (w * (command - spool) - 2.0 * p.valve.damping * speed)

@@ -1,7 +1,7 @@
 """Set-valued dry friction: a body at rest stays there to the bit while friction holds it.
 
-For bodies whose forces follow from states, so that each sticks or slides independently of the others
-(:mod:`emcas_fmu.steppers.events`).
+It applies to bodies whose other forces follow from states, so that each body sticks or slides independently of the
+others (:mod:`emcas_fmu.steppers.events`).
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from ..ops.base import Ops, Value
 
-WALL = 1e30  # N or N.m, a mechanical stop seen as friction that nothing overcomes
-# Friction counts as overcome this close to its limit, so that a step that ended at breakaway does not rest again by a
-# rounding error.
+WALL = 1e30  # N or N.m, friction that stands for a mechanical stop: nothing overcomes it
+# Friction counts as overcome from this share of its limit on: after a step that ended at breakaway, rounding must not
+# hold the body again.
 EDGE = 1.0 - 1e-9
 
 
@@ -38,14 +38,15 @@ def start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
 
 
 def holding(ops: Ops, dry: Value, position: Value, stop: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] beyond which a body at rest under dry friction `dry` [N.m] starts up and down."""
+    """Return the torques [N.m] beyond which a body at rest at a position [rad] starts up and down, under dry friction
+    `dry` [N.m] between stops at +-`stop`."""
     return ops.where(position >= stop, WALL, dry), -ops.where(position <= -stop, WALL, dry)
 
 
 def slide(ops: Ops, speed: Value, torque: Value, dry: Value, position: Value, stop: Value) -> Slide:
     """Return the motion of a body with a `speed` [rad/s] under a `torque` and a dry friction `dry` [N.m].
 
-    A body at rest at a `position` [rad] beyond +-`stop` [rad] starts inwards only.
+    A body at rest at or beyond its stop, at +-`stop` [rad], starts inwards only.
     """
     high, low = holding(ops, dry, position, stop)
     starts = start(ops, torque, high, low)
@@ -58,7 +59,7 @@ def moves(ops: Ops, s: Slide, value: Value) -> Value:
 
 
 def reserve(ops: Ops, s: Slide, torque: Value) -> Value:
-    """Return how far a torque [N.m] is from starting a body at rest."""
+    """Return the change of a torque [N.m] that would start a body at rest; it is negative if the torque starts it."""
     return ops.minimum(s.high - torque, torque - s.low)
 
 
@@ -73,7 +74,8 @@ def stop_margin(ops: Ops, s: Slide, position: Value, stop: Value) -> Value:
 
 
 def nowhere(ops: Ops, s: Slide, begin: Value, end: Value) -> Value:
-    """Return whether a body that starts from rest would move against its direction; `begin`, `end` in rad/s."""
+    """Return whether a body that starts from rest would end the step at rest or moving against the direction of its
+    start; `begin` and `end` are its speeds [rad/s]."""
     return ops.both(ops.equal(begin, 0.0), end * s.direction <= 0.0)
 
 
@@ -86,9 +88,9 @@ def landed(ops: Ops, s: Slide, stop: Value, begin: tuple[Value, Value], end: tup
            struck: Value) -> tuple[Value, Value]:
     """Return position [rad] and speed [rad/s] of a body between stops at +-`stop` after a step.
 
-    `begin` and `end` are position and speed before and after it. The body came to rest in the step (`halted`), or
-    reached the stop ahead (`struck`). It may also be at the stop or beyond, if another event follows that of the stop
-    by rounding, or if it leaves the stop and turns back within the step.
+    `begin` and `end` are position and speed before and after the step. The body came to rest in the step (`halted`), or
+    reached the stop ahead (`struck`). It may also be at the stop or beyond without the latter, if rounding puts another
+    event first, or if the body leaves the stop and turns back within the step.
     """
     (from_position, from_speed), (position, speed) = begin, end
     moving = ops.negate(ops.equal(s.direction, 0.0))

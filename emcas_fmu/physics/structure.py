@@ -8,7 +8,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Structure:
-    """The equations in force.
+    """The choice of equations.
 
     `constant_ratio`: the ratio between motor and fin is that of small angles, (2.18). `current`: a current loop
     controls the motor current, an ideal loop sets it to its reference at once, or a PWM amplifier applies a voltage to

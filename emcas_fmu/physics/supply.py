@@ -1,7 +1,7 @@
 """Supply of a drive: source, DC link with brake chopper, inverter and electronics.
 
-    C dv/dt = i_s - i_b - i_q - P/v                                   v voltage of the link, which limits the motor's
-    i_s = (V_s - v)/R_s, one way not below 0                          current from the source
+    C dv/dt = i_s - i_b - i_q - P/v                                   v: link voltage, the limit of the motor voltage
+    i_s = (V_s - v)/R_s, not below 0 if one way                       current from the source
     i_b = max(v - V_b, 0)/R_b                                         current of the brake chopper
     P = v_m i + U_d |i| + R_d i^2                                     power of motor and inverter
     i_q = P_q/v, below the trip voltage P_q v/V_t^2                   current of the electronics
@@ -22,7 +22,7 @@ _TINY = 1e-300
 
 
 def tripped(ops: Ops, p: Any, link: Value, before: Value) -> Value:
-    """Return whether the bridge is open at a link voltage [V]; `before` is above 0 if it was open."""
+    """Return whether the bridge is open at a link voltage [V]; `before` is above 0 if it was open before."""
     low = link < p.supply.trip_voltage
     return ops.either(low, ops.both(before > 0.0, link <= p.supply.recovery_voltage))
 
@@ -46,7 +46,7 @@ def brake_power(ops: Ops, p: Any, link: Value) -> Value:
 def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
     """Return the current [A] that motor and inverter of a `power` [W] and the electronics draw from the link.
 
-    The motor draws none below the trip voltage; a power left where a step ends below it counts at that voltage.
+    The motor draws none below the trip voltage. If a step ends below it, a remaining power is divided by the trip voltage.
     """
     trip = p.supply.trip_voltage
     return (power + p.supply.quiescent_power * ops.minimum(link / trip, 1.0)) / ops.maximum(link, trip)
@@ -54,17 +54,18 @@ def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
 
 def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, level: Value | None = None
              ) -> tuple[Value, Value, Value]:
-    """Return the link's voltage [V] after `h` [s], or where diode or chopper switches before, the time left [s], and
-    the charge [A.s] that the source gives until then. A `level` [V] that the link falls to ends it, too.
+    """Return the link's voltage [V] after `h` [s], or where diode or chopper switches before; the time left [s]; and
+    the charge [A.s] from the source until then. A fall of the link to a `level` [V] also ends the interval.
 
-    In between dv/dt = slope exp(-rate t), whose sign is constant. The charge is what link, load and chopper gain.
+    In between dv/dt = slope exp(-rate t), whose sign is constant. The charge is the sum of those into link, load and
+    chopper.
     """
     one_way, chopper = p.supply.one_way, p.supply.chopper_voltage
     flowing = source_current(ops, p, link, source) - load
     slope = (flowing - ops.maximum(link - chopper, 0.0) / p.supply.chopper_resistance) / p.supply.capacitance
     up = slope > 0.0
     side = ops.where(up, 1.0, -1.0)
-    # Diode and chopper conduct on the way past an edge that lies behind.
+    # Exactly at its edge, diode or chopper conducts if the link's voltage moves into the range where it conducts.
     fed = ops.either(ops.negate(one_way), ops.either(link < source, ops.both(ops.equal(link, source), ops.negate(up))))
     braked = ops.either(link > chopper, ops.both(ops.equal(link, chopper), up))
     rate = (ops.where(fed, 1.0 / p.supply.source_resistance, 0.0)
@@ -90,24 +91,24 @@ def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value
     end, left = ops.branch(meets, on_the_way, lambda: (link + side * way, 0.0))
     gained, time = end - link, h - left
     beyond = (link - chopper) * time + (slope * time - gained) / divisor
-    given = p.supply.capacitance * gained + load * time + ops.where(braked, beyond / p.supply.chopper_resistance, 0.0)
-    return end, left, ops.where(fed, given, 0.0)
+    charge = p.supply.capacitance * gained + load * time + ops.where(braked, beyond / p.supply.chopper_resistance, 0.0)
+    return end, left, ops.where(fed, charge, 0.0)
 
 
 def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> tuple[Value, Value]:
-    """Return the link's voltage [V] after `h` [s] under a current [A] of its loads and a source of a voltage [V], and
-    the charge [A.s] that the source gives.
+    """Return the link's voltage [V] after `h` [s] with a `load` current [A] and a `source` voltage [V], and the charge
+    [A.s] from the source.
 
-    Exact for a constant load and source, however stiff; diode and chopper switch once each at most.
+    The result is exact for a constant load and source, however stiff; diode and chopper switch at most once each.
     """
-    end, left, given = _to_edge(ops, p, link, source, load, h)
+    end, left, charge = _to_edge(ops, p, link, source, load, h)
     if edges:
         def further() -> tuple[Value, ...]:
             last, then = moved(ops, p, end, source, load, left, edges - 1)
-            return last, given + then
+            return last, charge + then
 
-        end, given = ops.branch(left > 0.0, further, lambda: (end, given))
-    return ops.maximum(end, 0.0), given
+        end, charge = ops.branch(left > 0.0, further, lambda: (end, charge))
+    return ops.maximum(end, 0.0), charge
 
 
 def trip_time(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> Value:
@@ -129,10 +130,10 @@ def trip_time(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Valu
 
 
 def mean_ahead(ops: Ops, p: Any, current: Value, mean: Value, interval: Value) -> Value:
-    """Return the source's mean current [A] in the next interval [s] at the same voltage, from that at the end of the
-    last one and its mean there.
+    """Return the source's mean current [A] in the next interval [s] at the same source voltage, from the current at the
+    end of the last interval and the mean in the last interval.
 
-    Exact for a constant load; one way not below 0.
+    The result is exact for a constant load; it is not below 0 for a source of one way.
     """
     decay, kept = _decay(ops, p, interval)
     ahead = current + (current - mean) * (decay * (1.0 - kept) / (kept - decay))
@@ -140,12 +141,12 @@ def mean_ahead(ops: Ops, p: Any, current: Value, mean: Value, interval: Value) -
 
 
 def admittance(ops: Ops, p: Any, interval: Value) -> Value:
-    """Return the mean current within an interval [s] per change of the source's voltage at its start [1/Ohm]."""
+    """Return the mean current in an interval [s] per change of the source's voltage at the interval's start [1/Ohm]."""
     return _decay(ops, p, interval)[1] / p.supply.source_resistance
 
 
 def _decay(ops: Ops, p: Any, interval: Value) -> tuple[Value, Value]:
-    """Return exp(-t/(R_s C)) at the end of an interval [s], and its mean there."""
+    """Return exp(-t/(R_s C)) at the end of an interval [s], and its mean in the interval."""
     ratio = interval / (p.supply.source_resistance * p.supply.capacitance)
     decay = ops.exp(-ratio)
     return decay, (1.0 - decay) / ratio

@@ -1,12 +1,12 @@
-"""Worm and wheel: the ratio by their teeth, the efficiencies by lead angle and friction.
+"""Worm and wheel: the ratio from their teeth, the efficiencies from lead angle and friction.
 
     N = z_2/z_1        tan(lambda) = z_1/q        z_1 starts, z_2 teeth, q diameter quotient, alpha pressure angle
     eta_f = (cos alpha - mu tan lambda)/(cos alpha + mu/tan lambda)          the motor drives the load
     eta_b = (cos alpha - mu/tan lambda)/(cos alpha + mu tan lambda)          the load drives the motor
 
 with alpha in the normal section (Budynas & Nisbett, "Shigley's Mechanical Engineering Design", force analysis of worm
-gearing). Where mu >= cos(alpha) tan(lambda) no load drives the worm, eta_b <= 0: it locks. Friction falls with the
-speed v at which the flanks slide on each other at the worm's pitch diameter q m, of module m:
+gearing). If mu >= cos(alpha) tan(lambda), eta_b <= 0 and the worm locks: no load drives it. Friction falls with the
+speed v at which the flanks slide on each other at the worm's pitch diameter q m, where m is the module:
 
     mu(v) = mu (1 + (s - 1) exp(-(v/v_s)^2))        v = |w| (q m/2)/cos(lambda)
 """
@@ -20,12 +20,12 @@ from .friction import stribeck
 
 
 def ratio(p: Any) -> Value:
-    """Return N [-], turns of the worm in one of the wheel."""
+    """Return N [-], the turns of the worm per turn of the wheel."""
     return p.worm.teeth / p.worm.starts
 
 
 def lead_tangent(p: Any) -> Value:
-    """Return tan(lambda) [-] of the lead angle."""
+    """Return tan(lambda) [-], the tangent of the lead angle."""
     return p.worm.starts / p.worm.diameter_quotient
 
 
