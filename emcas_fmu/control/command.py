@@ -3,7 +3,7 @@
     arrived_k = command_k-L                                                         L samples of `latency`
     delivered_k = q round(arrived_k/q)  every `update_time`, else delivered_k-1     q = `resolution`; 0: not rounded
 
-Latency and update time are rounded to whole samples. The first command is that of the first sample; until it has
+Latency and update time are rounded to whole samples. The bus sends the command of the first sample first; until it has
 arrived the command is the start angle. The delay is in the runtime (:mod:`emcas_fmu.runtime.core`), the rest is here.
 """
 
@@ -13,8 +13,8 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 
-LONGEST = 20  # samples of latency
-# States: samples until the next update, and the command [rad] of the last one.
+LONGEST = 20  # samples, longest latency
+# States: samples until the next update, and the command [rad] of the last update.
 STATES = ("command_wait", "command_taken")
 
 
@@ -45,13 +45,13 @@ def delivered(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> t
     every, resolution = _whole(ops, p, p.command.update_time), p.command.resolution
 
     def over_the_bus() -> tuple[Value, ...]:
-        unit = ops.where(resolution > 0.0, resolution, 1.0)
-        rounded = ops.where(resolution > 0.0, unit * ops.floor(arrived / unit + 0.5), arrived)
+        step = ops.where(resolution > 0.0, resolution, 1.0)
+        rounded = ops.where(resolution > 0.0, step * ops.floor(arrived / step + 0.5), arrived)
         due = wait < 0.5
         now = ops.where(due, rounded, before)
         return now, ops.where(due, ops.maximum(every, 1.0), wait) - 1.0, now
 
-    # Also true for operations whose floor does nothing (linear analysis).
+    # These conditions are also right in linear analysis, whose floor returns its argument.
     direct = ops.both(ops.both(latency(ops, p) < 1.0, every < 2.0), ops.equal(resolution, 0.0))
     now, next_wait, kept = ops.branch(direct, lambda: (arrived, wait, before), over_the_bus)
     return now, next_wait, kept

@@ -9,22 +9,22 @@
     s+     = s + T_s/T_c (r - s)
 
 With the setpoint weight b the position loop has two degrees of freedom (Astrom & Hagglund, "Advanced PID Control",
-section 3.4): the response to a load does not depend on b. The command's rate follows from a lag s with the update time
-T_c, which is T_s if a command arrives at every sample: between updates the rate decays, and is not a pulse. At rest I
-is Kp_pos (1 - b) theta_measured and s is r; these are also the values at the start and when the drive is enabled.
+section 3.4): the response to a load does not depend on b. The command's rate is computed by a lag s with the update
+time T_c, which is T_s if a command arrives at every sample: between updates it decays and is not a pulse. At rest I is
+Kp_pos (1 - b) theta_measured and s is r; these are also the values at the start and when the drive is enabled.
 u_drive is the part of u_raw that the drive can follow, within the limits of DAC and current. An integral is unwound
-only if its gain brings it back: I if Ki_pos > 0, and V no faster than its integral time (ibid., section 3.5), hence
+only if its gain can bring it back: I if Ki_pos > 0, and V no faster than its integral time (ibid., section 3.5), hence
 never if Ki_vel = 0. Otherwise every saturation would leave an offset behind. The controllers use the nominal parameters
 of mechanism and motor.
 
-T_l is the load at the motor except the friction that is fed forward, by a first-order observer of the momentum (De Luca
-& Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005):
+T_l is the load at the motor without the friction that is fed forward. A first-order observer of the momentum estimates
+it (De Luca & Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005):
 
     T_l    = L (J w_measured - m)               m+ = m + T_s (K_t i + T_l - K_t K_v u_fc)
 
-u_ff is what feeds a motion forward (:func:`feed_forward`), else 0; u_fc is then that of the motion's speed, with the
-feedback's share of w_raw, instead of w_ref. The observer uses the measured current, so that the controllers' reference
-does not affect T_l as long as the model is right: the observer hardly changes the loop's margins.
+u_ff is the reference that feeds a motion forward (:func:`feed_forward`), else 0. With a motion, u_fc is computed from
+its speed plus the feedback's share of w_raw, instead of w_ref. The observer uses the measured current. As long as the
+model is right, the controllers' reference therefore does not affect T_l, and the loop's margins hardly change.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Loops(NamedTuple):
 
 
 class Output(NamedTuple):
-    """Result of a sample: DAC value [V], speed reference before its limit [rad/s], whether a limit is active, and the
-    states of the loops after the sample."""
+    """The result of a sample: DAC value [V], speed reference before its limit [rad/s], whether a limit is active, and
+    the states of the loops after the sample."""
 
     reference: Value
     speed_raw: Value
@@ -110,10 +110,11 @@ def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahead, Value, Value]:
-    """Return the feed-forward of a motion of the fin: the speed and reference of an inverse of plant and current loop.
+    """Return the feed-forward of a motion of the fin: speed and reference from the inverse of plant and current loop.
 
-    Coulomb friction is left out. `integral` [V] is that of the drive's current loop in this motion. It is returned for
-    the next sample, with the time [s] after which a reference acts: the drive's delay and the lag of its current.
+    Coulomb friction is left out. `integral` [V] is that of the drive's current loop in this motion. The second result
+    is the integral at the next sample, the third the time [s] after which a reference acts: the drive's delay plus the
+    lag of its current.
     """
     now, after = (mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, angle))
                   for angle in (motion.angle, motion.next_angle))
@@ -127,7 +128,7 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahe
 
 def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value,
            ahead: Ahead | None = None) -> Output:
-    """Return the result of a sample at a motor current [A]; `command` [rad] before its limit."""
+    """Return the result of a sample at a motor current [A]; `command` [rad] is not yet limited."""
     position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
                                          p.controller.sample_time)
     target = target_angle(ops, p, command)

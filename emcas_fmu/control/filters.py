@@ -1,20 +1,20 @@
 """Filters of the sampled controllers: an observer of the motor's speed, and a notch in the drive's reference.
 
-The difference of two counts is the mean speed d of the last sample, half a sample old. The observer continues the speed
-w with the measured current's torque and a load T_d, which d corrects with both poles at z = exp(-b T_s)
-(Franklin, Powell & Workman, "Digital Control of Dynamic Systems", 3rd ed., section 8.2):
+The difference of two counts gives the mean speed d since the last sample, which is half a sample old. The observer
+predicts the speed w from the torque of the measured current and a load T_d. d corrects w and T_d, with both poles at
+z = exp(-b T_s) (Franklin, Powell & Workman, "Digital Control of Dynamic Systems", 3rd ed., section 8.2):
 
     w'  = w + T_s/J (K_t i + T_d)                           e  = d - (w + w')/2             q = exp(-b T_s)
     w+  = w' + (1 - q)(3 + q)/2 e                           T_d+ = T_d + (1 - q)^2 J/T_s e
 
-Hence w is exact under any constant acceleration, and 0 at rest under any load. T_d contains errors of the model, too.
-The observer goes on while the drive is disabled. True speeds (encoder off) are not estimated.
+Hence w is exact under any constant acceleration, and 0 at rest under any load. T_d also contains errors of the model.
+The observer continues while the drive is disabled. With the encoder off the true speed is used.
 
-The notch is that of s (ibid., section 6.1; bilinear transformation, prewarped: exact at W), with a gain of 1 at rest:
+The notch has a gain of 1 at rest (ibid., section 6.1; bilinear transformation, prewarped and hence exact at W):
 
     (s^2 + 2 z_0 W s + W^2)/(s^2 + 2 z_p W s + W^2)         s = W/tan(W T_s/2) (z - 1)/(z + 1)
 
-At W its gain is z_0/z_p, and well below W it delays the reference by 2 (z_p - z_0)/W.
+At W its gain is z_0/z_p; well below W it delays the reference by 2 (z_p - z_0)/W.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _observes(ops: Ops, p: Any) -> Value:
 def observed(ops: Ops, p: Any, x: Record, measured: Measurement, current: Value) -> tuple[Value, Observed]:
     """Return the motor speed [rad/s] for the controllers at a motor current [A], and the observer's states.
 
-    Without a bandwidth, or encoder, it is the measured one.
+    Without a bandwidth or with the encoder off it is the measured speed.
     """
     def estimated() -> tuple[Value, ...]:
         forgotten = ops.exp(-p.filters.speed_bandwidth * p.controller.sample_time)
@@ -65,19 +65,19 @@ def observed(ops: Ops, p: Any, x: Record, measured: Measurement, current: Value)
 
 
 def rate_led(ops: Ops, p: Any, x: Record, command: Value, ahead: Ahead) -> tuple[Ahead, Value]:
-    """Return the feed-forward of a motion to a `command` [rad], changed to the time of the observed speed.
+    """Return the feed-forward `ahead` of a motion to a `command` [rad], shifted to the time of the observed speed.
 
-    The loops feed forward the mean rate over the last sample, as a difference of counts measures it. The observed speed
-    is half a sample younger. The second value is that mean rate [rad/s], which the next sample reads.
+    The loops feed forward the mean rate since the last sample, as a difference of counts measures it. The observed
+    speed is half a sample newer. The second result is that mean rate [rad/s], which the next sample reads.
     """
     rate = (controllers.target_angle(ops, p, command) - x.target) / p.controller.sample_time
-    younger = p.controller.velocity.kp * 0.5 * (rate - x.target_rate)
-    reference = ahead.reference + ops.where(_observes(ops, p), younger, 0.0)
+    advance = p.controller.velocity.kp * 0.5 * (rate - x.target_rate)
+    reference = ahead.reference + ops.where(_observes(ops, p), advance, 0.0)
     return ahead._replace(reference=reference), rate
 
 
 def notched(ops: Ops, p: Any, x: Record, reference: Value) -> tuple[Value, Notched]:
-    """Return the drive's reference [V] behind the notch, within its limits, and the notch's states."""
+    """Return the drive's reference [V] after the notch, within the drive's limits, and the notch's states."""
     def filtered() -> tuple[Value, ...]:
         f, limit = p.filters, p.drive.reference_limit
         warped = ops.tan(0.5 * f.notch_frequency * p.controller.sample_time)
@@ -93,7 +93,7 @@ def notched(ops: Ops, p: Any, x: Record, reference: Value) -> tuple[Value, Notch
 
 
 def delay(ops: Ops, p: Any) -> Value:
-    """Return the time [s] by which the notch delays slow references."""
+    """Return the time [s] by which the notch delays references that vary slowly."""
     f = p.filters
     on = f.notch_frequency > 0.0
     return ops.where(on, 2.0 * (f.notch_pole_damping - f.notch_zero_damping) / ops.where(on, f.notch_frequency, 1.0),

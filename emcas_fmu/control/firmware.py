@@ -2,10 +2,10 @@
 
     e = n(clip(command)) - n(angle)        n(x) = floor(x/q + 1/2)        q = 2 pi/counts a turn
     P = K_p e' + I - K_d dn/dt + P_f       e' = 0 for |e| < dead band, else e
-    duty = clip(P, +-P_max)/P_full         I+ = I + T_s K_i e', held while P_max is met and e drives it further
+    duty = clip(P, +-P_max)/P_full         I+ = I + T_s K_i e', held while |P| > P_max and e' increases |P|
 
-P_f is the PWM that feeds a motion forward, else 0. Gains are counts of PWM per count of error; T_s is the frame time.
-Without `encoder.enabled` the counts are not whole.
+P_f is the PWM that feeds a motion forward, else 0. Gains are in counts of PWM and of error; T_s is the frame time. With
+`encoder.enabled` off the counts are not rounded.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from .trajectory import Ahead, added
 
 
 class Output(NamedTuple):
-    """Duty cycle, 1 where a limit is active, else 0; after the sample the integral [counts of PWM], and the counts of
-    the encoder."""
+    """The result of a frame: duty cycle [-]; `limited`, 1 where a limit is active, else 0; the integral [counts of PWM]
+    after the frame; and the counts of the encoder."""
 
     duty: Value
     limited: Value
@@ -41,8 +41,8 @@ def counts(ops: Ops, p: Any, angle: Value) -> Value:
 
 def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, command: Value,
            ahead: Ahead | None = None) -> Output:
-    """Return the result of a frame at an angle [rad]; `command` [rad] is that before its limit, `before` the counts at
-    the last frame; `ahead` has the PWM that is fed forward."""
+    """Return the result of a frame at an angle [rad]; `command` [rad] is not yet limited, `before` is the number of
+    counts at the last frame; `ahead` contains the PWM that is fed forward."""
     c, period = p.controller, p.controller.sample_time
     now = counts(ops, p, angle)
     error = counts(ops, p, clipped_command(ops, p, command)) - now
@@ -50,7 +50,7 @@ def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, comma
     pwm = c.kp * acting + integral - c.kd * (now - before) / period
     pwm = added(ops, pwm, ahead, "reference")
     beyond = ops.fabs(pwm) > p.pwm.limit
-    held = ops.both(beyond, pwm * acting > 0.0)
+    winds_up = ops.both(beyond, pwm * acting > 0.0)
     limited = ops.either(beyond, ops.fabs(command) > p.command.limit)
     return Output(ops.clip(pwm, -p.pwm.limit, p.pwm.limit) / p.pwm.full, ops.where(limited, 1.0, 0.0),
-                  integral + ops.where(held, 0.0, period * c.ki * acting), now)
+                  integral + ops.where(winds_up, 0.0, period * c.ki * acting), now)

@@ -1,11 +1,11 @@
-"""Position loop of a cylinder: PI on the piston's position, computed from the transducer of the fin angle.
+"""Position loop of a cylinder: PI control of the piston's position, which follows from the measured fin angle.
 
     r    = x(clip(command))        y = x(fin_measured)        e = r - y
     v_raw = Kp (b r - y) + I + v_f  v_ref = clip(v_raw, +-v_max)
-    I+   = I + T_s Ki e            or, while the limit is met and e drives it further, I + Kp (1 - b) (y - y_before)
+    I+   = I + T_s Ki e            or, while |v_raw| > v_max and e increases |v_raw|, I + Kp (1 - b) (y - y_before)
 
 x(angle) is that of the lever (:mod:`emcas_fmu.physics.cylinder`), so that the loop's gain is the same at every angle.
-At rest the integral is Kp (1 - b) y. At a limit I less this share is held, so that large steps also end without the
+At rest the integral is Kp (1 - b) y. At a limit I minus this value is constant. Large steps thus also end without the
 tail that a weight below 1 would leave; back-calculation would leave a tail with its time constant. v_f is the speed of
 a motion that is fed forward.
 """
@@ -21,8 +21,8 @@ from .trajectory import Ahead, Motion, added
 
 
 class Output(NamedTuple):
-    """Reference of the piston's speed [m/s], 1 where a limit is active, else 0, and the integral [m/s] after the
-    sample: normally, and if it is held."""
+    """The result of a sample: reference of the piston's speed [m/s]; `limited`, 1 where a limit is active, else 0; the
+    integral [m/s] after the sample, and (`held`) its value if the loop does not integrate."""
 
     speed: Value
     limited: Value
@@ -33,8 +33,8 @@ class Output(NamedTuple):
 def measured(ops: Ops, p: Any, fin_angle: Value) -> Value:
     """Return a fin angle [rad] as its transducer reads it."""
     step = p.transducer.resolution
-    unit = ops.where(step > 0.0, step, 1.0)
-    return ops.where(step > 0.0, unit * ops.floor(fin_angle / unit + 0.5), fin_angle)
+    divisor = ops.where(step > 0.0, step, 1.0)
+    return ops.where(step > 0.0, divisor * ops.floor(fin_angle / divisor + 0.5), fin_angle)
 
 
 def at_rest(ops: Ops, p: Any, fin_measured: Value) -> Value:
@@ -53,7 +53,7 @@ def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value
            ahead: Ahead | None = None) -> Output:
     """Return the result of a sample; the speed reference is within +-`limit` [m/s].
 
-    `before` is the piston's position [m] at the last sample, `command` [rad] is that before its limit; `ahead` has the
+    `before` is the piston's position [m] at the last sample; `command` [rad] is not yet limited; `ahead` contains the
     speed [m/s] that is fed forward.
     """
     position = p.controller.position

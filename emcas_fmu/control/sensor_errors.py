@@ -1,20 +1,21 @@
-"""Errors of sensors: offset and gain of the current sensor; eccentricity and noise of the encoder of position.
+"""Errors of sensors: offset and gain of the current sensor; eccentricity and noise of the position encoder.
 
     i_m = (1 + g) i + i_0
     x_m = x + a_1 (sin(x + p_1) - sin p_1) + a_2 (sin(2 x + p_2) - sin p_2) + sigma z
 
-x is the angle of the encoder's shaft. A scale that is off its axis by e, read at a radius r by one head, has a_1 = e/r;
-an elliptic one, or a shaft coupling at an angle, errs twice a turn. The encoder's zero is set at x = 0.
+x is the angle of the encoder's shaft. A scale that is off its axis by e, read at a radius r by one head, has a_1 = e/r.
+The error of an elliptic scale, or of a shaft coupling at an angle, has two periods a turn. The encoder's zero is set at
+x = 0.
 
 Drive and controllers read i_m. In the drive
 
     K_p (i_ref - i_m) = (1 + g) K_p ((i_ref - i_0)/(1 + g) - i)         -I <= i_ref <= I
 
-and likewise its integral: it has other gains and another reference than a drive with an exact sensor, and no other
-equation.
+and likewise for the integral: the drive has the equations of one with an exact sensor, with other gains and another
+reference.
 
-z is drawn at every sample: of four numbers u, evenly between 0 and 1, z = sqrt(3) (u_1 + u_2 - u_3 - u_4) has a mean of
-0, a variance of 1 and no value beyond 2 sqrt(3). Two sequences of whole numbers give each u, u = (s/m_s - t/m_t) mod 1:
+z is drawn at every sample. With four numbers u, uniform between 0 and 1, z = sqrt(3) (u_1 + u_2 - u_3 - u_4) has a mean
+of 0, a variance of 1 and no value beyond +-2 sqrt(3). Two sequences of whole numbers give u = (s/m_s - t/m_t) mod 1:
 
     s <- 40014 s mod m_s, m_s = 2147483563        t <- 40692 t mod m_t, m_t = 2147483399
 
@@ -44,14 +45,15 @@ def current(p: Any, value: Value) -> Value:
 
 
 def beyond(ops: Ops, p: Any, reference: Value) -> Any:
-    """Return whether the current reference of a reference [V] is beyond the drive's limit."""
+    """Return whether the current reference that follows from a reference [V] is beyond the drive's limit."""
     return ops.fabs(drive.current_reference_raw(p, reference)) > p.drive.current_limit
 
 
 def of_drive(ops: Ops, p: Any, reference: Value) -> Any:
-    """Return the parameters with those of a drive with an exact sensor that does the same at a reference [V].
+    """Return the parameters in which the drive is an equivalent one with an exact sensor, at a reference [V].
 
-    A current reference beyond the limit is held at it first, with a gain of 0; the limit of that drive is out of reach.
+    A current reference beyond the limit becomes an offset, with a gain of 0; the equivalent drive never reaches its
+    limit.
     """
     gains, offset, scale = p.drive, p.sensor.current.offset, 1.0 + p.sensor.current.gain_error
     over = beyond(ops, p, reference)
@@ -71,7 +73,7 @@ def angle(ops: Ops, p: Any, value: Value) -> Value:
 
 
 def slope(ops: Ops, p: Any, value: Value) -> Value:
-    """Return d/dx of :func:`angle` [1]."""
+    """Return d/dx of :func:`angle` [-]."""
     e = p.sensor.encoder
     return 1.0 + e.once * ops.cos(value + e.once_phase) + 2.0 * e.twice * ops.cos(2.0 * value + e.twice_phase)
 
@@ -82,7 +84,7 @@ def _next(ops: Ops, state: Value, multiplier: float, modulus: float) -> Value:
 
 
 def draw(ops: Ops, one: Value, other: Value) -> tuple[Value, Value, Value]:
-    """Return a number z [1], and the states of both generators after it."""
+    """Return a number z [-], and the states of both generators after the draw."""
     total = 0.0
     for sign in _SIGNS:
         one, other = (_next(ops, *each) for each in zip((one, other), _MULTIPLIERS, MODULI, strict=True))

@@ -3,9 +3,9 @@
     n_k = floor(angle/q)    measured angle = n_k q    measured speed = (n_k - n_k-1) q/T_s
     q = 2 pi/(pulses multiplier)
 
-The speed is always that of the motor's encoder. So is the position, unless ``encoder.on_fin`` selects an encoder with
-as many pulses on the fin shaft. The zero of an incremental encoder is arbitrary: `offset` [counts] lies
-between it and the true zero, and is added to the position's counts; without one, the zero is the true one.
+The motor's encoder always measures the speed. It also measures the position, unless ``encoder.on_fin`` selects an
+encoder with as many pulses on the fin shaft. The zero of an incremental encoder is arbitrary: its difference from the
+true zero, `offset` [counts], is added to the counts of the position; without an offset the zero is the true one.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from ..physics import kinematics
 
 
 class Measurement(NamedTuple):
-    """Measured motor angle [rad] and speed [rad/s], fin angle [rad], and counts of the encoders.
+    """Measured motor angle [rad] and speed [rad/s], fin angle [rad], and counts [-] of the encoders.
 
-    `counts` [-] are those of the encoder of position, with its offset, `motor_counts` [-] those of the motor's; with
-    the encoders off 0, and the motor's counts of the sample before.
+    `counts` are those of the position encoder, with its offset, `motor_counts` those of the motor's encoder. With the
+    encoders off, `counts` is 0 and `motor_counts` is the value at the sample before.
     """
 
     motor_angle: Value
@@ -37,7 +37,7 @@ def resolution(p: Any) -> Value:
 
 
 def _shifted(value: Value, offset: Value | None, unit: Value) -> Value:
-    """Return `value` with an offset of counts of size `unit`."""
+    """Return `value` plus an `offset` in counts, each of the size `unit`; without an offset the value."""
     return value if offset is None else value + offset * unit
 
 
@@ -48,11 +48,11 @@ def motor_counts(ops: Ops, p: Any, motor_angle: Value) -> Value:
 
 def measure(ops: Ops, p: Any, plant: Any, position: Value, motor_angle: Value, motor_speed: Value, before: Value,
             offset: Value | None = None) -> Measurement:
-    """Return the measurement of true angles [rad] and speed [rad/s].
+    """Return the measurement at true angles [rad] and a true speed [rad/s].
 
-    `position` is the angle that the encoder of position reads: the motor's or, referred to the motor, the fin's.
-    `before` are the motor's counts at the sample before. `p` are the nominal parameters, which the controllers know,
-    `plant` those as built.
+    `position` is the angle that the position encoder reads: the motor's or, referred to the motor, the fin's. `before`
+    is the number of counts of the motor's encoder at the sample before. `p` contains the nominal parameters, which the
+    controllers know, `plant` those as built.
     """
 
     def true_values() -> tuple[Value, ...]:

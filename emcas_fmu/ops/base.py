@@ -1,4 +1,4 @@
-"""The operations that physics is written in."""
+"""The operations in which equations are written."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ Thunk = Callable[[], tuple[Value, ...]]
 
 
 class Ops(Protocol):
-    """Operations in addition to ``+ - * /`` and ``< <= > >=``, which the values have.
+    """Operations in addition to the operators ``+ - * /`` and ``< <= > >=`` of the values.
 
     Functions from `sin` to `maximum` are those of mathematics, with angles in rad. Conditions are bool, boolean arrays
-    or symbols; they are combined by `both`, `either` and `negate` because ``and``, ``or`` and ``not`` cannot be traced.
+    or symbols. `both`, `either` and `negate` combine them, since ``and``, ``or`` and ``not`` cannot be traced.
     """
 
     def sin(self, x: Value) -> Value: ...
@@ -34,15 +34,18 @@ class Ops(Protocol):
         ...
 
     def sign(self, x: Value) -> Value:
-        """Return -1, 0 or 1."""
+        """Return the sign of x: -1.0, 0.0 or 1.0."""
         ...
 
     def pow(self, x: Value, y: Value) -> Value:
-        """Return x to the power y: x is 0 or above and y above 0, or y is a whole number."""
+        """Return x to the power y: x is 0 or above and y above 0, or y is a whole number from -64 to 64."""
         ...
 
     def interp(self, x: Value, points: Sequence[Value], values: Sequence[Value]) -> Value:
-        """Return the value at x on the lines between increasing points; the first or last value beyond them."""
+        """Return the value at x on the lines between increasing points; beyond the points the first or last value.
+
+        Raises ValueError for numbers that do not rise, fewer than two points, or a different number of values.
+        """
         ...
 
     def minimum(self, a: Value, b: Value) -> Value: ...
@@ -59,7 +62,7 @@ class Ops(Protocol):
     def branch(self, condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
         """Return several values from one of two functions; a `rare` condition seldom holds.
 
-        Floats and traced source evaluate only the chosen branch; arrays and symbols evaluate both, so neither may
-        fail where it is not chosen.
+        Floats and generated scalar code evaluate only the chosen function. Arrays, symbols and vector code may evaluate
+        both, so neither may fail where it is not chosen.
         """
         ...

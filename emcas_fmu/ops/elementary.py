@@ -1,14 +1,15 @@
 """Elementary functions from the four operations: the same bits on every platform, in every language and in vectors.
 
 The functions of C libraries differ in their last digits. These are written once, over `ops`: floats evaluate them,
-:mod:`emcas_fmu.trace.elementary` traces each once, and the printers print it as a function of the language. Operations
-are in the order written; short parallel chains (Estrin's scheme) are faster than one long chain (Horner's).
+:mod:`emcas_fmu.trace.elementary` traces each once, and the printers print each as a function of the language. Operations
+keep their order; short parallel chains (Estrin's scheme) are faster than one long chain (Horner's).
 
-Coefficients interpolate at Chebyshev nodes, computed with 50 digits; the truncation error of a polynomial is below
-2e-17 of the function. In addition every function has the rounding of its last operations, 1/2 ulp each, less for those
-that act on a smaller part: hence the bounds in the docstrings. Tests compare with 45 digits.
+The polynomials interpolate at Chebyshev nodes, computed with 50 digits; their truncation error is below 2e-17 of the
+function. The last operations add their rounding, 1/2 ulp each, or less if they act on a smaller part of the result: the
+bounds in the docstrings include both. Tests compare with 45 digits.
 
-No branch divides by zero or is invalid where it is not chosen, since hosts run with traps. NaN returns NaN.
+Operations in a branch that is not chosen neither divide by zero nor are invalid, since some hosts trap floating-point
+exceptions. NaN returns NaN.
 """
 
 from __future__ import annotations
@@ -23,21 +24,21 @@ NAMES = ("exp", "log", "sin", "cos", "tan", "atan")
 
 
 class Bits(Ops, Protocol):
-    """Operations, and two more on the exponent of a number."""
+    """The operations, and two more for the exponent of a number."""
 
     def power_of_two(self, k: Value) -> Value:
-        """Return 2**k of a whole number from -1022 to 1023."""
+        """Return 2**k for a whole number k from -1022 to 1023."""
         ...
 
     def exponent(self, x: Value) -> Value:
-        """Return the whole number e of x = m 2**e with m from 1 to 2, of a number above 2**-1022."""
+        """Return the whole number e for which x = m 2**e, 1 <= m < 2; x is at least 2**-1022."""
         ...
 
 
-# Added and subtracted again, it rounds a number below 2**51 to a whole one, since numbers so large have no fraction.
+# Adding and subtracting this rounds a number below 2**51 to a whole number, since numbers this large have no fraction.
 _WHOLE = 1.5 * 2.0**52
 
-# The high part of ln 2 has 32 bits, those of pi/2 have 33: times a whole number below 2**20 they are exact.
+# The high parts of ln 2 (32 bits) and of pi/2 (33 bits) have exact products with whole numbers below 2**20.
 _LN2 = float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33")
 _INVERSE_LN2 = float.fromhex("0x1.71547652b82fep+0")
 _HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"),
@@ -65,11 +66,11 @@ _ATAN = (-0.3333333333333333, 0.1999999999999552, -0.14285714284666542, 0.111111
          0.07692183190826087, -0.06664511447381948, 0.0585814891280221, -0.0508544973794026, 0.03923165829558719,
          -0.019176887119062257)
 _TAN_PI_8, _TAN_3_PI_8 = float.fromhex("0x1.a827999fcef32p-2"), float.fromhex("0x1.3504f333f9de6p+1")
-# pi/4 and pi/2, and the rest of each
+# pi/4 and pi/2, each with the remainder that its first double leaves
 _PI_4, _PI_2 = ((float.fromhex(f"0x1.921fb54442d18p{e}"), float.fromhex(f"0x1.1a62633145c07p{e - 54}"))
                 for e in (-1, 0))
 
-# exp is 0 below: half a percent above where numbers lose digits. The largest has the logarithm 709.78.
+# exp is 0 below the first: e^-708 is 1.5 times the smallest number with all digits. The largest is e^709.78.
 _LEAST_EXPONENT, _MOST_EXPONENT = -708.0, 709.8
 # Arguments of log below 2**-1000 are scaled.
 _SMALL, _LARGER = 2.0**-1000, 2.0**100
@@ -77,7 +78,7 @@ _LARGEST = float.fromhex("0x1.fffffffffffffp+1023")
 
 
 def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
-    """Return a polynomial, constant coefficient first, by Estrin's scheme: neighbours in pairs, then pairs of pairs."""
+    """Return a polynomial of x by Estrin's scheme (pairs, then pairs of pairs); the constant coefficient is first."""
     terms: list[Value] = list(coefficients)
     while len(terms) > 1:
         pairs = [low + high * x for low, high in zip(terms[::2], terms[1::2], strict=False)]
@@ -87,7 +88,7 @@ def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
 
 
 def exp(ops: Bits, x: Value) -> Value:
-    """Return e^x within 1.1 ulp: 0 below -708, infinity beyond the largest number.
+    """Return e^x within 1.1 ulp; 0 below x = -708, infinity beyond the largest number.
 
     x = k ln 2 + r, e^x = 2^k e^r. The sum's last addition rounds by 1/2 ulp, that of r and what follows (less than
     0.36) by 1/4 ulp of a result above 0.7, as does r.
@@ -101,10 +102,10 @@ def exp(ops: Bits, x: Value) -> Value:
 
 
 def log(ops: Bits, x: Value) -> Value:
-    """Return the natural logarithm: -infinity of 0, NaN of negative numbers; within 1 ulp.
+    """Return the natural logarithm within 1 ulp; -infinity for 0, NaN for negative numbers.
 
-    x = 2^e (1 + f) with 1 + f from 1/sqrt(2) to sqrt(2), log(1 + f) = 2 atanh(s) of s = f/(2 + f). As in Sun's
-    fdlibm the largest part of that, f, is added last: log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).
+    x = 2^e (1 + f) with 1 + f from 1/sqrt(2) to sqrt(2), log(1 + f) = 2 atanh(s) with s = f/(2 + f). As in Sun's
+    fdlibm the largest part of this, f, is added last: log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).
     """
     ordinary = ops.where(ops.both(x > 0.0, x <= _LARGEST), x, 1.0)
     small = ordinary < _SMALL
@@ -126,8 +127,8 @@ def _reduced(ops: Bits, x: Value) -> tuple[Value, Value]:
     """Return k and r of x = k pi/2 + r.
 
     The first difference is exact, the other two round by 1/2 ulp of r each. The truncation of pi/2 and the rounding of
-    k times its last part are at most 1e-32 |x| while k is below 2^20. Beyond, the error of r grows until r is
-    arbitrary; the limit keeps sine and cosine within 1.
+    the product of k and the last part of pi/2 are at most 1e-32 |x| while k is below 2^20. For a larger k the error of
+    r grows until r is arbitrary; the limit of r keeps sine and cosine within 1.
     """
     k = x * _TWO_OVER_PI + _WHOLE - _WHOLE
     r = x - k * _HALF_PI[0] - k * _HALF_PI[1] - k * _HALF_PI[2]
@@ -135,7 +136,7 @@ def _reduced(ops: Bits, x: Value) -> tuple[Value, Value]:
 
 
 def _sine(ops: Bits, x: Value, turned: float) -> Value:
-    """Return the sine of x plus `turned` quarters of a turn; an angle within pi/4 is not reduced."""
+    """Return the sine of x plus `turned` quarters of a turn; x within pi/4 is not reduced."""
     def reduced() -> tuple[Value, ...]:
         k, r = _reduced(ops, x)
         quarters = k + turned if turned else k
@@ -163,7 +164,7 @@ def cos(ops: Bits, x: Value) -> Value:
 def tan(ops: Bits, x: Value) -> Value:
     """Return the tangent of an angle [rad]: within 2.5 ulp up to pi/4, 4 ulp up to a million, and 1e-32 |x|.
 
-    tan(r) = r + a/b with a = r z P(z), b = Q(z), z = r^2; a quarter of a turn on it is -b/(r b + a): one division.
+    tan(r) = r + a/b with a = r z P(z), b = Q(z), z = r^2; a quarter turn later it is -b/(r b + a): one division.
     """
     def reduced() -> tuple[Value, ...]:
         k, r = _reduced(ops, x)
@@ -178,7 +179,7 @@ def tan(ops: Bits, x: Value) -> Value:
 
 
 def atan(ops: Bits, x: Value) -> Value:
-    """Return the angle [rad] of a tangent; within 1.8 ulp.
+    """Return the angle [rad] of a tangent within 1.8 ulp.
 
     Beyond tan(pi/8) and tan(3 pi/8) it is pi/4 or pi/2 more than the angle of (x - 1)/(x + 1) or -1/x.
     """

@@ -11,14 +11,14 @@ from .derived import Derived
 
 
 def _real(x: Value) -> float:
-    # math.sin(casadi.SX) silently returns nan, so anything but a number is refused.
+    # Other types are refused, since math.sin(casadi.SX) returns NaN without an error.
     if isinstance(x, (float, int)):
         return x
     raise TypeError(f"float operations need numbers, not {type(x).__name__}")
 
 
 def _of_number(function: Callable[[float], float]) -> staticmethod[[Value], float]:
-    """Return a function of one number that refuses anything else."""
+    """Return a function of one number that raises TypeError for other types."""
     return staticmethod(lambda x: function(_real(x)))
 
 

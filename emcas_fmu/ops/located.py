@@ -1,4 +1,4 @@
-"""Operations on floats by IEEE 754, as in compiled code; a number that is not finite knows where it ceased to be."""
+"""Operations on floats by IEEE 754, as in compiled code; a number that is not finite stores where it became so."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class LocatedFloats(FloatOps):
         setattr(self, "pow", partial(_result, path, "pow({:g}, {:g})", FLOATS.pow))  # noqa: B010 - as those above
 
 
-def _result(path: Path, spelt: str, function: Callable[..., float], *operands: Value) -> LocatedFloat:
-    """Return the result of an operation; `spelt` is the format of its operands in a message."""
+def _result(path: Path, template: str, function: Callable[..., float], *operands: Value) -> LocatedFloat:
+    """Return the result of an operation; `template` formats the operation and its operands in a message."""
     numbers = [float(x) for x in operands]
     try:
         value = function(*numbers)
@@ -56,20 +56,20 @@ def _result(path: Path, spelt: str, function: Callable[..., float], *operands: V
     if isfinite(value):
         return located(value, path)
     before = next((x.origin for x in operands if isinstance(x, LocatedFloat) and x.origin), "")
-    return located(value, path, before or f"{called_from(path)}: {spelt.format(*numbers)} = {value:g}")
+    return located(value, path, before or f"{called_from(path)}: {template.format(*numbers)} = {value:g}")
 
 
-def _operator(name: str, spelt: str, swapped: str = "") -> Callable[..., LocatedFloat]:
-    """Return an operator of a number; `swapped`, "r", is that of another number and it."""
+def _operator(name: str, template: str, swapped: str = "") -> Callable[..., LocatedFloat]:
+    """Return an operator of a number, which is the second operand if `swapped` is "r"."""
     own, function = getattr(float, f"__{swapped}{name}__"), getattr(operator, name)
 
     def method(self: LocatedFloat, *other: Value) -> LocatedFloat:
         try:
-            if isfinite(value := own(self, *other)):  # as almost every one, which this makes twice as fast
+            if isfinite(value := own(self, *other)):  # almost always; this makes them twice as fast
                 return located(value, self.path)
-        except (ZeroDivisionError, TypeError):  # TypeError: float's own operator does not know the other
+        except (ZeroDivisionError, TypeError):  # TypeError: the operator of float does not accept the other
             pass
-        return _result(self.path, spelt, function, *((*other, self) if swapped else (self, *other)))
+        return _result(self.path, template, function, *((*other, self) if swapped else (self, *other)))
 
     return method
 

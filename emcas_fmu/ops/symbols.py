@@ -49,7 +49,7 @@ SYMBOLS = SymbolOps()
 class Linearised:
     """A function of `size` expressions with its exact Jacobian, by algorithmic differentiation of its operations.
 
-    `parameters` are further symbols in it; `varies` says whether values or slopes depend on them.
+    `parameters` are further symbols in the function; `varies` is true if values or slopes depend on them.
     """
 
     def __init__(self, function: Callable[..., Sequence[Value]], size: int, parameters: Any = None) -> None:

@@ -46,7 +46,7 @@ def brake_power(ops: Ops, p: Any, link: Value) -> Value:
 def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
     """Return the current [A] that motor and inverter of a `power` [W] and the electronics draw from the link.
 
-    The motor draws none below the trip voltage. If a step ends below it, a remaining power is divided by the trip voltage.
+    The motor draws none below the trip voltage. Where a step ends below it, a remaining power is divided by it.
     """
     trip = p.supply.trip_voltage
     return (power + p.supply.quiescent_power * ops.minimum(link / trip, 1.0)) / ops.maximum(link, trip)

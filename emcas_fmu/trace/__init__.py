@@ -1,1 +1,1 @@
-"""Equations recorded as straight-line programs, and the printers of these as Python and C."""
+"""Equations recorded as straight-line programs, and printers of these programs as Python and C."""

@@ -1,4 +1,4 @@
-"""Printer of traced programs as C99: the operations of the Python source in the same order, so the same bits."""
+"""Printer of traced programs as C99: the order of operations is that of the Python source, so results are equal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TEMPLATES = {
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
 
-# In a double between 2**52 and 2**53 the last bit counts ones: a whole number that is added to it is in its last bits.
+# The last bit of a double between 2**52 and 2**53 stands for 1: after an addition its last bits are the whole number.
 _HELPERS = """\
 /* A condition that hardly ever holds: code behind it is put where it is in nobody's way. */
 #if defined __GNUC__
@@ -58,7 +58,7 @@ def c_source(tracer: Tracer, prefix: str, templates: Mapping[str, str] = TEMPLAT
     """Return declarations and static functions of a header.
 
     ``<prefix>_prepare(p, c)`` computes the constants `c` [<PREFIX>_CONSTANTS] from the parameters `p`
-    [<PREFIX>_PARAMETERS]. Each function has both as arguments, then further ones, then the array `out` of its results.
+    [<PREFIX>_PARAMETERS]. The arguments of each function are `p`, `c`, its own, and the array `out` of its results.
     """
     writer = CWriter(tracer, templates)
     upper = prefix.upper()
@@ -90,13 +90,13 @@ class CWriter(Writer):
     """The statements of a traced function in C."""
 
     type = "double"
-    which = ""  # type of an argument `which` before the others; empty for none
+    which = ""  # type of a first argument `which`; empty if functions do not have it
 
     def __init__(self, tracer: Tracer, templates: Mapping[str, str] = TEMPLATES) -> None:
         super().__init__(tracer, templates)
         self._tracer = tracer
         self.conditions: set[str] = set()
-        # Constants are the values that functions read; the others are local to the prologue.
+        # Constants are the prologue's values that functions read; its other values are local to it.
         self.constants = {s.name: i for i, s in enumerate(
             s for s in tracer.prologue.statements if isinstance(s, Assign) and s.name in self.read_by_functions)}
 
@@ -168,7 +168,7 @@ class CWriter(Writer):
         return lines
 
     def is_condition(self, statement: Assign) -> bool:
-        """Return whether an operation gives a condition, not a number; a choice does if both values are conditions."""
+        """Return whether the result of an operation is a condition; that of `where` is if both values are."""
         if statement.operation == "where":
             return all(self.holds(value) for value in statement.operands[1:])
         return statement.operation in _CONDITIONS

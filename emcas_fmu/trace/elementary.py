@@ -1,4 +1,4 @@
-"""The elementary functions as a traced program, which every printer prints before all other functions."""
+"""The elementary functions as a traced program, which printers print before all other functions."""
 
 from __future__ import annotations
 

@@ -21,15 +21,19 @@ TEMPLATES = {
 _TEMPORARY = re.compile(r"\bt\d+\b")
 
 
-def python_source(tracer: Tracer, docstring: str, spelt: Callable[[str], str] = str) -> str:
-    """Return a module with `make(parameters) -> tuple of functions`; `parameters` maps `spelt` names to values."""
+def python_source(tracer: Tracer, docstring: str, spelling: Callable[[str], str] = str) -> str:
+    """Return the source text of a module with `make(parameters)`, which returns a tuple of the program's functions.
+
+    `parameters` maps names, each as `spelling` returns it, to values.
+    """
     writer = _PythonWriter(tracer, TEMPLATES)
     body: list[str] = []
     for function in tracer.functions:
         lines = writer.block(function.block, 2)
         lines.append(f"        return {writer.listed(function.results)}" + ("," if len(function.results) == 1 else ""))
         body += [f"    def {function.name}({', '.join(function.printed)}):", *_registers(lines), ""]
-    prologue = [f"    {name} = parameters[{spelt(key)!r}]" for name, key in tracer.parameters if writer.uses.get(name)]
+    prologue = [f"    {name} = parameters[{spelling(key)!r}]"
+                for name, key in tracer.parameters if writer.uses.get(name)]
     prologue += writer.block(tracer.prologue, 1)
     functions = ", ".join(function.name for function in tracer.functions)
     return "\n".join([f'"""{docstring}"""', "",
@@ -48,7 +52,7 @@ def _elementary(names: Container[str]) -> list[str]:
         if function.name in names:
             (result,) = function.results
             body = [*writer.block(function.block, 1), f"    return {writer.operand(result)}"]
-            # Ticks of equal length need the same powers again and again, and the function is slow in Python.
+            # Ticks of equal length need exp of the same values again and again, and it is slow in Python.
             lines += ["@lru_cache(maxsize=16)"] if function.name == "exp" else []
             lines += [f"def {function.name}({', '.join(function.printed)}):", *_registers(body), "", ""]
     return lines
@@ -71,11 +75,11 @@ class _PythonWriter(Writer):
 
 
 def _registers(lines: Sequence[str]) -> list[str]:
-    """Rename temporaries, so that those with separate lives share a name.
+    """Return the lines with temporaries renamed: those that are never in use at the same time share a name.
 
-    The frame of a call has room for every local variable. With hundreds of them it would not fit into the interpreter's
-    stack chunk, which would then be mapped and unmapped at each call. A life lasts from the first line with the name to
-    the last; so it includes the other branch of a condition if both set it.
+    The frame of a call has room for every local variable. With hundreds of variables it may not fit into the
+    interpreter's present stack chunk; the interpreter would then map and unmap a new chunk at each call. A temporary is
+    in use from the first line with its name to the last, also in the branch of a condition that does not set it.
     """
     used = [dict.fromkeys(_TEMPORARY.findall(line)) for line in lines]
     last = {name: number for number, temporaries in enumerate(used) for name in temporaries}

@@ -1,4 +1,5 @@
-"""Two traces of a user's functions are compared: their equations may depend on nothing that changes between calls."""
+"""Comparison of two traces of a user's functions, whose equations must not depend on values that change between calls.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +11,15 @@ from .tracer import Expr, If, Tracer
 
 
 class LocatedTracer(Tracer):
-    """A tracer that remembers from where in a Python file each value was computed, "" if from elsewhere."""
+    """A tracer that stores the location in a Python file at which each value was computed, "" for other files."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
         self._path = path
-        self.places: list[str] = []
+        self.locations: list[str] = []
 
     def _new(self, fixed: bool) -> Expr:
-        self.places.append(called_from(self._path))
+        self.locations.append(called_from(self._path))
         return super()._new(fixed)
 
 
@@ -29,22 +30,22 @@ def same(tracer: Tracer, again: Tracer) -> bool:
 
 
 def changed(tracer: Tracer, located: LocatedTracer, of_function: Callable[[str], str]) -> EmcasError:
-    """Return the error, with file, line and function, for two traces of the same functions that are not the same.
+    """Return the error for two traces of the same functions that differ, with file, line and function.
 
-    `of_function` returns the location of a function of the program, for values that are not computed in the file.
+    `of_function` returns the location of a function of the program; it is used for values from other files.
     """
     before, after = _operations(tracer), _operations(located)
     index = min((i for i in {*before, *after} if before.get(i) != after.get(i)), default=None)
-    place = located.places[index] if index in after else ""
+    location = located.locations[index] if index in after else ""
     function = next((one.name for one, other in zip(tracer.functions, located.functions, strict=True)
                      if repr((one.block, one.results)) != repr((other.block, other.results))), "")
-    return EmcasError(f"{place or of_function(function)} is not the same when it is called again: random numbers, "
+    return EmcasError(f"{location or of_function(function)} is not the same when it is called again: random numbers, "
                       "clocks and variables that change would be constants of the FMU; use states, parameters and "
                       "inputs")
 
 
 def _operations(tracer: Tracer) -> dict[int, str]:
-    """Return the operations of a program as texts, by the index of the value that they compute."""
+    """Return the operations of a program as texts, by the index of the value that each computes."""
     texts: dict[int, str] = {}
     blocks = [tracer.prologue, *(f.block for f in tracer.functions)]
     while blocks:

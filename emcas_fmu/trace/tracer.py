@@ -1,7 +1,7 @@
 """Tracing: operations that record themselves turn equations into a straight-line program.
 
-A traced function needs no calls, attribute look-ups or repeated subexpressions. It does the same operations as the
-original in the same order, so that both have the same bits. Values that depend on parameters alone are computed in a
+A traced function needs no calls, attribute look-ups or repeated subexpressions. Its operations are those of the
+original in the same order, so that both have equal results. Values that depend on parameters alone are computed in a
 prologue that runs once; the operations of a branch stay inside the branch. :mod:`emcas_fmu.trace.python_source`
 and :mod:`emcas_fmu.trace.c_source` print the program.
 """
@@ -29,7 +29,7 @@ BITS = ("power_of_two", "exponent")
 
 
 def _operator(operation: str, swapped: bool = False) -> Callable[[Expr, Value], Value]:
-    """Return the operator that records an operation on a traced value and another, which comes first if `swapped`."""
+    """Return the operator that records an operation on a traced value and another, which is first if `swapped`."""
     def record(self: Expr, other: Value) -> Value:
         return self.tracer.emit(operation, other, self) if swapped else self.tracer.emit(operation, self, other)
 
@@ -37,7 +37,7 @@ def _operator(operation: str, swapped: bool = False) -> Callable[[Expr, Value], 
 
 
 def _comparison(operation: str, greater: bool = False) -> Callable[[Expr, Value], Value]:
-    """Return the operator that records a comparison, unless the other value is infinite: every traced one is finite."""
+    """Return the operator that records a comparison, unless the other value is infinite: traced values are finite."""
     def record(self: Expr, other: Value) -> Value:
         if _infinite(other):
             return (other < 0.0) is greater
@@ -63,7 +63,7 @@ class Expr:
         return self.name
 
     __hash__ = None  # type: ignore[assignment]
-    __array_ufunc__ = None  # NumPy refuses it, instead of calling its operators one by one
+    __array_ufunc__ = None  # NumPy then refuses such a value instead of calling its operators for each element
 
     def __eq__(self, other: object) -> bool:
         raise TypeError("traced values are compared by ops.equal, not by == or !=")
@@ -93,7 +93,7 @@ class Expr:
         return self.tracer.fabs(self)
 
     def __mul__(self, other: Value) -> Value:
-        # A product with 1 or -1 is exact, so that leaving it out changes no bit.
+        # A product with 1 or -1 is exact: leaving it out changes no bit.
         if not isinstance(other, Expr) and abs(other) == 1.0:
             return self if other > 0.0 else -self
         return self.tracer.emit("multiply", self, other)
@@ -135,13 +135,13 @@ class Block:
 
 @dataclass(slots=True)
 class _Scope:
-    """What is known while a block is traced, in addition to the `outer` scopes."""
+    """Conditions and values known while a block is traced, in addition to those of the `outer` scopes."""
 
     outer: _Scope | None = None
     holding: dict[str, bool] = field(default_factory=dict)
     """The condition of the branch to which the block belongs, and whether it holds in the block."""
     computed: dict[tuple[Any, ...], Expr] = field(default_factory=dict)
-    """Values by operation and operands, so that none is computed twice."""
+    """Values by operation and operands, so that no value is computed twice."""
     block: Block = field(default_factory=Block)
 
     def find(self, key: tuple[Any, ...]) -> Expr | None:
@@ -153,7 +153,7 @@ class _Scope:
         return None
 
     def holds(self, condition: Value) -> Value:
-        """Return whether a condition holds in the block if a branch around it decides that, else the condition."""
+        """Return the truth of a condition if a branch around the block determines it, else the condition."""
         scope: _Scope | None = self
         while scope is not None and isinstance(condition, Expr):
             condition = scope.holding.get(condition.name, condition)
@@ -170,7 +170,7 @@ _RESERVED = re.compile(rf"([pctr]\d+|{'|'.join(_WORDS.split())})_*")
 
 
 def _printed(argument: str) -> str:
-    """Return an argument's name for generated code, unlike any temporary, parameter or reserved word."""
+    """Return an argument's name for generated code, different from all temporaries, parameters and reserved words."""
     return f"{argument}_" if _RESERVED.fullmatch(argument) else argument
 
 
@@ -189,7 +189,7 @@ class Tracer(Derived):
     """An operations namespace (:class:`emcas_fmu.ops.base.Ops`) that records its operations."""
 
     def __init__(self) -> None:
-        self._itself = weakref.proxy(self)  # for values: a cycle would remain in memory until garbage is collected
+        self._itself = weakref.proxy(self)  # for values, without a cycle that only the garbage collector removes
         self._first = self._scope = _Scope()
         self.prologue = self._first.block
         self._count = 0
@@ -219,8 +219,8 @@ class Tracer(Derived):
     # -- operations ----------------------------------------------------------
 
     def emit(self, operation: str, *operands: Value) -> Expr:
-        """Return the value of an operation, which is recorded unless it has been computed before."""
-        fixed, key = True, [operation]  # numbers as they are printed: 0.0 and -0.0 are equal, but have other bits
+        """Return the value of an operation, which is recorded unless its value has been computed before."""
+        fixed, key = True, [operation]  # numbers as printed: 0.0 and -0.0 are equal, but differ in their bits
         for operand in operands:
             if isinstance(operand, Expr):
                 fixed = fixed and operand.fixed
@@ -228,10 +228,10 @@ class Tracer(Derived):
             else:
                 key.append(repr(operand))
         scope = self._first if fixed else self._scope
-        computed = scope.find(found := tuple(key))
+        computed = scope.find(signature := tuple(key))
         if computed is not None:
             return computed
-        result = scope.computed[found] = self._new(fixed)
+        result = scope.computed[signature] = self._new(fixed)
         scope.block.statements.append(Assign(result.name, operation, operands))
         return result
 
@@ -298,7 +298,8 @@ class Tracer(Derived):
         self._scope = outer
         (yes_block, yes_values), (no_block, no_values) = sides
         if len(yes_values) != len(no_values):
-            raise ValueError(f"branches give {len(yes_values)} and {len(no_values)} values")
+            raise ValueError(f"ops.branch: the functions return {len(yes_values)} and {len(no_values)} values; both "
+                             "must return the same number")
         results = tuple(self._new(False) for _ in yes_values)
         outer.block.statements.append(
             If(condition, tuple(r.name for r in results), yes_block, no_block, yes_values, no_values, rare))

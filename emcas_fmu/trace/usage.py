@@ -1,4 +1,4 @@
-"""Base of the printers of traced programs: how often values are read, nesting of expressions, order of blocks."""
+"""Base of the printers of traced programs: it counts how often values are read, nests expressions, orders blocks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ARITHMETIC = {
 
 
 class Writer(ABC):
-    """Converts blocks to lines; leaves out values that are never read, and inlines those that are read once.
+    """A printer that converts blocks to lines. It omits values that are never read and inlines those read once.
 
     `templates` are the texts of operations in the language, with the operands as ``{0}``, ``{1}``, ``{2}``. An operand
     that occurs twice in a template counts as read twice.
@@ -92,7 +92,7 @@ class Writer(ABC):
         return self.templates[statement.operation].format(*(self.operand(o) for o in statement.operands))
 
     def expression(self, statement: Assign) -> str | None:
-        """Return the text of an operation to be assigned to its name; None if it is never read or inlined."""
+        """Return the text of an operation to be assigned to its name; None if it is inlined or never read."""
         uses = self.uses.get(statement.name, 0)
         if not uses:
             return None
@@ -103,7 +103,7 @@ class Writer(ABC):
         return text
 
     def name(self, name: str) -> str:
-        """Return a value's name in the language."""
+        """Return the name of a value in the language."""
         return name
 
     def literal(self, value: float | bool) -> str:

@@ -1,7 +1,7 @@
 """Printer of traced programs as C over vectors: the scalar program's operations in its order, for several actuators.
 
-In runtime/vector.h ``lanes`` is a number for each actuator of a vector, ``lanes_mask`` a condition for each. A branch
-runs if one of the lanes that count needs it; its values are selected in the lanes where its condition holds.
+In runtime/vector.h ``lanes`` contains a number and ``lanes_mask`` a condition for each actuator of a vector. A branch
+runs if one of the lanes that count needs it; its values are selected in the lanes that need it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class _VectorWriter(CWriter):
         return f"lanes_set({c_number(value)})"
 
     def number(self, value: Operand) -> str:
-        """Return the text of an operand as numbers; a condition is 1 where it holds, else 0."""
+        """Return the text of an operand as numbers: 1 where a condition holds, else 0."""
         text = self.operand(value)
         return f"lanes_number({text})" if isinstance(value, Expr) and self.holds(value) else text
 
@@ -107,7 +107,7 @@ class _VectorWriter(CWriter):
 
 
 class _Chosen(NamedTuple):
-    """A value of a branch in C: its name, type, selecting function, initial value, and its value on either side."""
+    """A value of a branch in C: name, type, selecting function, initial value, and the value on either side."""
 
     name: str
     type: str
