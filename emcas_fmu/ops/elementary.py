@@ -1,8 +1,8 @@
 """Elementary functions from the four operations: the same bits on every platform, in every language and in vectors.
 
 The functions of C libraries differ in their last digits. These are written once, over `ops`: floats evaluate them,
-:mod:`emcas_fmu.trace.elementary` traces each once, and the printers print each as a function of the language. Operations
-keep their order; short parallel chains (Estrin's scheme) are faster than one long chain (Horner's).
+:mod:`emcas_fmu.trace.elementary` traces each once, and the printers print each as a function of the language. Their
+order of operations is kept; short parallel chains (Estrin's scheme) are faster than one long chain (Horner's).
 
 The polynomials interpolate at Chebyshev nodes, computed with 50 digits; their truncation error is below 2e-17 of the
 function. The last operations add their rounding, 1/2 ulp each, or less if they act on a smaller part of the result: the

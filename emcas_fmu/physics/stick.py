@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ..ops.base import Ops, Value
 
-WALL = 1e30  # N or N.m, friction that stands for a mechanical stop: nothing overcomes it
+WALL = 1e30  # N or N.m, friction that represents a mechanical stop: nothing overcomes it
 # Friction counts as overcome from this share of its limit on: after a step that ended at breakaway, rounding must not
 # hold the body again.
 EDGE = 1.0 - 1e-9

@@ -18,7 +18,7 @@ TEMPLATES = {
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
 
-# The last bit of a double between 2**52 and 2**53 stands for 1: after an addition its last bits are the whole number.
+# The last bit of a double between 2**52 and 2**53 is worth 1: a whole number that is added is in the last bits.
 _HELPERS = """\
 /* A condition that hardly ever holds: code behind it is put where it is in nobody's way. */
 #if defined __GNUC__

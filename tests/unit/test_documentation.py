@@ -51,7 +51,7 @@ def test_no_markup_is_left(model: str, fins: int, monkeypatch: pytest.MonkeyPatc
 
 def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "elastic drive line between them (<code>physics.drive_line</code>)" in page("elastic", 1, monkeypatch)
-    assert "So is the position, unless <code>encoder.on_fin</code> selects an" in page("elastic", 1, monkeypatch)
+    assert "measures the position, unless <code>encoder.on_fin</code> selects an" in page("elastic", 1, monkeypatch)
     assert prose("a < b, ``c`` and `d`") == "a &lt; b, <code>c</code> and <code>d</code>"
 
 
