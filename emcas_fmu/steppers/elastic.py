@@ -41,7 +41,7 @@ class Pair(NamedTuple):
 
 
 class _Mode(NamedTuple):
-    """The mode of a step: whether a flank presses, the deflection [rad] at which it begins to, and the drive's mode."""
+    """The mode of a step: whether a flank presses, from which deflection [rad] it presses, and the electrical mode."""
 
     pressed: Value
     flank: Value

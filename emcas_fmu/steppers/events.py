@@ -1,7 +1,7 @@
 """One step of equations that are smooth between events: stick and slip, locking, valves that open, limits, stops.
 
 It serves actuators whose events have no closed forms. A mode defines which equations apply: values by name, chosen at
-the start of the step and constant in it (also such as a lever's ratio at mid-step). The step integrates the states by
+the start of the step and constant in it (such as a lever's ratio at mid-step). The step integrates the states by
 ROS2 (:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order. Each event margin of a mode is above 0 while the
 mode holds. The step ends where the first margin is lost, that is, falls to 0, which a secant and a correction locate.
 There `landed` sets values that are known exactly, such as the speed 0 of a body that comes to rest, and the caller
