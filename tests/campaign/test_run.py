@@ -15,6 +15,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from emcas_fmu.studies.campaign import run
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, local_client
 from emcas_fmu.studies.campaign.sample import Rows
@@ -70,6 +71,29 @@ def test_a_sample_that_kills_its_workers(small: Study, store: Store, tmp_path: P
     assert lost["status"] == "failed"
     assert "every worker that ran it died" in lost["error"]
     assert found == expected
+
+
+@pytest.mark.slow
+def test_a_worker_that_restarts_slowly(small: Study, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A restart takes seconds: longer than this limit of Dask, as a restart on a busy machine than its default."""
+    import dask.distributed  # which sets Dask's defaults
+
+    monkeypatch.setattr(run, "_RESTARTED", 60.0)  # instead of a test without end
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "10 ms"}), local_client(1) as other:
+        (victim,) = other.run(os.getpid).values()
+        os.kill(victim, signal.SIGKILL)
+        by_dask(other, small, store.missing(), store.write)
+    assert not len(store.missing())
+
+
+@pytest.mark.slow
+def test_no_worker_is_left(small: Study, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "_RESTARTED", 1.0)
+    with local_client(1) as other:
+        other.retire_workers()
+        with pytest.raises(CampaignError, match=r"no worker has run for 1 s: .* the same command goes on"):
+            by_dask(other, small, store.missing(), store.write)
+    assert len(store.missing()) == 24
 
 
 @pytest.mark.slow

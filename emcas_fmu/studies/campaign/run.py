@@ -40,6 +40,11 @@ _AHEAD = 3  # tasks submitted for each thread, so that none waits for the client
 _UNINTERRUPTED = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 _CONNECT = 20.0  # s, to reach a scheduler
 _WORKERS = 120.0  # s, to the first worker
+# Without any worker on this machine, after which a run ends. A restart needs 3 s, and tens on a busy machine.
+_RESTARTED = 300.0  # s
+# Dask gives a worker up for good if it does not run at one instant, by default 15 s after it died: also if it restarts
+# slowly, or has died again since. Without workers the run would wait for ever.
+_NEVER = "365 days"
 
 Work = Callable[[Study, Sequence[int], Array], Rows]
 Keep = Callable[[Rows], object]
@@ -79,6 +84,8 @@ def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
     library.available(model)  # compiles once, not in every worker
     # Restarted workers show in the rows, not in log lines that break the progress bar.
     with dask.config.set({"distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
+                          "distributed.deploy.lost-worker-timeout": _NEVER,
+                          "distributed.scheduler.no-workers-timeout": _RESTARTED,
                           "distributed.admin.tick.limit": "1h"}):
         try:  # at any free port, on this machine only, so that two campaigns may run at a time
             client = distributed.Client(
@@ -149,7 +156,7 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
     """Run samples on a client's workers; pass rows to `keep` as they come, in any order.
 
     The samples of a task whose workers died are run again one at a time, alone; one that kills its workers again is
-    recorded as failed. Raises CampaignError if the scheduler is lost.
+    recorded as failed. Raises CampaignError if the scheduler is lost, or no worker on this machine restarts.
     """
     threads = max(sum(client.ncores().values()), 1)
 
@@ -163,7 +170,7 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
 
 @contextmanager
 def _connected() -> Iterator[None]:
-    """Raise what a client raises without its scheduler as CampaignError."""
+    """Raise what a client raises without its scheduler, or without workers, as CampaignError."""
     distributed = _distributed()
     closed = getattr(distributed.client, "ClosedClientError", TimeoutError)  # not in older versions
     try:
@@ -171,6 +178,9 @@ def _connected() -> Iterator[None]:
     except (distributed.CancelledError, distributed.comm.CommClosedError, TimeoutError, closed) as error:
         raise CampaignError(f"the scheduler was lost ({type(error).__name__}); finished samples are kept: the same "
                             "command goes on") from error
+    except distributed.scheduler.NoWorkerError as error:
+        raise CampaignError(f"no worker has run for {error.timeout:g} s: they died and could not be restarted (memory "
+                            "or disk may be full); finished samples are kept: the same command goes on") from error
 
 
 def _run(submit: Callable[[Indices], Any], chunks: Iterator[Indices], keep: Keep, ahead: int) -> Indices:
