@@ -6,11 +6,13 @@ from pathlib import Path
 
 from ..errors import EmcasError
 
-PICTURES = (".html", ".svg", ".png", ".pdf")
+IMAGES = (".svg", ".png", ".pdf")
+PICTURES = (".html", *IMAGES)
+"""Endings of plots: of images and of pages with them."""
 
 
-def check_ending(path: Path | None) -> Path | None:
-    """Return the path of a picture, or None. Raises EmcasError if it has none of the endings `PICTURES`."""
-    if path is not None and path.suffix not in PICTURES:
-        raise EmcasError(f"{path}: the name of a plot must end in {', '.join(PICTURES)}")
+def check_ending(path: Path | None, endings: tuple[str, ...] = PICTURES) -> Path | None:
+    """Return the path of a plot, or None. Raises EmcasError if it has none of the endings."""
+    if path is not None and path.suffix not in endings:
+        raise EmcasError(f"{path}: the name of a plot must end in {', '.join(endings)}")
     return path

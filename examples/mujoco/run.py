@@ -16,7 +16,8 @@ if __package__ in (None, ""):  # run as a file: modules are found from the folde
     sys.path[0] = str(Path(__file__).resolve().parents[2])
 
 import emcas_fmu as emcas
-from emcas_fmu.figures import plots
+from emcas_fmu.commands.common import check_outputs
+from emcas_fmu.figures import IMAGES, check_ending, plots
 from examples.hardware_in_the_loop.coupling import Half
 from examples.mujoco.rig import COLUMNS, FINS, Array, Rig
 
@@ -52,6 +53,7 @@ def run(
 ) -> None:
     """Roll a tail with four fins in MuJoCo, each fin turned by an FMU with torque out."""
     try:
+        check_outputs(check_ending(picture, IMAGES))
         with TemporaryDirectory() as folder, ExitStack() as opened:
             file = Path(folder) / "actuator.fmu"
             emcas.build(emcas.load_parameters(model=model), file, interface="torque")

@@ -129,6 +129,8 @@ def test_figures_of_a_folder(synthetic: Record, tmp_path: Path) -> None:
     done = called("--records", saved(tmp_path, synthetic), "--json", tmp_path / "new.json", "--plot",
                   tmp_path / "new.svg")
     assert done.exit_code == 2, "its own folder is no place for its results"
+    done = called("--records", tmp_path, "--plot", tmp_path.parent / "new.html")
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
     (tmp_path / "emps").mkdir()
     saved(tmp_path / "emps", synthetic)
     done = called("--json", tmp_path / "new.json", "--plot", tmp_path / "new.svg", **{VARIABLE: str(tmp_path)})

@@ -76,7 +76,10 @@ def test_program(tmp_path: Path) -> None:
     assert (tmp_path / "roll.svg").stat().st_size > 1000
 
 
-def test_refusal() -> None:
-    done = CliRunner().invoke(PROGRAM, ["--model", "servo"])
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("--model", "servo"), "torque needs a rigid drive line"),
+    (("--plot", "roll.html"), "roll.html: the name of a plot must end in .svg, .png, .pdf")])
+def test_refusal(arguments: tuple[str, str], words: str) -> None:
+    done = CliRunner().invoke(PROGRAM, arguments)
     assert done.exit_code == 2
-    assert "torque needs a rigid drive line" in " ".join(done.output.split())
+    assert words in " ".join(done.output.split())
