@@ -1,4 +1,4 @@
-"""Draw docs/figures/batch.png and write the tables of docs/use/batch.md, from what the benchmark measured.
+"""Plot docs/figures/batch.png and write the tables of docs/use/batch.md, from results of the benchmark.
 
     python benchmarks/batch.py --scaling --json eight.json
     python benchmarks/batch.py --scaling --json four.json --lanes 4
@@ -24,25 +24,25 @@ SETS = {True: "own parameters", False: "one set for all"}
 LOOKS = {8: plots.VERMILLION, 4: plots.BLUE}
 
 
-def _of(run: Any, own: bool) -> list[Any]:
+def _scaling(run: Any, own: bool) -> list[Any]:
     return [line for line in run["scaling"] if line["own"] == own]
 
 
 def _inverse(x: Any) -> Any:
-    """Return how many steps of x [ns] a core makes in 1 ms, or the other way; axes ask for 0, too."""
-    return 1e6 / np.maximum(x, 1e-9)
+    """Return the number of steps of x [ns] in 1 ms, or the time [ns] of a step if x is their number."""
+    return 1e6 / np.maximum(x, 1e-9)  # Matplotlib also passes 0
 
 
 def draw(runs: Sequence[Any]) -> None:
-    """Draw the time of a step against the number of actuators."""
+    """Plot the time of a step against the number of actuators."""
     with plots.style():
         figure, (axes,) = plots.figure(1, 2, height=3.2, sharex=True, sharey=True)
         for panel, (own, title) in zip(axes, SETS.items(), strict=True):
-            count = [line["actuators"] for line in _of(runs[0], own)]
-            loop = np.median([[line["loop_ns"] for line in _of(run, own)] for run in runs], axis=0)
+            count = [line["actuators"] for line in _scaling(runs[0], own)]
+            loop = np.median([[line["loop_ns"] for line in _scaling(run, own)] for run in runs], axis=0)
             panel.loglog(count, loop, "o-", color=plots.GRAY, markersize=3.5, label="one at a time")
             for run in sorted(runs, key=lambda run: int(run["lanes"])):
-                panel.loglog(count, [line["vectors_ns"] for line in _of(run, own)], "o-", markersize=3.5,
+                panel.loglog(count, [line["vectors_ns"] for line in _scaling(run, own)], "o-", markersize=3.5,
                              color=LOOKS[run["lanes"]], label=f"{run['lanes']} at once")
             panel.set(title=title, xlabel="actuators", xticks=count, ylim=(40.0, 20_000.0))
             panel.minorticks_off()
@@ -50,7 +50,7 @@ def draw(runs: Sequence[Any]) -> None:
                 axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))
             for label in panel.get_xticklabels():
                 label.set(rotation=30, ha="right", rotation_mode="anchor")
-        axes[0].set(ylabel="CPU of an actuator's step of 1 ms [ns]")
+        axes[0].set(ylabel="CPU time per actuator and step of 1 ms [ns]")
         axes[0].legend()
         real = axes[1].secondary_yaxis("right", functions=(_inverse, _inverse))
         real.set(ylabel="actuators that a core moves in real time")
@@ -60,15 +60,15 @@ def draw(runs: Sequence[Any]) -> None:
 
 
 def ratios(runs: Sequence[Any]) -> str:
-    """Time by vectors over that of the loop in the same run."""
+    """Return the table of the loop's time, and of the ratio of the vectors' time to it in the same run."""
     head, rows = ["actuators"], []
     for title in SETS.values():
         head += [f"{title}: loop", *(f"{run['lanes']} at once" for run in runs)]
-    for i, line in enumerate(_of(runs[0], True)):
+    for i, line in enumerate(_scaling(runs[0], True)):
         row = [f"{line['actuators']:,}"]
         for own in SETS:
-            row += [f"{np.median([_of(run, own)[i]['loop_ns'] for run in runs]):.0f} ns",
-                    *(f"{_of(run, own)[i]['ratio']:.2f}" for run in runs)]
+            row += [f"{np.median([_scaling(run, own)[i]['loop_ns'] for run in runs]):.0f} ns",
+                    *(f"{_scaling(run, own)[i]['ratio']:.2f}" for run in runs)]
         rows.append(row)
     hard = [run["hard.1000.ns"]["loop_ns"] for run in runs]
     rows.append(["1,000, hard", f"{np.median(hard):.0f} ns", *(f"{run['hard.1000']:.2f}" for run in runs),
@@ -77,13 +77,14 @@ def ratios(runs: Sequence[Any]) -> str:
 
 
 def threads(runs: Sequence[Any]) -> str:
-    """Time of a step by several threads over that by one."""
+    """Return the sentence on the time of a step with several threads, divided by that with one."""
     shares, count = [], runs[0]["threads"][0]["actuators"]
     for run in runs:
         one, *more = run["threads"]
         shares += [f"{line['threads']} threads with {run['lanes']} at once {line['wall_ns'] / one['wall_ns']:.2f}"
                    for line in more]
-    return f"Time of {count:,} actuators with one set over that of one thread: {', '.join(shares)}."
+    return (f"Time of {count:,} actuators with one parameter set, divided by the time with one thread: "
+            f"{', '.join(shares)}.")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Draw what margins and feed-forward give, and write the tables of docs/model/control.md."""
+"""Plot the effects of margins and feed-forward, and write the tables of docs/model/control.md."""
 
 from __future__ import annotations
 
@@ -43,12 +43,13 @@ def step(size: float) -> Test:
 
 
 def figures(parameters: ParameterSet) -> dict[str, float]:
-    """Measure a set: margins [deg, dB], load step [deg], rates [deg/s], bandwidths [Hz], overshoots [%], times [ms]."""
+    """Return figures of a set: margins [deg, dB], load step [deg], rates [deg/s], bandwidths [Hz], overshoot [%], times
+    [ms] and lag [deg]."""
     subject = ParameterSubject(parameters)
 
     def of(test: Test, *names: str, sense: str = "maximum") -> list[float]:
-        (found,) = measure(test, subject, [{}], names, (sense,) * len(names)).tolist()
-        return list(found)
+        (values,) = measure(test, subject, [{}], names, (sense,) * len(names)).tolist()
+        return list(values)
 
     gain, phase = of(LINEAR, "gain_margin", "phase_margin")
     moves = [of(step(size), "overshoot", "settling_time") for size in (1.0, 5.0, 10.0)]
@@ -57,7 +58,7 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
         "100 N·m load step / °": degrees(of(LOAD, "peak_angle")[0]),
         "back within 0.05° after / ms": recovery(parameters),
         "rate against 100 N·m / °/s": degrees(of(OPPOSED, "sustained_rate", sense="minimum")[0]),
-        "and with it": degrees(of(AIDED, "sustained_rate", sense="minimum")[0]),
+        "rate with 100 N·m / °/s": degrees(of(AIDED, "sustained_rate", sense="minimum")[0]),
         **{f"bandwidth at {size}° / Hz": of(Test("sine", float(np.radians(size))), "bandwidth_3db", sense="minimum")[0]
            for size in (1.0, 3.5)},
         "largest overshoot of 1, 5, 10° / %": 100.0 * max(overshoot for overshoot, _ in moves),
@@ -74,35 +75,35 @@ HINGE = {"drive_line.shaft_stiffness": 1e4, "drive_line.fork_stiffness": 0.0, "d
 
 
 def filtered(name: str, model: str, changes: Mapping[str, float]) -> ParameterSet:
-    """Return a set of SETS for a model with filters, with changed values."""
-    own = [] if name == "shipped" else [name.replace(" ", "-")]
-    return load_parameters(own, model=f"{model}+filters").with_values(changes)
+    """Return a set of SETS, by its name there, for a model with filters, with changed values."""
+    files = [] if name == "shipped" else [name.replace(" ", "-")]
+    return load_parameters(files, model=f"{model}+filters").with_values(changes)
 
 
-def of_inertia(parameters: ParameterSet, share: float) -> str:
-    """Return the margins [deg, dB] of controllers that know the nominal inertia, on a `share` of it."""
+def inertia_margins(parameters: ParameterSet, share: float) -> str:
+    """Return the margins [deg, dB] of controllers with the nominal inertia, for a plant with a `share` of it."""
     values = parameters.values
-    loops, built = (LinearActuator({**values, **{name: values[name] * scale for name in INERTIAS}},
+    nominal, built = (LinearActuator({**values, **{name: values[name] * scale for name in INERTIAS}},
                                    model=parameters.model) for scale in (1.0, share))
-    loops.plant = built.plant
-    found = margins(loops.loop("reference"))
-    return f"{degrees(found.phase):.1f}° / {found.gain_db:.1f} dB" if loops.stable else "unstable"
+    nominal.plant = built.plant
+    margin = margins(nominal.loop("reference"))
+    return f"{degrees(margin.phase):.1f}° / {margin.gain_db:.1f} dB" if nominal.stable else "unstable"
 
 
-def observing() -> list[list[str]]:
-    """Return the table of the speed observer's bandwidths: margins over inertia, and the load step [deg]."""
+def observer_table() -> list[list[str]]:
+    """Return the table of the speed observer's bandwidths: margins for three inertias, and the load step [deg]."""
     rows = [["", "bandwidth / 1/s", "inertia −25 %", "nominal inertia", "inertia +25 %", "100 N·m load step / °"]]
     for name in ("shipped", "load observer", "two degrees of freedom"):
         for bandwidth in (0.0, 150.0, 300.0, 800.0):
             parameters = filtered(name, "nonlinear", {BANDWIDTH: bandwidth})
             ((angle,),) = measure(LOAD, ParameterSubject(parameters), [{}], ("peak_angle",), ("maximum",))
-            rows.append([name, f"{bandwidth:g}", *(of_inertia(parameters, share) for share in (0.75, 1.0, 1.25)),
+            rows.append([name, f"{bandwidth:g}", *(inertia_margins(parameters, share) for share in (0.75, 1.0, 1.25)),
                          f"{degrees(angle):.3f}"])
     return rows
 
 
-def swinging() -> list[list[str]]:
-    """Return the table of notches for a soft hinge: margins, damping of its mode, and what a push leaves."""
+def notch_table() -> list[list[str]]:
+    """Return the table of notches for a soft hinge: margins, damping of its mode, and the swing [deg] after a push."""
     rows = [["", "notch", "margins", "damping of the mode", "swing 1.1 s after a push / °"]]
     for name in ("shipped", "two degrees of freedom"):
         for notch, changes in (("none", {}), *((f"{hertz:g} Hz", {NOTCH: 2.0 * np.pi * hertz})
@@ -110,22 +111,22 @@ def swinging() -> list[list[str]]:
                                ("none, hinge damped by 0.5 N·m·s/rad", {"drive_line.hinge_damping": 0.5})):
             parameters = filtered(name, "elastic", {**HINGE, **changes})
             linear = LinearActuator(parameters.values, model=parameters.model)
-            found, poles = margins(linear.loop("reference")), continuous_poles(linear.closed)
+            margin, poles = margins(linear.loop("reference")), continuous_poles(linear.closed)
             modes = poles[np.abs(np.abs(poles.imag) / (2.0 * np.pi) - 65.0) < 2.0]
             run = simulate(parameters.values, 1.5, model=parameters.model,
                            aero_torque=lambda t: 300.0 if 0.1 < t < 0.2 else 0.0)
             swing = np.degrees(np.ptp(run["fin_angle"][run["time"] > 1.3]))
-            rows.append([name, notch, f"{degrees(found.phase):.1f}° / {found.gain_db:.1f} dB" if linear.stable
+            rows.append([name, notch, f"{degrees(margin.phase):.1f}° / {margin.gain_db:.1f} dB" if linear.stable
                          else "unstable", f"{np.min(-modes.real / np.abs(modes)):.4f}", f"{swing:.2g}"])
     return rows
 
 
-def written(text: str, name: str, rows: list[list[str]]) -> str:
-    """Return a page with a table between its marks."""
+def with_table(text: str, name: str, rows: list[list[str]]) -> str:
+    """Return the text of a page whose table `name` has these rows."""
     begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
-    before, after = text.split(begin)[0], text.split(end)[1]
+    head, tail = text.split(begin)[0], text.split(end)[1]
     lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
-    return f"{before}{begin}\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + f"\n{end}{after}"
+    return f"{head}{begin}\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + f"\n{end}{tail}"
 
 
 def respond(parameters: ParameterSet, **inputs: Any) -> Mapping[str, Any]:
@@ -133,7 +134,7 @@ def respond(parameters: ParameterSet, **inputs: Any) -> Mapping[str, Any]:
 
 
 def recovery(parameters: ParameterSet) -> float:
-    """Return the time [ms] after a load step of 100 N.m until the fin is within 0.05 deg for good."""
+    """Return the time [ms] from a load step of 100 N.m until the fin remains within 0.05 deg."""
     run = respond(parameters, aero_torque=lambda t: 100.0 if t >= 0.1 else 0.0)
     away = np.abs(np.degrees(run["fin_angle"])) > 0.05
     return float(run["time"][away][-1] - 0.1) * 1e3
@@ -147,28 +148,28 @@ def lag(parameters: ParameterSet) -> float:
     return float(-np.degrees(np.angle(1j * np.sum(turning))))
 
 
-def compared() -> None:
-    """Draw a step of 1 deg, a load step, and a slew of 40 deg at 20 V with the sets of COLORS."""
-    def step(size: float, before: float = 0.0) -> Any:
-        return lambda t: np.radians(size if t >= 0.35 else before)
+def draw_responses() -> None:
+    """Plot a step of 1 deg, a load step, and a slew of 40 deg at 20 V with the sets of COLORS."""
+    def step(size: float, start: float = 0.0) -> Any:
+        return lambda t: np.radians(size if t >= 0.35 else start)
 
     panels: tuple[tuple[str, dict[str, Any], tuple[float, float], tuple[float, float]], ...] = (
         ("step of 1 deg", {"fin_command": step(1.0)}, (0.34, 0.46), (-0.05, 1.05)),
         ("100 N·m at 0.35 s", {"aero_torque": lambda t: 100.0 if t >= 0.35 else 0.0}, (0.33, 1.0), (-0.05, 0.55)),
         ("slew at 20 V", {"fin_command": step(20.0, -20.0), "supply_voltage": 20.0}, (0.55, 1.1), (17.0, 21.0)))
     with plots.style():
-        drawn, (row,) = plots.figure(1, len(panels), height=2.6, width=9.0)
+        picture, (row,) = plots.figure(1, len(panels), height=2.6, width=9.0)
         for axes, (title, inputs, times, angles) in zip(row, panels, strict=True):
             for name, color in COLORS.items():
                 run = respond(SETS[name], **inputs)
                 axes.plot(run["time"], np.degrees(run["fin_angle"]), color=color, label=name)
             axes.set(title=title, xlim=times, ylim=angles, xlabel="time [s]", ylabel="fin angle [deg]")
-        plots.legend_above(drawn)
-    drawn.savefig(Path(__file__).parent / "two_degrees.png", dpi=150, facecolor="white", metadata={"Software": None})
+        plots.legend_above(picture)
+    picture.savefig(Path(__file__).parent / "two_degrees.png", dpi=150, facecolor="white", metadata={"Software": None})
 
 
 def between(share: float) -> ParameterSet:
-    """Return the shipped set with gains between those of the robust set (0) and its own (1)."""
+    """Return the shipped set with gains between those of the robust set (`share` 0) and its own (1), and beyond."""
     low, high = SETS["robust"].values, SETS["shipped"].values
     return load_parameters().with_values({name: low[name] ** (1.0 - share) * high[name] ** share for name in GAINS})
 
@@ -178,12 +179,12 @@ def main() -> None:
     header = ["", *next(iter(measured.values()))]
     rows = [[name, *(f"{value:.3g}" for value in row.values())] for name, row in measured.items()]
     text = PAGE.read_text(encoding="utf-8")
-    for name, table in (("margins", [header, *rows]), ("observers", observing()), ("notches", swinging())):
-        text = written(text, name, table)
+    for name, table in (("margins", [header, *rows]), ("observers", observer_table()), ("notches", notch_table())):
+        text = with_table(text, name, table)
     PAGE.write_text(text, encoding="utf-8")
 
     with plots.style():
-        drawn, ((axes,),) = plots.figure(1, height=3.4, width=6.4)
+        picture, ((axes,),) = plots.figure(1, height=3.4, width=6.4)
         for observer, color, label in ((0.0, plots.BLUE, "shipped loops"),
                                        (OBSERVER, plots.VERMILLION, "with a load observer")):
             points = []
@@ -199,8 +200,8 @@ def main() -> None:
                       label=name.strip("`"))
         axes.set(xlabel="phase margin at the drive's reference [deg]", ylabel="deviation under 100 N·m [deg]")
         axes.legend()
-    drawn.savefig(Path(__file__).parent / "control.png", dpi=150, facecolor="white", metadata={"Software": None})
-    compared()
+    picture.savefig(Path(__file__).parent / "control.png", dpi=150, facecolor="white", metadata={"Software": None})
+    draw_responses()
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Tables of docs/model/supply.md.
 
     python docs/figures/make_supply.py           # writes them
-    python docs/figures/make_supply.py --check   # exit code 1 where one is stale
+    python docs/figures/make_supply.py --check   # exit code 1 if one is stale
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ def _link(run: Mapping[str, Any]) -> str:
 
 
 def steps() -> str:
-    """A step of 20 deg under loads, with the default set and, in brackets, without the extension."""
+    """Return the table of a step of 20 deg under loads: the default set and, in brackets, without the extension."""
     rows = []
     for load in (0.0, -60.0, -100.0):
         with_it, without = (_run(model, radians(20.0), load) for model in (MODEL, "nonlinear"))
         energies = [np.trapezoid(run["supply_power"], run["time"]) for run in (with_it, without)]
         times = [run["time"][np.argmax(run["fin_angle"] > radians(18.0))] for run in (with_it, without)]
-        drawn, plain = (run["supply_power"].max() for run in (with_it, without))
-        rows.append([f"{load:.0f} N·m", _link(with_it), f"{1e-3 * drawn:.2f} kW ({1e-3 * plain:.2f})",
+        peak, plain = (run["supply_power"].max() for run in (with_it, without))
+        rows.append([f"{load:.0f} N·m", _link(with_it), f"{1e-3 * peak:.2f} kW ({1e-3 * plain:.2f})",
                      f"{with_it['brake_power'].max():.0f} W ({-without['supply_power'].min():.0f})",
                      f"{energies[0]:.1f} J ({energies[1]:.1f})", f"{1e3 * times[0]:.1f} ms ({1e3 * times[1]:.1f})"])
-    return markdown(("load", "link", "peak drawn", "peak into the brake (given back)", "energy drawn",
-                     "time to 18°"), rows)
+    return markdown(("load", "link voltage", "peak supply power", "peak brake power (returned to the bus)",
+                     "supply energy", "time to 18°"), rows)
 
 
 def sources() -> str:
-    """A square wave of 20 deg at 3.2 Hz with other sources."""
+    """Return the table of a square wave of +-20 deg at 3.2 Hz: the default set, without chopper and without diode."""
     rows = []
     for words, changes in (("default", {}), ("no chopper", {"chopper_voltage": 1e5}), ("no diode", {"one_way": False})):
         run = _run(MODEL, lambda t: radians(20.0) if sin(20.0 * t) > 0.0 else -radians(20.0), **changes)
         rows.append([words, _link(run), f"{max(0.0, -run['supply_power'].min()):.0f} W",
                      f"{np.trapezoid(run['brake_power'], run['time']):.1f} J"])
-    return markdown(("", "link", "peak into the source", "energy into the brake"), rows)
+    return markdown(("", "link voltage", "peak power into the source", "energy of the brake"), rows)
 
 
 TABLES = {"model/supply.md": {"steps": steps, "sources": sources}}

@@ -1,4 +1,4 @@
-"""Compare shipped gains with two degrees of freedom for every kind of actuator, and draw the default one's choice.
+"""Compare shipped gains with two degrees of freedom for every kind of actuator, and plot the default one's trade-offs.
 
 Writes the table of kinds in docs/model/control.md, and two_degrees_front.png.
 """
@@ -22,20 +22,20 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 SET = "two-degrees-of-freedom"
 KINDS = [name for name in NAMES if get(name).feed_forward is not None and (
     capabilities.POSITION_LOOP in get(name).provides)]
-RATED = {"servo": 5.0}  # N.m of hinge moment, where it is not Table 2's
-RATES = (0.0, 50.0, 100.0, 150.0, 250.0)  # 1/s, of the load observer
-FACTORS = np.linspace(0.8, 1.3, 11)  # of the crossover: kp and velocity.kp in proportion, ki with its square
+RATED = {"servo": 5.0}  # N.m of hinge moment, if it is not that of Table 2
+BANDWIDTHS = (0.0, 50.0, 100.0, 150.0, 250.0)  # 1/s, of the load observer
+FACTORS = np.linspace(0.8, 1.3, 11)  # of the loops' speed: kp and velocity.kp in proportion, ki with its square
 LIMITS = {"phase_margin": 45.0, "gain_margin": 8.0, "peak_angle": 0.35, "bandwidth_3db": 18.0}
 
 
-def of(parameters: ParameterSet, test: Test, name: str, variants: Any = ({},), sense: str = "maximum") -> list[float]:
-    """Measure a figure of a set, or of variants of it; angles in degrees."""
+def figure(parameters: ParameterSet, test: Test, name: str, variants: Any = ({},), sense: str = "maximum") -> list[float]:
+    """Return a figure of a set for each of its variants; margins and deviations in degrees."""
     values = measure(test, ParameterSubject(parameters), list(variants), (name,), (sense,))[:, 0]
     return [float(v) for v in (np.degrees(values) if name in ("phase_margin", "peak_angle") else values)]
 
 
 def settled(parameters: ParameterSet, torque: float) -> float:
-    """Return the time [ms] after a load step until the fin is within 0.05 deg for good; inf if it never is."""
+    """Return the time [ms] from a load step until the fin remains within 0.05 deg; inf if it does not."""
     run = respond(parameters, aero_torque=lambda t: torque if t >= 0.1 else 0.0)
     away = np.flatnonzero(np.abs(np.degrees(run["fin_angle"])) > 0.05)
     if not len(away):
@@ -44,18 +44,18 @@ def settled(parameters: ParameterSet, torque: float) -> float:
 
 
 def figures(parameters: ParameterSet, torque: float) -> dict[str, float]:
-    """Measure the figures of the table of kinds."""
+    """Return the figures of a set for the table of kinds; the load is `torque` [N.m]."""
     load = Test("load", duration=1.0, torque=torque)
     return {
-        "phase margin / °": of(parameters, LINEAR, "phase_margin", sense="minimum")[0],
-        "gain margin / dB": of(parameters, LINEAR, "gain_margin", sense="minimum")[0],
-        "−3 dB at 1° / Hz": of(parameters, Test("sine", float(np.radians(1.0))), "bandwidth_3db", sense="minimum")[0],
+        "phase margin / °": figure(parameters, LINEAR, "phase_margin", sense="minimum")[0],
+        "gain margin / dB": figure(parameters, LINEAR, "gain_margin", sense="minimum")[0],
+        "−3 dB at 1° / Hz": figure(parameters, Test("sine", float(np.radians(1.0))), "bandwidth_3db", sense="minimum")[0],
         "lag at 5 Hz / °": lag(parameters),
-        "settling of 1° / ms": 1e3 * of(parameters, step(1.0), "settling_time")[0],
+        "settling of 1° / ms": 1e3 * figure(parameters, step(1.0), "settling_time")[0],
         "largest overshoot of 1, 5, 10° / %": 100.0 * max(
-            of(parameters, step(size), "overshoot")[0] for size in (1.0, 5.0, 10.0)),
-        "20° within 0.2° after / ms": 1e3 * of(parameters, step(20.0), "time_to_accuracy")[0],
-        "load step / °": of(parameters, load, "peak_angle")[0],
+            figure(parameters, step(size), "overshoot")[0] for size in (1.0, 5.0, 10.0)),
+        "20° within 0.2° after / ms": 1e3 * figure(parameters, step(20.0), "time_to_accuracy")[0],
+        "load step / °": figure(parameters, load, "peak_angle")[0],
         "back within 0.05° after / ms": settled(parameters, torque)}
 
 
@@ -72,14 +72,14 @@ def table() -> None:
         rows[kind] = {name: f"{text(shipped[name])} → {text(two[name])}" for name in shipped}
     header = ["", *next(iter(rows.values()))]
     lines = [header, ["---"] * len(header), *([f"`{kind}`", *row.values()] for kind, row in rows.items())]
-    before, rest = PAGE.read_text(encoding="utf-8").split("<!-- begin kinds -->")
-    after = rest.split("<!-- end kinds -->")[1]
-    written = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    PAGE.write_text(f"{before}<!-- begin kinds -->\n{written}\n<!-- end kinds -->{after}", encoding="utf-8")
+    head, rest = PAGE.read_text(encoding="utf-8").split("<!-- begin kinds -->")
+    tail = rest.split("<!-- end kinds -->")[1]
+    kinds = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    PAGE.write_text(f"{head}<!-- begin kinds -->\n{kinds}\n<!-- end kinds -->{tail}", encoding="utf-8")
 
 
 def front() -> None:
-    """Draw load step and bandwidth against the margins, over gains and the observer's bandwidth."""
+    """Plot deviation under a load and bandwidth against the margins, for gains and bandwidths of the load observer."""
     base = load_parameters(SET)
     panels = (("phase_margin", "peak_angle", "phase margin [deg]", "deviation under 100 N·m [deg]"),
               ("gain_margin", "peak_angle", "gain margin [dB]", "deviation under 100 N·m [deg]"),
@@ -88,29 +88,29 @@ def front() -> None:
              "bandwidth_3db": Test("sine", float(np.radians(1.0)))}
     senses = {"peak_angle": "maximum"}
 
-    def measured(variants: list[dict[str, float]]) -> dict[str, list[float]]:
-        return {name: of(base, test, name, variants, senses.get(name, "minimum")) for name, test in tests.items()}
+    def figures_of(variants: list[dict[str, float]]) -> dict[str, list[float]]:
+        return {name: figure(base, test, name, variants, senses.get(name, "minimum")) for name, test in tests.items()}
 
     def scaled(factor: float, observer: float) -> dict[str, float]:
         powers = {"controller.position.ki": 2.0}
         return {**{name: float(base.values[name]) * factor ** powers.get(name, 1.0) for name in GAINS},
                 "controller.load_observer": observer}
 
-    curves = {rate: measured([scaled(float(f), rate) for f in FACTORS]) for rate in RATES}
-    chosen = measured([{}])
+    curves = {bandwidth: figures_of([scaled(float(f), bandwidth) for f in FACTORS]) for bandwidth in BANDWIDTHS}
+    chosen = figures_of([{}])
     with plots.style():
-        drawn, (row,) = plots.figure(1, len(panels), height=2.9, width=9.5)
-        shades = np.linspace(0.85, 0.2, len(RATES))
+        picture, (row,) = plots.figure(1, len(panels), height=2.9, width=9.5)
+        shades = np.linspace(0.85, 0.2, len(BANDWIDTHS))
         for axes, (x, y, across, up) in zip(row, panels, strict=True):
-            for (rate, curve), shade in zip(curves.items(), shades, strict=True):
+            for (bandwidth, curve), shade in zip(curves.items(), shades, strict=True):
                 axes.plot(curve[x], curve[y], color=(1.0 - 0.9 * (1 - shade), 0.75 * shade, 0.25 + 0.5 * shade),
-                          label=f"observer {rate:g} 1/s" if rate else "no observer")
+                          label=f"observer {bandwidth:g} 1/s" if bandwidth else "no observer")
             axes.plot(chosen[x], chosen[y], "o", color="#222222", label="the set")
             axes.axvline(LIMITS[x], color="#888888", linestyle="--", linewidth=0.8)
             axes.axhline(LIMITS[y], color="#888888", linestyle="--", linewidth=0.8)
             axes.set(xlabel=across, ylabel=up)
-        plots.legend_above(drawn)
-    drawn.savefig(Path(__file__).parent / "two_degrees_front.png", dpi=150, facecolor="white",
+        plots.legend_above(picture)
+    picture.savefig(Path(__file__).parent / "two_degrees_front.png", dpi=150, facecolor="white",
                   metadata={"Software": None})
 
 
