@@ -9,12 +9,12 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.analysis import pictures
 from emcas_fmu.studies.analysis.analyse import analyse
 
-DRAWN = {"nichols": pictures.nichols, "amplitudes": pictures.amplitudes, "capability": pictures.fin_capability}
+PLOTS = {"nichols": pictures.nichols, "amplitudes": pictures.amplitudes, "capability": pictures.fin_capability}
 
 
 def main() -> None:
     analysis = analyse(load_parameters())
-    for name, draw in DRAWN.items():
+    for name, draw in PLOTS.items():
         with plots.style():
             draw(analysis).figure.savefig(Path(__file__).parent / f"analysis_{name}.png", dpi=110, facecolor="white",
                                           metadata={"Software": None})

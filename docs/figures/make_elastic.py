@@ -1,5 +1,4 @@
-"""Draw and compute what docs/model/elastic.md shows: `python docs/figures/make_elastic.py` draws the
-figure and prints the tables."""
+"""Plot the figure of docs/model/elastic.md and print its tables: `python docs/figures/make_elastic.py`."""
 
 from __future__ import annotations
 
@@ -24,13 +23,13 @@ BASE = load_parameters(model=MODEL)
 
 
 def _indirect(motor_angle: Any) -> Any:
-    """Fin angle [rad] through lever and screw."""
+    """Return the fin angle [rad] that a motor angle [rad] gives through screw and lever without gap and compliance."""
     values, start = BASE.values, BASE.values["kinematics.initial_angle"]
     return np.arctan(values["screw.lead"] / values["kinematics.moment_arm"] * motor_angle + tan(start)) - start
 
 
 def _draw() -> None:
-    """A slow cycle over 2 deg against friction at the fin, so that the flank changes with the direction."""
+    """Plot a slow cycle of 2 deg against friction at the fin, which makes the flank change with the direction."""
     with plots.style():
         figure, axes = plots.figure(1, 2, height=3.4)
         for gap, color in ((0.0, plots.GREEN), (50e-6, plots.BLUE), (100e-6, plots.VERMILLION)):
@@ -53,13 +52,13 @@ def _draw() -> None:
 
 
 def _width(values: Any, step: float) -> float:
-    """What the fin still does [deg] from 17 to 20 s after a step [rad]."""
+    """Return the motion of the fin [deg], peak to peak, in the last 3 of 20 s with a step [rad]."""
     run = simulate(values, 20.0, model=MODEL, fin_command=lambda t: step if t > 0.05 else 0.0)
     return float(np.degrees(np.ptp(run["fin_angle"][17000:])))
 
 
 def _limit_cycles() -> None:
-    """The largest width [deg] of a limit cycle over several steps."""
+    """Print the tables of the largest width [deg] of a limit cycle after STEPS."""
     for dry, on_fin in product(DRY, (True, False)):
         print(f"\n{dry:g} N.m, loop closed {'at the fin' if on_fin else 'at the motor'}")
         print("| gap | " + " | ".join(f"×{gain:g}" for gain in GAINS) + " |")

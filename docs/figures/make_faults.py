@@ -1,7 +1,7 @@
 """Picture and tables of docs/model/faults.md.
 
     python docs/figures/make_faults.py           # writes them
-    python docs/figures/make_faults.py --check   # exit code 1 where a table is stale
+    python docs/figures/make_faults.py --check   # exit code 1 if a table is stale
 """
 
 from __future__ import annotations
@@ -27,10 +27,9 @@ from emcas_fmu.parameters import load_parameters
 
 HERE = Path(__file__).parent
 BEGIN, END, STOP = 0.2, 0.4, 0.6  # s
-FOUND_STOP = 2.0  # s
+LONG_STOP = 2.0  # s, end of the runs for detection and failed windings
 LOAD, LOADS = 40.0, {"servo": 4.0}  # N.m, of an actuator, and of those that hold less
-# What is below is rounding, or a count more or less.
-LEAST = 0.005  # deg
+SMALLEST = 0.005  # deg; smaller changes are rounding, or a count more or less
 
 
 def _command(time: Any) -> Any:
@@ -42,7 +41,7 @@ def _has(model: str, fault: str) -> bool:
 
 
 def _runs(model: str, faults: Sequence[str], window: tuple[float, float], **inputs: Any) -> Runs:
-    """Return the runs of a model, one under each fault, and the last under none."""
+    """Return the runs of a model, one with each fault, active in a window of time [s], and the last without."""
     subject = ParameterSubject(load_parameters(model=f"{model}+faults"))
     changes = {}
     for run, fault in enumerate(faults):
@@ -52,7 +51,7 @@ def _runs(model: str, faults: Sequence[str], window: tuple[float, float], **inpu
             changes[name][run] = time
     runs = subject.run_all(Excitation("faults", inputs), changes)
     for run in range(len(runs)):
-        runs[run].finished()  # raises, where a run stopped
+        runs[run].finished()  # raises if a run stopped
     return runs
 
 
@@ -62,58 +61,59 @@ def _under_sines(model: str, faults: Sequence[str]) -> Runs:
                  aero_torque=LOADS.get(model, LOAD) * np.sin(2.0 * np.pi * 1.7 * time))
 
 
-def acting() -> str:
-    """What each fault does to the fin angle of each model that can have it."""
+def effects() -> str:
+    """Return the table of the largest change of the fin angle due to each fault, for each model that can have it."""
     cells: dict[str, dict[str, str]] = {name: {} for model in NAMES for name in bits(get(model))}
     for model in NAMES:
         faults = [name for name in cells if _has(model, name)]
         angle = np.degrees(_under_sines(model, faults).columns["fin_angle"])
         for fault, moved in zip(faults, np.abs(angle[:-1] - angle[-1]).max(axis=1), strict=True):
-            cells[fault][model] = f"{moved:.2g}°" if moved > LEAST else "–"
-    return markdown(("fault", *NAMES), [(f"`{fault}`", *(of.get(model, "") for model in NAMES))
-                                        for fault, of in cells.items()])
+            cells[fault][model] = f"{moved:.2g}°" if moved > SMALLEST else "–"
+    return markdown(("fault", *NAMES), [(f"`{fault}`", *(changes.get(model, "") for model in NAMES))
+                                        for fault, changes in cells.items()])
 
 
-def found() -> str:
-    """What the built-in test of the nonlinear model finds, and when."""
-    faults, time = possible(get("nonlinear")), times(FOUND_STOP)
+def detection() -> str:
+    """Return the table of the monitors that detect each fault of the nonlinear model, with their times."""
+    faults, time = possible(get("nonlinear")), times(LONG_STOP)
     runs = _runs("nonlinear", [fault.name for fault in faults], (BEGIN, 1e9),
                  fin_command=np.radians(np.where(time % 1.0 < 0.5, 10.0, -10.0)))
     rows = []
     for fault, word in zip(faults, runs.columns["built_in_test"][:-1].astype(int), strict=True):
-        seen = [f"{monitor.name} after {np.flatnonzero(word & 2**i)[0] * STEP - BEGIN:.2f} s"
-                for i, monitor in enumerate(MONITORS) if (word & 2**i).any()]
-        rows.append((f"`{fault.name}`", fault.description, ", ".join(seen) or "–"))
-    return markdown(("fault", "what it is", "found by"), rows)
+        tripped = [f"{monitor.name} after {np.flatnonzero(word & 2**i)[0] * STEP - BEGIN:.2f} s"
+                   for i, monitor in enumerate(MONITORS) if (word & 2**i).any()]
+        rows.append((f"`{fault.name}`", fault.description, ", ".join(tripped) or "–"))
+    return markdown(("fault", "description", "detected by"), rows)
 
 
-def released() -> str:
-    """Where a load drives the fin of the nonlinear model whose motor fails, at what rate."""
+def failed_motor() -> str:
+    """Return the table of final angle and largest rate of the nonlinear model's fin under loads, when its motor fails.
+    """
     names, rows = ("drive_loss", "winding_short", "phase_loss"), []
     for load in (20.0, 40.0, 100.0, 150.0):
-        runs = _runs("nonlinear", names, (BEGIN, 1e9), aero_torque=np.full_like(times(FOUND_STOP), load))
+        runs = _runs("nonlinear", names, (BEGIN, 1e9), aero_torque=np.full_like(times(LONG_STOP), load))
         cells = []
         for run in range(len(names)):
             columns, begun = runs[run].columns, times(BEGIN).size
             angle, rate = (np.degrees(columns[name])[begun:] for name in ("fin_angle", "fin_rate"))
             stopped = np.flatnonzero(columns["at_stop"])
-            where = f"stop after {stopped[0] * STEP - BEGIN:.2f} s" if stopped.size else f"{angle[-1]:.2g}°"
-            cells.append(f"{where}, {np.abs(rate).max():.3g}°/s")
+            end = f"stop after {stopped[0] * STEP - BEGIN:.2f} s" if stopped.size else f"{angle[-1]:.2g}°"
+            cells.append(f"{end}, {np.abs(rate).max():.3g}°/s")
         rows.append((f"{load:.0f} N·m", *cells))
     return markdown(("load", *(f"`{name}`" for name in names)), rows)
 
 
-TABLES = {"model/faults.md": {"acting": acting, "found": found, "released": released}}
+TABLES = {"model/faults.md": {"acting": effects, "found": detection, "released": failed_motor}}
 
 
 def _draw() -> None:
-    shown = ("jam", "free_fin", "drive_loss", "hard_over", "encoder_reversed", "encoder_dropped", "brown_out",
-             "command_delay")
+    faults = ("jam", "free_fin", "drive_loss", "hard_over", "encoder_reversed", "encoder_dropped", "brown_out",
+              "command_delay")
     with plots.style():
         figure, axes = plots.figure(4, 2, height=1.75, sharex=True, sharey=True)
-        runs = _under_sines("nonlinear", shown)
-        for place, (name, axis) in enumerate(zip(shown, axes.flat, strict=True)):
-            run = runs[place].columns
+        runs = _under_sines("nonlinear", faults)
+        for index, (name, axis) in enumerate(zip(faults, axes.flat, strict=True)):
+            run = runs[index].columns
             axis.axvspan(BEGIN, END, color=plots.GRAY, alpha=0.18, linewidth=0.0)
             axis.plot(run["time"], np.degrees(_command(run["time"])), color=plots.GRAY, linewidth=1.0,
                       label="command")

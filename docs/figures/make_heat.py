@@ -1,5 +1,4 @@
-"""Draw and compute what docs/model/heat.md shows: `python docs/figures/make_heat.py` draws the figures and
-prints the numbers."""
+"""Plot the figures of docs/model/heat.md and print its numbers: `python docs/figures/make_heat.py`."""
 
 from __future__ import annotations
 
@@ -17,11 +16,11 @@ from emcas_fmu.studies.analysis.envelope import draw, envelope
 MODEL = "nonlinear+heat"
 BASE = load_parameters(model=MODEL)
 FOLDER = Path(__file__).parent
-PERIOD, BUSY, STOP = 12.0, 6.0, 120.0
+PERIOD, BUSY, STOP = 12.0, 6.0, 120.0  # s
 
 
 def _command(t: float) -> float:
-    """Half the time a square wave of 15 deg at 4 Hz, the other half still."""
+    """Return the command [rad]: a square wave of 15 deg at 4 Hz for BUSY s of every PERIOD s, otherwise 0."""
     if t % PERIOD >= BUSY:
         return 0.0
     return 0.26 if sin(tau * 4.0 * t) > 0.0 else -0.26
@@ -34,10 +33,10 @@ def _duty_cycle() -> None:
     with plots.style():
         figure, axes = plots.figure(3, 1, height=1.9, sharex=True)
         (first,), (second,), (third,) = axes
-        # The largest of each 0.25 s: the cycles themselves are too many for the width of the page.
-        parts = 125
-        most = current[:len(current) // parts * parts].reshape(-1, parts).max(axis=1)
-        first.fill_between(time[:len(most) * parts:parts], most, step="post", color=plots.SKY, linewidth=0.0,
+        # The largest current in each 0.25 s, since single cycles are too narrow for the page.
+        samples = 125
+        largest = current[:len(current) // samples * samples].reshape(-1, samples).max(axis=1)
+        first.fill_between(time[:len(largest) * samples:samples], largest, step="post", color=plots.SKY, linewidth=0.0,
                            label="motor current, largest in 0.25 s")
         first.plot(time, run["current_limit"], color=plots.VERMILLION, label="limit")
         first.set(ylabel="current [A]", ylim=(0.0, 75.0))
@@ -51,18 +50,18 @@ def _duty_cycle() -> None:
         third.set(ylabel="temperature [°C]", xlabel="time [s]", xlim=(0.0, STOP))
         third.legend(loc="upper left", ncols=2)
         figure.savefig(FOLDER / "heat_duty_cycle.png", dpi=110, facecolor="white", metadata={"Software": None})
-    folds = np.flatnonzero(run["current_limit"] < BASE.values["drive.current_limit"])[0]
-    print(f"folds back from {time[folds]:.1f} s, burst {1 + int(time[folds] // PERIOD)}, winding "
-          f"{run['winding_temperature'][folds]:.1f} degC; least limit from each burst to the next [A]: "
+    start = np.flatnonzero(run["current_limit"] < BASE.values["drive.current_limit"])[0]
+    print(f"current limit reduced from {time[start]:.1f} s, burst {1 + int(time[start] // PERIOD)}, winding "
+          f"{run['winding_temperature'][start]:.1f} degC; smallest limit from each burst to the next [A]: "
           + ", ".join(f"{run['current_limit'][(time >= t) & (time < t + PERIOD)].min():.1f}"
                       for t in np.arange(0.0, STOP, PERIOD)))
     winding, case = (run[f"{name}_temperature"][-1] for name in ("winding", "case"))
     print(f"duty cycle: winding {winding:.1f} degC, case {case:.1f} degC, "
-          f"least limit {run['current_limit'].min():.1f} A, rms current {np.sqrt(np.mean(current**2)):.1f} A")
+          f"smallest limit {run['current_limit'].min():.1f} A, rms current {np.sqrt(np.mean(current**2)):.1f} A")
 
 
 def _warm() -> None:
-    """A step of 20 deg against 60 N.m, cold and with winding and case warm."""
+    """Print rate and time of a step of 20 deg against 60 N.m, with cold and with warm winding and case."""
     runs = []
     for winding, case in ((0.0, 0.0), (100.0, 60.0)):
         values = BASE.with_values({"heat.winding_start_rise": winding, "heat.case_start_rise": case}).values

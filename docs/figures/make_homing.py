@@ -1,5 +1,4 @@
-"""Draw and compute what docs/model/homing.md shows: `python docs/figures/make_homing.py` draws the figure
-and prints the tables."""
+"""Plot the figure of docs/model/homing.md and print its tables: `python docs/figures/make_homing.py`."""
 
 from __future__ import annotations
 
@@ -19,13 +18,16 @@ from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 
 MODEL = "nonlinear+homing"
-START, COMMAND, HOME = radians(-8.0), radians(10.0), (0.5, 7.5)
+START, COMMAND, HOME = radians(-8.0), radians(10.0), (0.5, 7.5)  # rad, rad, s
 MODELS = ("nonlinear", "elastic", "habibi", "ozkan", "ristanovic")
 STARTS = np.radians(np.linspace(-25.0, 25.0, 41))
 
 
 def _run(obstacle: Callable[[float, float], float], stop: float) -> dict[str, Any]:
-    """Outputs every 1 ms under a torque [N.m] of time [s] and fin angle [rad]; `home` rises at the times `HOME`."""
+    """Return outputs every 1 ms up to `stop` [s]; `home` rises at the times HOME.
+
+    `obstacle` returns a torque [N.m] from time [s] and fin angle [rad].
+    """
     core = codegen.core(load_parameters(model=MODEL).with_values({"fin.start_angle": START}).values, MODEL)
     rows = []
     angle = START
@@ -73,7 +75,7 @@ def _draw() -> None:
 
 
 def _zeros() -> None:
-    """Largest error of the zero and of the fin, shortest and longest run, over start angles."""
+    """Print the table of the largest error of the zero and the shortest and longest homing run, over STARTS."""
     print("| model | motor's belief, both stops | one stop only | shortest and longest run |\n|---|---|---|---|")
     for name in MODELS:
         row, times = [], []
@@ -93,7 +95,7 @@ def _zeros() -> None:
 
 
 def _homes(name: str, temperature: float, load: float) -> bool:
-    """Whether it homes from zero under a constant load [N.m] at a temperature [degC], either way round."""
+    """Return whether a model homes from zero under a constant load [N.m] at a temperature [degC], in both orders."""
     for first in (True, False):
         values = load_parameters(model=f"{name}+homing").with_values({
             "friction.temperature": temperature, "homing.positive_first": first}).values
@@ -103,7 +105,7 @@ def _homes(name: str, temperature: float, load: float) -> bool:
 
 
 def _loads() -> None:
-    """Largest load before the first failure, in steps of 1 N.m."""
+    """Print the table of the largest load [N.m] at which homing succeeds, in steps of 1 N.m from 0."""
     print("| model | 24 °C | -6 °C |\n|---|---|---|")
     for name in MODELS:
         row = []
@@ -114,15 +116,15 @@ def _loads() -> None:
 
 
 def _cost() -> None:
-    """CPU of a second in closed loop, in Python [ms]."""
+    """Print the CPU time [ms] of a simulated second in closed loop, in Python."""
     for model, more in (("nonlinear", {}), (MODEL, {"homing.required": False})):
         values = load_parameters(model=model).with_values(more).values
-        least = []
+        times = []
         for _ in range(5):
             begun = time.process_time()
             simulate(values, 2.0, kernel="python", model=model, fin_command=0.1)
-            least.append(time.process_time() - begun)
-        print(f"{model}: {min(least) * 500.0:.1f} ms")
+            times.append(time.process_time() - begun)
+        print(f"{model}: {min(times) * 500.0:.1f} ms")
 
 
 def main() -> None:

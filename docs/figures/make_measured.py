@@ -1,7 +1,7 @@
-"""What docs/model/measured.md shows: tables and pictures of simulated against measured actuators.
+"""Tables and pictures of docs/model/measured.md, which compare simulated with measured actuators.
 
     EMCAS_RECORDS=FOLDER python docs/figures/make_measured.py           # writes tables and pictures
-    EMCAS_RECORDS=FOLDER python docs/figures/make_measured.py --check   # exit code 1 where a table is stale
+    EMCAS_RECORDS=FOLDER python docs/figures/make_measured.py --check   # exit code 1 if a table is stale
 
 The folder contains the records of EMPS in emps and those of the XL330 in xl330; they are not part of this project.
 """
@@ -32,7 +32,7 @@ ERRORS = {"force_percent": ".2f", "position_percent": ".5f", "window_rms_mm": ".
 
 
 def figures(program: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-    """The JSON of a comparison, which is written to the path that `program` receives after its arguments."""
+    """Return the JSON that a comparison writes to the path which `program` receives after `arguments`."""
     with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
         path = Path(folder) / "figures.json"
         program(*arguments, path)
@@ -41,7 +41,7 @@ def figures(program: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
 
 
 def emps(document: Mapping[str, Any]) -> str:
-    """Errors of the EMPS drive, with the authors' parameters and with ours."""
+    """Return the table of the EMPS drive's errors, with the authors' parameters and with the calibrated ones."""
     sets = [*((f"authors, {name}", each) for name, each in document["authors"].items()), ("this model", document)]
     return markdown(("parameters", "record", "force %", "position %", "windows mm", "with level mm"), (
         (words, record, *(format(each[record][name], form) if name in each[record] else "" for name, form in
@@ -49,7 +49,7 @@ def emps(document: Mapping[str, Any]) -> str:
 
 
 def xl330(document: Mapping[str, Any]) -> str:
-    """Errors of the XL330's position for each record."""
+    """Return the table of the XL330's position errors for each record."""
     rows = [(each["trajectory"].replace("_", " "), f"{each['kp']:.0f}", f"{each['mean_abs_error_mrad']:.1f}")
             for each in sorted(document["records"], key=lambda each: (each["trajectory"], each["kp"]))]
     return markdown(("trajectory", "firmware gain", "mean absolute error, mrad"),
@@ -57,7 +57,7 @@ def xl330(document: Mapping[str, Any]) -> str:
 
 
 def documents(folder: Path, pictures: bool) -> dict[str, dict[str, Callable[[], str]]]:
-    """The tables of the page; the comparisons are run now, and draw their pictures if wanted."""
+    """Run the comparisons, with their pictures if `pictures`, and return the functions that make the page's tables."""
     plots = [FIGURES / f"measured_{name}.png" if pictures else None for name in ("emps", "xl330")]
     drive = figures(lambda path: emps_compare.compare(folder, path, plots[0]))
     servo = figures(lambda path: xl330_compare.main([
@@ -67,6 +67,6 @@ def documents(folder: Path, pictures: bool) -> dict[str, dict[str, Callable[[], 
 
 if __name__ == "__main__":
     if not os.environ.get(FOLDER):
-        sys.exit(f"no records: name their folder by {FOLDER}; docs/model/measured.md says where they can be had")
+        sys.exit(f"no records: set {FOLDER} to their folder; docs/model/measured.md says where they are published")
     checked = "--check" in sys.argv[1:]
     sys.exit(main(checked, documents(Path(os.environ[FOLDER]), not checked), "make_measured.py"))

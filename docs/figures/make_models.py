@@ -1,4 +1,4 @@
-"""Draw the picture of docs/model/models.md: `python docs/figures/make_models.py`."""
+"""Plot the picture of docs/model/models.md: `python docs/figures/make_models.py`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
-# Step [deg], load [N.m], end [s], the panel's title.
+# Step [deg], load [N.m], end of the run [s], title of the panel.
 CASES = ((2.0, 0.0, 0.12, "2°, unloaded"), (15.0, 0.0, 0.2, "15°, unloaded"),
          (15.0, -100.0, 0.2, "15° against 100 N·m"), (15.0, 100.0, 0.2, "15° with 100 N·m"))
 
 
 def _step(angle: float, time: float) -> float:
-    """Command [rad] that steps to `angle` [deg]."""
+    """Return the command [rad] at a time [s], which steps to `angle` [deg] at 0.02 s."""
     return radians(angle) if time > 0.0199 else 0.0
 
 

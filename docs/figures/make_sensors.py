@@ -1,7 +1,7 @@
-"""What docs/model/sensors.md shows: by how much errors of sensors move the default actuator.
+"""Table of docs/model/sensors.md: changes of the default actuator's behaviour due to errors of its sensors.
 
     python docs/figures/make_sensors.py           # writes the table between its markers
-    python docs/figures/make_sensors.py --check   # exit code 1 where it is stale
+    python docs/figures/make_sensors.py --check   # exit code 1 if it is stale
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ ON_MOTOR: Mapping[str, Mapping[str, float]] = {
 ON_FIN: Mapping[str, Mapping[str, float]] = {
     "once a turn 0.1°": {ONCE: radians(0.1)}, "twice a turn 0.05°": {TWICE: radians(0.05)},
     "noise 0.03°": {NOISE: radians(0.03)}}
-BESIDE_FIN = {"encoder.on_fin": True, "encoder.pulses": 131072}  # 64 times as many: a count as of the motor's
+WITH_FIN_ENCODER = {"encoder.on_fin": True, "encoder.pulses": 131072}  # 64 times the pulses: the same angle in a count
 CASES: Sequence[tuple[str, str | None, Mapping[str, Any], Mapping[str, Mapping[str, float]]]] = (
     ("shipped gains", None, {}, {**CURRENT, **ON_MOTOR}),
     ("`load-observer`", "load-observer", {}, {**CURRENT, **ON_MOTOR}),
     ("`two-degrees-of-freedom`", "two-degrees-of-freedom", {}, {**CURRENT, **ON_MOTOR}),
-    ("encoder on the fin", None, BESIDE_FIN, ON_FIN))
+    ("encoder on the fin", None, WITH_FIN_ENCODER, ON_FIN))
 HEADER = ("", "steps of 1, 5, 20°", "sweep of 3.5°", "held at 20° / under 100 N·m", "rate / against 100 N·m",
           "−3 dB at 1° / 3.5°", "current at rest", "3 s of 100 N·m", "margins")
 
 
 def _rows(subject: ParameterSubject, errors: Mapping[str, Mapping[str, float]]) -> list[list[str]]:
-    """Return the rows of an actuator without errors, and of one with each."""
+    """Return the rows of an actuator without errors, and with each of the errors."""
     changes = [{}, *errors.values()]
 
     def moved(excitation: Any) -> Any:
@@ -66,7 +66,7 @@ def _rows(subject: ParameterSubject, errors: Mapping[str, Mapping[str, float]]) 
 
 
 def effects() -> str:
-    """What each error moves: of fin angles the largest difference from those without."""
+    """Return the table of the effects of each error; for fin angles the largest difference from no errors."""
     rows = []
     for title, file, changes, errors in CASES:
         parameters = load_parameters(model="nonlinear+sensors")

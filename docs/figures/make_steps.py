@@ -1,4 +1,4 @@
-"""Draw the README's picture: `python docs/figures/make_steps.py EMCAS.fmu`."""
+"""Plot the README's picture: `python docs/figures/make_steps.py EMCAS.fmu`."""
 
 from __future__ import annotations
 

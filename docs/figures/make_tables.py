@@ -1,7 +1,7 @@
-"""Tables of pages in docs: what is declared, and what is measured.
+"""Tables of pages in docs, from declarations and from simulations.
 
     python docs/figures/make_tables.py           # writes them between their markers
-    python docs/figures/make_tables.py --check   # exit code 1 where one is stale
+    python docs/figures/make_tables.py --check   # exit code 1 if one is stale
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ if str(DOCS.parent) not in sys.path:
 
 from tests.simulation import ramped_core  # noqa: E402
 
-FINE = 1e-4  # s, the communication step the others are compared with
+FINE = 1e-4  # s, the communication step with which STEPS are compared
 STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)  # s
 STOP = 1.0  # s
-ROUNDING = 1e-9  # deg, a thousand times what rounding grows to
+ROUNDING = 1e-9  # deg, a thousand times the differences due to rounding
 SHOWN = 6  # rows of the drift table
-# Kinds of actuation that are compared by themselves (make_comparison.py); the others are models of one.
+# Other kinds of actuation (make_comparison.py); the remaining actuators are models of the same one.
 KINDS = ("worm-gear", "worm-gear-elastic", "clutch", "series-clutch", "servo", "electrohydrostatic", "electrohydraulic")
 MODELS = tuple(name for name in NAMES if name not in KINDS)
 
 
 def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table."""
+    """Return a Markdown table."""
     header = list(header)
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
@@ -78,23 +78,23 @@ def _wiring(variables: Iterable[Variable], name: Callable[[Variable], str] = lam
 
 
 def single() -> str:
-    """Inputs and outputs of one actuator."""
+    """Return the table of inputs and outputs of one actuator."""
     return _wiring((*get(NONLINEAR).inputs, *get(NONLINEAR).outputs))
 
 
 def several() -> str:
-    """What a unit of four has beside its fins."""
-    unit = FmuInterface(4)
-    of_fin = [v for v in (*unit.actuator.inputs, *unit.actuator.outputs) if v.name not in unit.shared]
+    """Return the table of the variables of an FMU with four fins that belong to no fin, and lists of the others."""
+    fmu = FmuInterface(4)
+    of_fin = [v for v in (*fmu.actuator.inputs, *fmu.actuator.outputs) if v.name not in fmu.shared]
     names = ", ".join(f"`fin[1].{v.name}`" for v in of_fin)
-    return (_wiring((*MIXING, *unit.line_outputs, *BUS.parameters))
-            + "\n\nShared by all fins, at the top: " + ", ".join(f"`{name}`" for name in unit.shared)
+    return (_wiring((*MIXING, *fmu.line_outputs, *BUS.parameters))
+            + "\n\nShared by all fins, at the top: " + ", ".join(f"`{name}`" for name in fmu.shared)
             + f".\n\nOf each fin: {names}, and every parameter, such as `fin[1].mounting.azimuth`.")
 
 
 @dataclass(frozen=True)
 class Loop:
-    """A host's loop: `command` [rad] and `torque` [N.m] from time [s] and the last fin angle [rad], held or ramped."""
+    """A host's loop: `command` [rad] of time [s], held or ramped, and `torque` [N.m] of the last fin angle [rad]."""
 
     title: str
     command: Callable[[float], float]
@@ -102,20 +102,20 @@ class Loop:
     ramped: bool = False
 
     def angles(self, step: float) -> list[float]:
-        """Fin angle [deg] every `step` [s]."""
+        """Return the fin angle [deg] at every communication step of `step` [s], from 0 to STOP."""
         values = dict(load_parameters().values)
         values["encoder.enabled"] = False  # its chatter would look like an error of the step (docs/model/numerics.md)
         core = ramped_core(values)
         supply = values["drive.supply_voltage"]
-        angle, found = 0.0, [0.0]
+        angle, angles = 0.0, [0.0]
         for k in range(round(STOP / step)):
             begin, end = k * step, (k + 1) * step
-            acting = codegen.inputs_at_rest(self.command(begin), self.torque(angle), supply)
-            rise = (self.command(end) - acting[0]) / step
+            inputs = codegen.inputs_at_rest(self.command(begin), self.torque(angle), supply)
+            rise = (self.command(end) - inputs[0]) / step
             ramp = (begin, codegen.inputs_at_rest(rise, 0.0, 0.0)[:-1]) if self.ramped else None
-            angle = core.run(end, acting, ramp)[0]
-            found.append(degrees(angle))
-        return found
+            angle = core.run(end, inputs, ramp)[0]
+            angles.append(degrees(angle))
+        return angles
 
 
 def _sine(time: float) -> float:
@@ -130,7 +130,7 @@ LOOPS = (
 
 
 def steps() -> str:
-    """Largest error of the fin angle by communication step."""
+    """Return the table of the largest error of the fin angle for each communication step."""
     rows = [[f"{step * 1e3:g} ms"] for step in STEPS]
     for loop in LOOPS:
         fine = loop.angles(FINE)
@@ -142,7 +142,7 @@ def steps() -> str:
 
 
 def bus() -> str:
-    """Peak current and lowest voltage of a bus whose four fins step 17 deg together; rows of 0.1 ms, as the sag's."""
+    """Return the table of peak current and lowest voltage of a bus whose four fins step 17 deg, every 0.1 ms."""
     values, rows = load_parameters().values, []
     for resistance in (0.0, 0.02, 0.05):
         run = simulate_fins([values] * 4, 0.06, FINE, line={"bus.source_resistance": resistance},
@@ -153,20 +153,20 @@ def bus() -> str:
 
 
 def drift() -> str:
-    """What `emcas baseline check` shows first after a gain has changed by 1 %."""
+    """Return the first rows that `emcas baseline check` prints after a gain has changed by 1 %, and its end."""
     folder, gain = DOCS, "controller.position.kp"
     shipped = load_parameters()
     subject = ParameterSubject(shipped)
     approved = record(first(subject)[0], subject, folder, "")
     changed = shipped.with_values({gain: round(1.01 * float(shipped.values[gain]), 6)})
-    found = compare(approved, ParameterSubject(changed), folder)
-    (header, rows), parameters = output.tables(found, False)
+    comparison = compare(approved, ParameterSubject(changed), folder)
+    (header, rows), parameters = output.tables(comparison, False)
     return (f"{output.markdown(header, rows[:SHOWN])}\n\nand ends with\n\n{output.markdown(*parameters)}\n\n"
-            f"`{found.verdict}`")
+            f"`{comparison.verdict}`")
 
 
 def _angle(model: str, chosen: Excitation) -> np.ndarray:
-    """Fin angle [rad] under what a model has of an excitation's parameters and inputs."""
+    """Return a model's fin angle [rad] under an excitation, without inputs and parameters that the model lacks."""
     parameters = load_parameters(model=model)
     signals: dict[str, Any] = {v.name.replace(".", "__"): chosen.columns[v.name] for v in get(model).inputs
                                if v.name in chosen.columns}
@@ -175,7 +175,7 @@ def _angle(model: str, chosen: Excitation) -> np.ndarray:
 
 
 def _over(extension: str, model: str) -> str:
-    """Whether an extension goes over an actuator; of `faults`, how many it then has."""
+    """Return "yes" if an actuator can have an extension, otherwise ""; for `faults` their number."""
     actuator = get(model)
     if not actuator.provides.issuperset(get_extension(extension).needs):
         return ""
@@ -185,7 +185,7 @@ def _over(extension: str, model: str) -> str:
 
 
 def provided() -> str:
-    """What each actuator provides, by the names that extensions and tools ask for, and which extensions go over it."""
+    """Return the table of the capabilities, extensions and numbers of variables of each actuator."""
     rows = [[words, *("yes" if words in get(model).provides else "" for model in NAMES)]
             for words in capabilities.NEEDED_VARIABLES]
     rows += [[f"`+{name}`", *(_over(name, model) for model in NAMES)] for name in EXTENSIONS]
@@ -195,7 +195,7 @@ def provided() -> str:
 
 
 def needs() -> str:
-    """What each extension and tool needs; those that are not here need only the fin port."""
+    """Return the table of the needs of extensions and tools; those that are not listed need only the fin port."""
     uses: dict[str, Iterable[str]] = {f"`+{name}`": get_extension(name).needs for name in EXTENSIONS}
     uses |= {f"`+faults`, fault {fault.name}": (" or ".join(fault.needs),)
              for fault in fault_list.FAULTS if fault.needs}
@@ -207,13 +207,13 @@ def needs() -> str:
     uses["`emcas envelope`"] = ("the extension heat", *envelope.NEEDS)
     uses["`emcas parameters`, stall and rates"] = capability.NEEDS
     uses["`emcas compare` without names, readings of the current loop"] = (capabilities.CURRENT_LOOP,)
-    uses |= {f"`emcas {name}`": ("to be the nonlinear actuator",) for name in ("fit", "identify")}
+    uses |= {f"`emcas {name}`": ("the nonlinear actuator",) for name in ("fit", "identify")}
     return markdown(("extension or tool", "needs"),
                     ([name, ", ".join(names) or "only the fin port"] for name, names in uses.items()))
 
 
 def declares() -> str:
-    """What an actuator with a capability declares."""
+    """Return the table of the variables and states that an actuator with a capability declares."""
     def listed(names: Iterable[str]) -> str:
         return ", ".join(f"`{name}`" for name in names)
 
@@ -225,7 +225,7 @@ def declares() -> str:
 
 
 def extensions() -> str:
-    """What each extension needs of an actuator, and the inputs and outputs it adds."""
+    """Return the table of the extensions, with the capabilities they need and the inputs and outputs they add."""
     rows = []
     for name in EXTENSIONS:
         extension = get_extension(name)
@@ -237,13 +237,13 @@ def extensions() -> str:
         extended = get(f"{model}+{name}")
         added = [v.name for v in (*extended.inputs, *extended.outputs) if v.name not in plain]
         rows.append([f"[`{name}`]({page}.md)", extension.title,
-                     ", ".join(extension.needs) or "nothing but the fin port", ", ".join(extension.replaces),
+                     ", ".join(extension.needs) or "only the fin port", ", ".join(extension.replaces),
                      ", ".join(f"`{each}`" for each in added)])
     return markdown(("extension", "description", "needs", "replaces", "adds"), rows)
 
 
 def models() -> str:
-    """How far the fin angle of each model is from the nonlinear one's in the reference cases: largest, and rms."""
+    """Return the table of each model's difference from the nonlinear one in the reference cases: largest, and rms."""
     others = [name for name in MODELS if name != NONLINEAR]
     rows = []
     for case in CASES:
@@ -255,14 +255,14 @@ def models() -> str:
 
 
 def _step(model: str, size: float, *, encoder: bool = True) -> np.ndarray:
-    """Fin angle [rad] in 0.4 s after an unloaded step of `size` [deg]."""
+    """Return the fin angle [rad] during 0.4 s of an unloaded step of `size` [deg]."""
     parameters = load_parameters(model=model)
     values = {"encoder.enabled": False} if not encoder and "encoder.enabled" in parameters.values else {}
     return simulate(parameters.with_values(values).values, 0.4, model=model, fin_command=radians(size))["fin_angle"]
 
 
 def linear() -> str:
-    """How far the linear model is from the nonlinear one in unloaded steps, without encoder."""
+    """Return the table of the linear model's differences from the nonlinear one in unloaded steps, without encoder."""
     sizes = (1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0)
     apart = (degrees(max(np.abs(_step("linear", sign * size) - _step(NONLINEAR, sign * size, encoder=False)).max()
                          for sign in (1.0, -1.0))) for size in sizes)
@@ -270,20 +270,19 @@ def linear() -> str:
 
 
 def fitted() -> str:
-    """What `emcas fit` finds for the nonlinear model, and how far it is from that model's unloaded steps."""
-    found = fit(load_parameters())
-    v = found.figures()
+    """Return the second-order parameters that `emcas fit` fits, and the table of differences in unloaded steps."""
+    v = fit(load_parameters()).figures()
     values = v["parameters"]
     head = (f"{values['second_order.natural_frequency']:.1f} rad/s, damping {values['second_order.damping']:.2f}, "
             f"rate limit {degrees(values['second_order.rate_limit']):.0f}°/s, delay "
             f"{1e3 * values['drive.transport_delay']:.1f} ms:")
-    rows = [(f"`second-order`, {what}", *(f"{each:.2g} %" for each in v[name]))
-            for what, name in (("largest", "largest_difference_percent"), ("rms", "rms_difference_percent"))]
+    rows = [(f"`second-order`, {words}", *(f"{each:.2g} %" for each in v[name]))
+            for words, name in (("largest", "largest_difference_percent"), ("rms", "rms_difference_percent"))]
     return f"{head}\n\n" + markdown(("step", *(f"{size:g}°" for size in v["step_deg"])), rows)
 
 
 def structures() -> str:
-    """How far the models with an elastic line are from the nonlinear one in unloaded steps."""
+    """Return the table of the elastic models' differences from the nonlinear one in unloaded steps."""
     sizes = (1.0, 5.0, 20.0)
     rows = [[f"`{model}`", *(f"{degrees(np.abs(_step(model, size) - _step(NONLINEAR, size)).max()):.2g}°"
                              for size in sizes)] for model in ("elastic", "habibi", "ozkan")]
@@ -291,75 +290,75 @@ def structures() -> str:
 
 
 def presets() -> str:
-    """Table 2 for the readings of the current loop's gains; bold where it is missed."""
-    found = sets.compare(sets.load_sets(sets.DRIVES[1:], NONLINEAR))
+    """Return the table of Table 2's figures for the readings of the current loop's gains, bold if a limit is missed."""
+    comparison = sets.compare(sets.load_sets(sets.DRIVES[1:], NONLINEAR))
     rows = [[name.replace("drive.", "`drive.") + "`", "", *(f"{value:g}" for value in values)]
-            for name, values in found.differing.items()]
-    for row in (row for row in found.rows if "Table 2" in row[0].source):
+            for name, values in comparison.differing.items()]
+    for row in (row for row in comparison.rows if "Table 2" in row[0].source):
         first, figures = row[0], [with_unit(j.measured, j.unit) for j in row]
         rows.append([first.title.replace("N.m", "N·m"),
                      f"{'≥' if first.sense == '>=' else '≤'} {with_unit(first.limit, first.unit)}",
                      *(figure if j.passed else f"**{figure}**" for j, figure in zip(row, figures, strict=True))])
-    return markdown(("", "required", *(f"`{column.name}`" for column in found.columns)), rows)
+    return markdown(("", "required", *(f"`{column.name}`" for column in comparison.columns)), rows)
 
 
 def requirements() -> str:
-    """The shipped requirements: what is measured, the limit, and why it is that."""
+    """Return the table of the shipped requirements, with their limits, measurement, and source or reason."""
     rows = []
     for r in load_requirements(None, load_parameters()).requirements:
         unit, factor = r.shown
         limit = f"{'≥' if r.sense == 'minimum' else '≤'} {with_unit(round(r.limit * factor, 9), unit)}"
         rows.append([f"`{r.name}`" + (" *" if r.optional else ""), r.title, limit, r.how, r.reason or r.source])
-    return markdown(("name", "requirement", "limit", "how it is measured", "from, or why"),
+    return markdown(("name", "requirement", "limit", "how it is measured", "source or reason"),
                     [[cell.replace("N.m", "N·m").replace("|", "\\|") for cell in row] for row in rows])
 
 
 def figures_of_tests() -> str:
-    """The kinds of test, and the figures of each."""
+    """Return the table of the kinds of excitation, with the figures of each."""
     return markdown(("kind", "figures"), [(f"`{kind}`", ", ".join(f"`{name}`" for name in names))
                                           for kind, names in TESTS.items()])
 
 
 def figures() -> str:
-    """The figures that requirements may have, with what they are."""
+    """Return the table of the figures that requirements may have, with unit and description."""
     names = dict.fromkeys(name for each in TESTS.values() for name in each)
-    return markdown(("figure", "unit", "what it is"), [
+    return markdown(("figure", "unit", "description"), [
         (f"`{name}`", {"": "", "1": "1 or %"}.get(FIGURES[name].unit, FIGURES[name].unit),
          FIGURES[name].title + (f" (needs `{FIGURES[name].needs[0]}`)" if FIGURES[name].needs[:1] not in (
              (), ("fin_angle",), ("fin_rate",)) else "")) for name in names])
 
 
 def slopes() -> str:
-    """Slope and offset of the motor current over a reference that is held, of a rotor at rest, per drive set."""
+    """Return the table of the motor current's slope and offset over a constant reference, rotor at rest, per drive set."""
     volts = np.linspace(-4.0, 4.0, 17)
     rows = []
     for name in sets.DRIVES[1:]:
         values = load_parameters(name).values
-        given = [values[f"drive.{key}"] for key in ("current_gain", "current_offset", "transport_delay", "kp", "ki")]
+        gains = [values[f"drive.{key}"] for key in ("current_gain", "current_offset", "transport_delay", "kp", "ki")]
         lines = []
-        for time, rows_held in ((0.05, 50), (1.0, 100), (60.0, 600), (300.0, 300)):
-            reference = (np.array([0.0] + [volt] * rows_held) for volt in volts)
-            flowing = [response(given, 0.0, held, None, time / rows_held, values)[-1] for held in reference]
-            lines.append(np.polyfit(volts, flowing, 1))
+        for time, count in ((0.05, 50), (1.0, 100), (60.0, 600), (300.0, 300)):
+            reference = (np.array([0.0] + [volt] * count) for volt in volts)
+            currents = [response(gains, 0.0, column, None, time / count, values)[-1] for column in reference]
+            lines.append(np.polyfit(volts, currents, 1))
         rows.append([f"`{name}`", *(f"{slope:.2f} A/V" for slope, _ in lines), f"{lines[0][1]:.4f} A"])
     return markdown(("", "after 50 ms", "1 s", "1 min", "5 min", "offset after 50 ms"), rows)
 
 
 def sheets() -> str:
-    """Every value that a sheet, drawing or controller has, by where it is read; with who has it, if not the default."""
+    """Return the table of the parameters that a user reads from a data sheet, drawing or controller, by that source."""
     rows: dict[tuple[str, str], tuple[dict[str, str], list[str]]] = {}
     extended = [(each, v) for each in EXTENSIONS for v in get_extension(each).parameters(get(NONLINEAR))]
     for owner, v in (*((name, v) for name in NAMES for v in get(name).file_entries), *extended):
-        place, _, term = v.sheet.partition(": ")
+        sheet, _, term = v.sheet.partition(": ")
         if term:
-            units, owners = rows.setdefault((place, term), ({}, []))
+            units, owners = rows.setdefault((sheet, term), ({}, []))
             units[v.name.partition("[")[0]] = "" if v.unit in ("", "1") else v.unit
             owners.append(owner)
-    return markdown(("sheet", "there", "parameter", "unit", "of"), (
-        (place, term.replace("|", "\\|"), ", ".join(f"`{name}`" for name in units),
+    return markdown(("sheet", "name there", "parameter", "unit", "actuators, if not the default"), (
+        (sheet, term.replace("|", "\\|"), ", ".join(f"`{name}`" for name in units),
          ", ".join(dict.fromkeys(filter(None, units.values()))),
          "" if NONLINEAR in owners else ", ".join(f"`{owner}`" for owner in dict.fromkeys(owners)))
-        for (place, term), (units, owners) in sorted(rows.items(), key=lambda row: row[0][0])))
+        for (sheet, term), (units, owners) in sorted(rows.items(), key=lambda row: row[0][0])))
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
@@ -374,19 +373,19 @@ TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
 
 
 def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:
-    """A document with what stands between its markers replaced. Raises ValueError where a marker is missing."""
+    """Return a document with new tables between its markers. Raises ValueError if a marker is missing or repeated."""
     for name, make in tables.items():
         pattern = re.compile(rf"(<!-- {name} -->\n).*?(\n<!-- /{name} -->)", re.DOTALL)
         if len(pattern.findall(text)) != 1:
             raise ValueError(f"needs <!-- {name} --> and <!-- /{name} --> once")
-        made = f"\n{make()}\n"  # blank lines, so that every renderer sees the table
-        text = pattern.sub(lambda match: match[1] + made + match[2], text)  # noqa: B023
+        table = f"\n{make()}\n"  # every renderer needs the blank lines to see a table
+        text = pattern.sub(lambda match: match[1] + table + match[2], text)  # noqa: B023
     return text
 
 
 def main(check: bool, documents: Mapping[str, Mapping[str, Callable[[], str]]] = TABLES,
          script: str = "make_tables.py") -> int:
-    """Renew the documents, or say which are stale; the exit code."""
+    """Write the documents, or with `check` print those that are stale and return 1. Return 0 otherwise."""
     stale = 0
     for name, tables in documents.items():
         path = DOCS / name

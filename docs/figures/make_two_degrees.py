@@ -28,7 +28,8 @@ FACTORS = np.linspace(0.8, 1.3, 11)  # of the loops' speed: kp and velocity.kp i
 LIMITS = {"phase_margin": 45.0, "gain_margin": 8.0, "peak_angle": 0.35, "bandwidth_3db": 18.0}
 
 
-def figure(parameters: ParameterSet, test: Test, name: str, variants: Any = ({},), sense: str = "maximum") -> list[float]:
+def figure(
+        parameters: ParameterSet, test: Test, name: str, variants: Any = ({},), sense: str = "maximum") -> list[float]:
     """Return a figure of a set for each of its variants; margins and deviations in degrees."""
     values = measure(test, ParameterSubject(parameters), list(variants), (name,), (sense,))[:, 0]
     return [float(v) for v in (np.degrees(values) if name in ("phase_margin", "peak_angle") else values)]
@@ -49,7 +50,8 @@ def figures(parameters: ParameterSet, torque: float) -> dict[str, float]:
     return {
         "phase margin / °": figure(parameters, LINEAR, "phase_margin", sense="minimum")[0],
         "gain margin / dB": figure(parameters, LINEAR, "gain_margin", sense="minimum")[0],
-        "−3 dB at 1° / Hz": figure(parameters, Test("sine", float(np.radians(1.0))), "bandwidth_3db", sense="minimum")[0],
+        "−3 dB at 1° / Hz": figure(parameters, Test("sine", float(np.radians(1.0))), "bandwidth_3db",
+                                       sense="minimum")[0],
         "lag at 5 Hz / °": lag(parameters),
         "settling of 1° / ms": 1e3 * figure(parameters, step(1.0), "settling_time")[0],
         "largest overshoot of 1, 5, 10° / %": 100.0 * max(

@@ -1,4 +1,4 @@
-"""A wrong controller line: the drive's anti-windup unwinds a velocity integral whose own gain is 0."""
+"""An actuator with a wrong controller line: the anti-windup changes a velocity integral whose gain is 0."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from emcas_fmu.physics import drive
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the sample of the shipped controllers, but for the velocity integral."""
+    """Return the result of a sample of the shipped controllers, with a wrong velocity integral."""
     values = dict(nonlinear.sample(ops, p, x, inputs))
     reference = values["reference"]
-    # What the speed loop asks beyond the drive's current limit, from the speed reference at its own limit.
+    # Part of the reference beyond the drive's current limit.
     beyond = drive.followed(ops, p, reference) - reference
     drift = p.controller.sample_time * p.controller.drive_antiwindup * beyond
     values["velocity_integral"] = values["velocity_integral"] + ops.where(inputs.enable, drift, 0.0)
