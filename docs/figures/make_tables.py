@@ -329,7 +329,7 @@ def figures() -> str:
 
 
 def slopes() -> str:
-    """Return the table of the motor current's slope and offset over a constant reference at rest, for each drive set."""
+    """Return the table of the motor current's slope and offset over constant references at rest, per drive set."""
     volts = np.linspace(-4.0, 4.0, 17)
     rows = []
     for name in sets.DRIVES[1:]:
