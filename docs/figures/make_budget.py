@@ -1,7 +1,7 @@
-"""What docs/model/accuracy.md shows: budgets of actuators, and an encoder on the fin behind a line that yields.
+"""Tables and figure of docs/model/accuracy.md: budgets of actuators, and an encoder on the fin behind compliance.
 
     python docs/figures/make_budget.py           # writes the figure and the tables between their markers
-    python docs/figures/make_budget.py --check   # exit code 1 where a table is stale
+    python docs/figures/make_budget.py --check   # exit code 1 if a table is stale
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ FIGURES = Path(__file__).resolve().parent
 PAGE = FIGURES.parent / "model/accuracy.md"
 LOAD = 100.0  # N.m
 BASE = load_parameters("hinge-stiffness", model="elastic")
-FINE = 64  # times as many counts: as fine on the fin as the motor's are there
+FINE = 64  # times as many pulses: on the fin a count is then that of the motor's encoder
 ON_FIN = {"encoder.on_fin": True}
 SETS: Mapping[str, ParameterSet] = {
     "motor": BASE, "fin": BASE.with_values(ON_FIN),
     f"fin, {FINE} times the counts": BASE.with_values(
         {**ON_FIN, "encoder.pulses": FINE * BASE.values["encoder.pulses"]})}
-# Without friction about the hinge the fin is free in its gap; some viscous friction, as in docs/model/elastic.md.
+# Without dry friction about the hinge, and with viscous friction as in docs/model/elastic.md: the fin is free in its gap.
 LOOSE = {"friction.fin_coulomb": 0.0, "friction.fin_viscous": 5.0}
 STEPS = tuple(Test("step", radians(size), 6.0) for size in (0.3, 1.0, 5.0, 20.0))
 ACTUATORS: Mapping[str, ParameterSet] = {
@@ -44,7 +44,7 @@ TOTALS = ("as_set", "root_of_squares", "worst_case", "monte_carlo_95", "monte_ca
 
 
 def _worst(parameters: ParameterSet, tests: tuple[Test, ...], figure: str) -> float:
-    """Return the largest figure of tests."""
+    """Return the largest value of a figure in several tests."""
     return float(max(measure(test, ParameterSubject(parameters), [{}], (figure,), ("maximum",))[0, 0]
                      for test in tests))
 
@@ -54,14 +54,14 @@ def _angle(degree: float) -> str:
 
 
 def _both(outcome: Outcome) -> dict[str, str]:
-    """Return every group of a budget in words: without and with load."""
+    """Return the text "without load / with load" of every group of a budget."""
     return {name: " / ".join(_angle(float(value)) for value in group.values())
             for name, group in outcome.figures.items()}
 
 
 def _column(parameters: ParameterSet) -> dict[str, str]:
-    """Return the figures of a set in words, by the words of their rows."""
-    found = _both(budget.measure(Rig(ParameterSubject(parameters))))
+    """Return the cells of a set's column, by the titles of their rows."""
+    groups = _both(budget.measure(Rig(ParameterSubject(parameters))))
     ((gain, phase),) = measure(Test("linear"), ParameterSubject(parameters), [{}], ("gain_margin", "phase_margin"),
                                ("minimum", "minimum"))
     turn = 2.0 * pi / (parameters.values["encoder.pulses"] * parameters.values["encoder.multiplier"])
@@ -73,11 +73,11 @@ def _column(parameters: ParameterSet) -> dict[str, str]:
         **{f"{words}, without load / with 100 N·m": found[name] for words, name in (
             ("compliance", "compliance"), ("backlash", "backlash"), ("encoder", "encoder"), ("as set", "as_set"),
             ("root of the sum of squares", "root_of_squares"), ("worst case", "worst_case"),
-            ("95 % of drawn units", "monte_carlo_95"))},
+            ("95 % of drawn actuators", "monte_carlo_95"))},
         "gain margin": f"{gain:.1f} dB", "phase margin": f"{degrees(phase):.0f}°",
         "hunting, without load / with 100 N·m": " / ".join(
             _angle(degrees(_worst(parameters, tests, "ripple"))) for tests in (STEPS, loaded)),
-        "and without dry friction about the hinge": " / ".join(
+        "hunting without dry friction about the hinge, without load / with 100 N·m": " / ".join(
             _angle(degrees(_worst(parameters.with_values(LOOSE), tests, "ripple"))) for tests in (STEPS, loaded)),
         "motor current while it hunts, rms": f"{_worst(parameters, STEPS, 'current_ripple'):.2f} A",
     }
@@ -86,10 +86,10 @@ def _column(parameters: ParameterSet) -> dict[str, str]:
 def _budget_of(parameters: ParameterSet) -> list[str]:
     """Return the totals of a budget, and its largest terms under the load."""
     outcome = budget.measure(Rig(ParameterSubject(parameters)))
-    found = _both(outcome)
+    groups = _both(outcome)
     terms = {name: group for name, group in outcome.groups.items() if name not in TOTALS}
     largest = sorted(terms.values(), key=lambda group: -group.figures["loaded_deg"])[:2]
-    return [*(found[name] for name in ("as_set", "root_of_squares", "worst_case", "monte_carlo_95", "required")),
+    return [*(groups[name] for name in ("as_set", "root_of_squares", "worst_case", "monte_carlo_95", "required")),
             ", ".join(f"{group.label.partition(',')[0].partition(':')[0]} {_angle(group.figures['loaded_deg'])}"
                       for group in largest)]
 
@@ -99,28 +99,28 @@ def _table(rows: list[list[str]]) -> str:
 
 
 def renewed(text: str) -> str:
-    """Return the page with the tables as they are now."""
+    """Return the text of the page with new tables."""
     columns = {name: _column(parameters) for name, parameters in SETS.items()}
     tables = {
-        "budgets": [["", "as set", "root of the sum of squares", "worst case", "95 % of drawn units", "required",
-                     "largest terms, loaded"],
+        "budgets": [["", "as set", "root of the sum of squares", "worst case", "95 % of drawn actuators",
+                     "required", "largest terms, loaded"],
                     *([name, *_budget_of(parameters)] for name, parameters in ACTUATORS.items())],
         "encoders": [["encoder of the position on the", *columns], *(
             [name, *(column[name] for column in columns.values())] for name in next(iter(columns.values())))]}
     for name, rows in tables.items():
-        before, begin, rest = text.partition(f"<!-- {name} -->\n")
-        _, end, after = rest.partition(f"<!-- /{name} -->")
-        text = f"{before}{begin}\n{_table(rows)}\n\n{end}{after}"
+        head, begin, rest = text.partition(f"<!-- {name} -->\n")
+        _, end, tail = rest.partition(f"<!-- /{name} -->")
+        text = f"{head}{begin}\n{_table(rows)}\n\n{end}{tail}"
     return text
 
 
 def _draw() -> None:
-    """Draw the error after a step against the load, and what the fin does at rest without dry friction at the hinge."""
+    """Plot the error after a step against the load, and that at rest without dry friction about the hinge."""
     with plots.style():
         figure, ((loaded, rest),) = plots.figure(1, 2, height=3.2)
         for (name, parameters), color in zip(SETS.items(), plots.COLORS, strict=False):
-            def error(values: Mapping[str, Any], size: float, load: float, of: ParameterSet = parameters) -> Any:
-                run = ParameterSubject(of.with_values(values)).run(step_to(radians(size), 6.0, load))
+            def error(values: Mapping[str, Any], size: float, load: float, base: ParameterSet = parameters) -> Any:
+                run = ParameterSubject(base.with_values(values)).run(step_to(radians(size), 6.0, load))
                 return run.columns["time"], np.degrees(run.columns["fin_angle"]) - size
 
             loaded.plot(*error({}, 10.0, -LOAD), color=color, label=f"on the {name}")
@@ -135,13 +135,13 @@ def _draw() -> None:
 
 
 def main() -> None:
-    before = PAGE.read_text(encoding="utf-8")
-    now = renewed(before)
+    old = PAGE.read_text(encoding="utf-8")
+    new = renewed(old)
     if "--check" in sys.argv:
-        if now != before:
+        if new != old:
             print("docs/model/accuracy.md is stale: run python docs/figures/make_budget.py")
-        sys.exit(now != before)
-    PAGE.write_text(now, encoding="utf-8")
+        sys.exit(new != old)
+    PAGE.write_text(new, encoding="utf-8")
     _draw()
 
 
