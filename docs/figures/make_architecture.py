@@ -14,7 +14,7 @@ LINE = 18  # px from one line of text to the next
 
 
 class Box(NamedTuple):
-    """A part of the package: where it stands [px], its colour, its name, and lines of what is in it."""
+    """A part of the package: position and size [px], colour, name, and lines on its contents."""
 
     x: int
     y: int
@@ -23,7 +23,7 @@ class Box(NamedTuple):
     fill: str
     name: str
     lines: tuple[str, ...] = ()
-    step: str = ""  # of the walk through the house
+    step: str = ""  # number in the walk through the package
     dashed: bool = False
 
     def svg(self) -> str:
@@ -97,7 +97,7 @@ ARROWS = (
     _arrow((110, 394), (110, 380)),  # traced functions become the program
     _arrow((224, 530), (210, 530)),  # the declaration's functions are traced
     _arrow((785, 478), (785, 464)),  # parameter files are read
-    _arrow((680, 340), (650, 340)),  # and go into the program
+    _arrow((680, 340), (650, 340)),  # and their values enter the program
 )
 
 

@@ -33,7 +33,7 @@ SETS: Mapping[str, ParameterSet] = {
     "motor": BASE, "fin": BASE.with_values(ON_FIN),
     f"fin, {FINE} times the counts": BASE.with_values(
         {**ON_FIN, "encoder.pulses": FINE * BASE.values["encoder.pulses"]})}
-# Without dry friction about the hinge, and with viscous friction as in docs/model/elastic.md: the fin is free in its gap.
+# Without dry friction about the hinge, with viscous friction as in docs/model/elastic.md: the fin is free in the gap.
 LOOSE = {"friction.fin_coulomb": 0.0, "friction.fin_viscous": 5.0}
 STEPS = tuple(Test("step", radians(size), 6.0) for size in (0.3, 1.0, 5.0, 20.0))
 ACTUATORS: Mapping[str, ParameterSet] = {
@@ -70,7 +70,7 @@ def _column(parameters: ParameterSet) -> dict[str, str]:
 
     return {
         "a count, at the fin": _angle(degrees(turn if parameters.values["encoder.on_fin"] else small)),
-        **{f"{words}, without load / with 100 N·m": found[name] for words, name in (
+        **{f"{words}, without load / with 100 N·m": groups[name] for words, name in (
             ("compliance", "compliance"), ("backlash", "backlash"), ("encoder", "encoder"), ("as set", "as_set"),
             ("root of the sum of squares", "root_of_squares"), ("worst case", "worst_case"),
             ("95 % of drawn actuators", "monte_carlo_95"))},

@@ -1,7 +1,7 @@
-"""Tables of docs/tools/campaigns.md: how far figures of power are from those of fine rows, and the example's verdict.
+"""Tables of docs/tools/campaigns.md: errors of the figures of power against fine rows, and the example's verdict.
 
-    python docs/figures/make_campaigns.py           # writes it
-    python docs/figures/make_campaigns.py --check   # exit code 1 where it is stale
+    python docs/figures/make_campaigns.py           # writes them
+    python docs/figures/make_campaigns.py --check   # exit code 1 if one is stale
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from emcas_fmu.studies.campaign.study import load_study
 from emcas_fmu.studies.campaign.summary import summarise, text
 
 FINE = 50  # rows of 20 us
-ON_A_ROW = 3e-3  # s, a transport delay that puts the leaps of power on the rows
+ON_A_ROW = 3e-3  # s, a transport delay with which the jumps of power coincide with rows
 FIGURES = {"energy": "net_energy", "power_rms": "rms_power", "power_peak": "peak_power"}
 EXPERIMENTS = {
     **{f"step of {size} deg": (Experiment("a", "step", 0.6), {"amplitude": radians(size)}) for size in (1, 5, 20)},
@@ -39,25 +39,28 @@ EXPERIMENTS = {
 
 
 def _plain(power: Any, step: float) -> dict[str, float]:
-    """Net energy, root mean square and peak of power in rows `step` [s] apart."""
+    """Return net energy [J], rms and peak [W] of a power [W] in rows `step` [s] apart."""
     return {"net_energy": float(np.trapezoid(power, dx=step)), "rms_power": float(np.sqrt(np.mean(power**2))),
             "peak_power": float(power.max())}
 
 
-def differences(experiment: Experiment, given: Mapping[str, float], delay: float
+def differences(experiment: Experiment, factors: Mapping[str, float], delay: float
                 ) -> tuple[dict[str, float], dict[str, float]]:
-    """A campaign's figures over those of rows of 20 us, less 1; and those of rows 1 ms apart."""
+    """Return the relative errors of a campaign's figures, and of figures from rows 1 ms apart, against rows of 20 us.
+
+    `delay` is the transport delay [s].
+    """
     subject = ParameterSubject(load_parameters().with_values({"drive.transport_delay": delay}))
-    numbers = {f"{experiment.prefix}.{name}": value for name, value in given.items()}
-    made = excitation(experiment, subject.values, numbers, subject.model)
-    _, run = subject.run_all(made, {}, substeps=experiments.POWER_ROWS, fine=[experiments.POWER]).finished()
-    found = {name: values.item() for name, values in experiments.measured(
+    numbers = {f"{experiment.prefix}.{name}": value for name, value in factors.items()}
+    excited = excitation(experiment, subject.values, numbers, subject.model)
+    _, run = subject.run_all(excited, {}, substeps=experiments.POWER_ROWS, fine=[experiments.POWER]).finished()
+    measured = {name: values.item() for name, values in experiments.measured(
         experiment, numbers, run, experiments.leaps(subject, {}, run)).items()}
     first = round(LEAD_IN / STEP) * FINE
-    power = subject.run(made, outputs=[experiments.POWER], substeps=FINE, fine=[experiments.POWER]).columns[
+    power = subject.run(excited, outputs=[experiments.POWER], substeps=FINE, fine=[experiments.POWER]).columns[
         experiments.POWER][first:]
     fine, coarse = _plain(power, STEP / FINE), _plain(power[::FINE], STEP)
-    return ({name: found[name] / value - 1.0 for name, value in fine.items()},
+    return ({name: measured[name] / value - 1.0 for name, value in fine.items()},
             {name: coarse[name] / value - 1.0 for name, value in fine.items()})
 
 
@@ -69,20 +72,20 @@ def _cell(ours: float, coarse: float) -> str:
 
 
 def power() -> str:
-    """Differences of energy and power to rows of 20 us; in brackets those of rows 1 ms apart."""
+    """Return the table of relative errors against rows of 20 us, in brackets those of rows 1 ms apart."""
     shipped = float(load_parameters().values["drive.transport_delay"])
     rows = []
-    for title, (experiment, given) in EXPERIMENTS.items():
-        ours, coarse = differences(experiment, given, shipped)
+    for title, (experiment, factors) in EXPERIMENTS.items():
+        ours, coarse = differences(experiment, factors, shipped)
         row = [_cell(ours[figure], coarse[figure]) for figure in FIGURES.values()]
-        ours, coarse = differences(experiment, given, ON_A_ROW)
+        ours, coarse = differences(experiment, factors, ON_A_ROW)
         rows.append([title, *row, *(_cell(ours[figure], coarse[figure]) for figure in ("net_energy", "rms_power"))])
     names = [f"`{name}`" for name in FIGURES]
     return markdown(("", *names, *(f"{name}, {ON_A_ROW * 1e3:g} ms" for name in names[:2])), rows)
 
 
 def judged() -> str:
-    """How many samples of the page's campaign meet each of its requirements, and percentiles of their figures."""
+    """Return the table of the numbers of samples that meet the requirements of the page's campaign."""
     page = (DOCS / "tools/campaigns.md").read_text(encoding="utf-8")
     with TemporaryDirectory() as folder:
         files = {name: Path(folder) / name for name in ("tolerances.toml", "specification.toml")}
@@ -91,12 +94,12 @@ def judged() -> str:
         study = load_study(files["tolerances.toml"], requirements=files["specification.toml"])
         with Store(Path(folder) / "judged", study) as store:
             in_process(study, store.missing(), store.write)
-            found = summarise(study, store.table())
+            summary = summarise(study, store.table())
     rows = []
-    *each, together = found.chances
+    *each, together = summary.chances
     for chance in each:
         r: Any = chance.requirement
-        spread = found.by_name[f"{REQUIREMENT}.{r.name}"]
+        spread = summary.by_name[f"{REQUIREMENT}.{r.name}"]
         limit = f"{'≥' if r.sense == 'minimum' else '≤'} {with_unit(r.shown_limit, r.shown[0])}"
         rows.append([f"`{r.name}`", limit, *(text(spread.figure, spread.percentiles[p]) for p in (5, 50, 95)),
                      f"{chance.met} of {chance.samples}", str(chance)])

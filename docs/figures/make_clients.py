@@ -1,7 +1,7 @@
-"""Tables of docs/use/clients.md: FMUs in clients nobody here wrote, run as the tests run them, and what they say.
+"""Tables of docs/use/clients.md: results of FMUs in other clients, run as in the tests, and the clients' messages.
 
-    python docs/figures/make_clients.py           # writes them, fmusim's where that is on the path; some minutes
-    python docs/figures/make_clients.py --check   # exit code 1 where one is stale
+    python docs/figures/make_clients.py           # writes them in some minutes; fmusim's if it is on the path
+    python docs/figures/make_clients.py --check   # exit code 1 if one is stale
 """
 
 from __future__ import annotations
@@ -27,32 +27,33 @@ PAGE = "use/clients.md"
 
 
 def _version(client: str) -> str:
-    """What CI installs, of the newer Python's; of fmusim what it says itself."""
+    """Return the version of a client that CI installs for the newer Python; for fmusim, the version that it prints."""
     package = CLIENTS[client].package
     if not package:
-        done = subprocess.run(["fmusim", "--version"], capture_output=True, text=True, check=True)
-        return done.stdout.split()[1]
+        process = subprocess.run(["fmusim", "--version"], capture_output=True, text=True, check=True)
+        return process.stdout.split()[1]
     name = re.compile(package.replace("-", "[-_]") + r"==([^;\s]+)(?!.*<)", re.IGNORECASE)
-    (version,) = [found[1] for line in (ROOT / ".ci" / "constraints.txt").read_text(encoding="utf-8").splitlines()
-                  if (found := name.match(line))]
+    (version,) = [match[1] for line in (ROOT / ".ci" / "constraints.txt").read_text(encoding="utf-8").splitlines()
+                  if (match := name.match(line))]
     return version
 
 
 def _cell(unit: str, client: str, runs: matrix.Runs) -> str:
-    """What came of a pair."""
+    """Return the text of the result of an FMU in a client."""
     outcome = runs.outcome(unit, client)
     if outcome.code:
         return "fails"
     if client in CHECKS:
         return "passes"
-    off = matrix.from_fmpy(UNITS[unit], client, outcome.found, runs.outcome(unit, "fmpy").found)
+    difference = matrix.from_fmpy(UNITS[unit], client, outcome.found, runs.outcome(unit, "fmpy").found)
     if UNITS[unit].reference:
-        return f"{matrix.from_reference(UNITS[unit], outcome.found):.2g}°" + (f", {off:.0e}" if off else "")
-    return f"{off:.0e}" if off else "runs" if client == "fmpy" else "same"
+        return (f"{matrix.from_reference(UNITS[unit], outcome.found):.2g}°"
+                + (f", {difference:.0e}" if difference else ""))
+    return f"{difference:.0e}" if difference else "runs" if client == "fmpy" else "same"
 
 
 def _matrix(clients: Iterable[str], runs: matrix.Runs) -> str:
-    """Clients by FMUs."""
+    """Return the table of results of clients (rows) and FMUs (columns)."""
     pairs = set(matrix.pairs())
     return markdown(("client", "version", *(u.title for u in UNITS.values())), (
         (CLIENTS[c].title, _version(c), *(_cell(u, c, runs) if (u, c) in pairs else "–" for u in UNITS))
@@ -60,7 +61,7 @@ def _matrix(clients: Iterable[str], runs: matrix.Runs) -> str:
 
 
 def messages() -> str:
-    """What clients say, as the tests' list has it."""
+    """Return the table of the clients' messages in the tests' list."""
     rows = []
     for complaint in matrix.known():
         text = re.sub(r"\\(.)", r"\1", complaint.text.replace(".+", "…").replace(".*", "…")).replace("|", r"\|")
@@ -69,17 +70,17 @@ def messages() -> str:
                  f"all but {UNITS[spared[0]].title}" if spared else "all")
         rows.append((", ".join(CLIENTS[c].title for c in complaint.clients), units, f"`{text}`", complaint.meaning,
                      complaint.whose))
-    return markdown(("client", "FMU", "says", "which means", "to mend"), rows)
+    return markdown(("client", "FMU", "message", "meaning", "to be mended by"), rows)
 
 
 def tables(runs: matrix.Runs) -> Mapping[str, Callable[[], str]]:
-    """What this machine can make of them."""
-    here = {client for _, client in matrix.pairs()}
-    made: dict[str, Callable[[], str]] = {
+    """Return the functions that make the tables, without that of fmusim if it is not installed."""
+    installed = {client for _, client in matrix.pairs()}
+    functions: dict[str, Callable[[], str]] = {
         "clients": lambda: _matrix((c for c in CLIENTS if c not in matrix.FMUSIM), runs), "messages": messages}
-    if here.issuperset(matrix.FMUSIM):
-        made["fmusim"] = lambda: _matrix(matrix.FMUSIM, runs)
-    return made
+    if installed.issuperset(matrix.FMUSIM):
+        functions["fmusim"] = lambda: _matrix(matrix.FMUSIM, runs)
+    return functions
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Tables and picture of docs/model/comparison.md: kinds of actuation side by side, each with its default parameters.
 
-The table of power of docs/model/worm_gear.md, too.
+It also makes the table of power of docs/model/worm_gear.md.
 
-    python docs/figures/make_comparison.py           # writes tables and picture; some minutes
-    python docs/figures/make_comparison.py --check   # exit code 1 where a table is stale
+    python docs/figures/make_comparison.py           # writes tables and picture, in some minutes
+    python docs/figures/make_comparison.py --check   # exit code 1 if a table is stale
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ from emcas_fmu.studies.report.outcome import Rig, Value
 
 KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch, dual", "series-clutch": "clutch, series",
          "electrohydrostatic": "electrohydrostatic", "electrohydraulic": "electrohydraulic"}
-FORMS = {"worm-gear-elastic": ("worm gear, elastic mesh", "worm-gear")}  # of a kind: what fails besides
+FORMS = {"worm-gear-elastic": ("worm gear, elastic mesh", "worm-gear")}  # forms of a kind with more faults
 FALLING = "worm-falling-friction"
 COLORS = dict(zip(KINDS, plots.COLORS, strict=False))
 LOADS = np.arange(-150.0, 151.0, 50.0)  # N.m along the motion
-SLEW, RAMP = radians(100.0), radians(19.0)  # rad/s, and rad either way, of the ramp by which power is measured
+SLEW, RAMP = radians(100.0), radians(19.0)  # rad/s and rad: rate and half travel of the power's ramp
 HELD = 100.0  # N.m
 ENABLE = "enable"
-_SETTLED = 1.0  # s after which what is held has settled
+_SETTLED = 1.0  # s, time after which a held fin has settled
 
 
 @dataclass(frozen=True)
 class Kind:
-    """An actuator with its default parameters, or a shipped set over them, and what is measured of it."""
+    """An actuator with its default parameters, or with shipped sets over them, and its figures."""
 
     name: str
     sets: tuple[str, ...] = ()
 
     @cached_property
     def subject(self) -> ParameterSubject:
-        """What is run."""
+        """The subject whose runs are measured."""
         return ParameterSubject(load_parameters(self.sets, model=self.name))
 
     @cached_property
     def rig(self) -> Rig:
-        """What the tests of `emcas report` run on."""
+        """The rig for tests of `emcas report`."""
         return Rig(self.subject)
 
     def run(self, excitation: Excitation) -> Run:
@@ -83,7 +83,7 @@ class Kind:
 
     @property
     def margins(self) -> str:
-        """Return gain and phase margin of the loop broken at the drive's reference, in words."""
+        """Return gain and phase margin of the loop opened at the drive's reference, as text."""
         (margins,) = measure(Test("linear"), self.subject, [{}], ("gain_margin", "phase_margin"), ("minimum",) * 2)
         gain, phase = margins
         return f"{gain:.1f} dB, {degrees(phase):.0f}°"
@@ -93,8 +93,8 @@ class Kind:
         return degrees(motion(self.run(slew_to(radians(20.0), 1.0, load)), -1)["sustained_rate"])
 
     def ramp(self, load: float, output: str = "supply_power") -> float:
-        """Return the mean of an output, the power [W] drawn, in a ramp of 100 deg/s under a load [N.m] along it, over
-        its middle."""
+        """Return the mean of an output, by default supply power [W], in the middle of a ramp of 100 deg/s under a load
+        [N.m] along it."""
         time = np.arange(2001) * 1e-3
         angle = np.clip(SLEW * (time - 1.5) - RAMP, -RAMP, RAMP)
         columns = self.run(Excitation("ramp", {COMMAND: angle, LOAD: np.where(time > 0.5, load, 0.0)}, 1.5)).columns
@@ -103,18 +103,18 @@ class Kind:
 
     @cached_property
     def holding(self) -> Run:
-        """A load of 100 N.m that comes on the fin held at 0."""
+        """The response of a fin held at 0 to a load step of 100 N.m."""
         rest = step_to(0.0, 2.0)
         return self.run(rest.holding({LOAD: np.where(rest.judged(rest.time), -HELD, 0.0)}))
 
     @property
     def dip(self) -> float:
-        """Return the largest deflection [deg] by that load."""
+        """Return the largest deflection [deg] in the response `holding`."""
         return degrees(float(np.abs(self.holding.columns["fin_angle"]).max()))
 
     @property
     def yields(self) -> str:
-        """Return how far [deg] the disabled fin moves in 0.2 s under that load, in words."""
+        """Return the motion [deg] of the disabled fin in 0.2 s under 100 N.m, as text."""
         load = self.holding.excitation
         run = self.run(load.holding({ENABLE: np.zeros(len(load.time))}))
         angle = np.abs(np.degrees(run.columns["fin_angle"]))[run.columns["time"] <= load.begin + 0.2]
@@ -122,7 +122,7 @@ class Kind:
 
     @property
     def heat(self) -> float:
-        """Return the mean power [W] that holding it takes: all of it turns into heat, as nothing moves."""
+        """Return the mean supply power [W] while 100 N.m are held: all of it becomes heat, since nothing moves."""
         columns = self.holding.columns
         return float(np.mean(columns["supply_power"][columns["time"] > self.holding.excitation.begin + _SETTLED]))
 
@@ -145,7 +145,7 @@ class Kind:
 
 @cache
 def kinds() -> Mapping[str, Kind]:
-    """Return the kinds there are."""
+    """Return the kinds by name."""
     return {name: Kind(name) for name in KINDS}
 
 
@@ -154,12 +154,12 @@ def _rows(rows: Mapping[str, Callable[[Kind], str]]) -> str:
 
 
 def table2() -> str:
-    """Table 2 of every kind; bold where it is missed."""
-    found = sets.compare(sets.load_sets(list(KINDS), NONLINEAR))
+    """Return the table of Table 2 for every kind, bold if a limit is missed."""
+    comparison = sets.compare(sets.load_sets(list(KINDS), NONLINEAR))
     rows = [(row[0].title.replace("N.m", "N·m"), f"{'≥' if row[0].sense == '>=' else '≤'} "
              f"{with_unit(row[0].limit, row[0].unit)}",
              *(("" if j.passed else "**") + j.more + with_unit(j.measured, j.unit) + ("" if j.passed else "**")
-               for j in row)) for row in found.rows if "Table 2" in row[0].source]
+               for j in row)) for row in comparison.rows if "Table 2" in row[0].source]
     return markdown(("", "required", *KINDS.values()), rows)
 
 
@@ -168,37 +168,37 @@ def _upto(frequency: float, beyond: float) -> str:
 
 
 def _least_stiffness(kind: Kind) -> str:
-    """Return it in words: a fin that is locked by friction has none."""
+    """Return the least dynamic stiffness as text; a fin that friction locks does not move."""
     least = kind.stiffness["powered"].get("least_stiffness_n_m_per_rad")
     return "does not move" if least is None else f"{least:.0f} N·m/rad"
 
 
 def motions() -> str:
-    """Steps, frequency response and what a load does."""
+    """Return the table of steps, frequency responses and the effects of a load."""
     return _rows({
         "overshoot, step of 1°": lambda k: f"{100.0 * k.step(1.0)['overshoot']:.1f} %",
         "overshoot, step of 10°": lambda k: f"{100.0 * k.step(10.0)['overshoot']:.1f} %",
-        "within 2 % of a step of 10° for good": lambda k: f"{1e3 * k.step(10.0)['settling_time']:.0f} ms",
-        "within 0.2° of a step of 20° for good": lambda k: f"{1e3 * k.step(20.0)['time_to_accuracy']:.0f} ms",
+        "settling of a step of 10° within 2 %": lambda k: f"{1e3 * k.step(10.0)['settling_time']:.0f} ms",
+        "settling of a step of 20° within 0.2°": lambda k: f"{1e3 * k.step(20.0)['time_to_accuracy']:.0f} ms",
         "−3 dB at 0.1°": lambda k: _upto(k.swept(0.1).bandwidth, k.response.beyond),
-        "lag of 90° at (1°)": lambda k: _upto(k.response.phase_bandwidth, k.response.beyond),
-        "largest deflection by 100 N·m at once": lambda k: f"{k.dip:.2f}°",
+        "frequency of 90° lag at 1°": lambda k: _upto(k.response.phase_bandwidth, k.response.beyond),
+        "largest deflection under a load step of 100 N·m": lambda k: f"{k.dip:.2f}°",
         "least stiffness, 1 to 40 Hz": _least_stiffness,
-        "100 N·m, unpowered: in 0.2 s it moves by": lambda k: k.yields,
+        "motion in 0.2 s under 100 N·m, unpowered": lambda k: k.yields,
         "gain and phase margin at the reference": lambda k: k.margins,
         "delay from a sample to the drive": lambda k: f"{1e3 * k.subject.transport_delay({}):.1f} ms",
-        "moves without power from": lambda k: f"{k.breakaway:.3g} N·m" if np.isfinite(k.breakaway) else
+        "load that moves it unpowered": lambda k: f"{k.breakaway:.3g} N·m" if np.isfinite(k.breakaway) else
                                               f"holds {k.rig.load:g} N·m",
     })
 
 
 def powers() -> str:
-    """Power and energy."""
+    """Return the table of power and energy."""
     return _rows({
         "power, 100°/s against 100 N·m": lambda k: f"{k.ramp(-HELD):.0f} W",
         "power, 100°/s with 100 N·m": lambda k: f"{k.ramp(HELD):.0f} W",
-        "heat of holding 100 N·m": lambda k: f"{k.heat:.0f} W",
-        "mission: energy drawn": lambda k: f"{k.mission['energy_drawn_j']:.0f} J",
+        "power to hold 100 N·m": lambda k: f"{k.heat:.0f} W",
+        "mission: supply energy": lambda k: f"{k.mission['energy_drawn_j']:.0f} J",
         "mission: energy returned": lambda k: f"{k.mission['energy_regenerated_j']:.0f} J",
         "mission: largest power": lambda k: f"{k.mission['supply_power_peak_w']:.0f} W",
         "mission: rms tracking error": lambda k: f"{k.mission['tracking_error_rms_deg']:.2f}°",
@@ -206,23 +206,23 @@ def powers() -> str:
 
 
 def failures() -> str:
-    """Faults that each kind declares, and how many there are with the general ones."""
+    """Return the table of the faults that each kind declares, and their number with the general ones."""
     rows = []
     for name, title in KINDS.items():
         actuator = get(name)
         rows.append((title, "; ".join(f"`{fault.name}`: {fault.description}" for fault in actuator.faults) or "none",
                      str(len(possible(actuator)))))
-        for form, (title, of) in FORMS.items():
-            if of == name:
+        for form, (title, kind) in FORMS.items():
+            if kind == name:
                 more = [fault for fault in possible(get(form)) if fault not in possible(actuator)]
-                rows.append((title, f"those of the {KINDS[of]}; "
+                rows.append((title, f"those of the {KINDS[kind]}; "
                              + "; ".join(f"`{fault.name}`: {fault.description}" for fault in more),
                              str(len(possible(get(form))))))
-    return markdown(("", "of its kind", "faults in all"), rows)
+    return markdown(("", "faults of the kind", "number of all faults"), rows)
 
 
 def ramps() -> str:
-    """What the worm gear takes where the ball screw and one whose friction falls are moved alike."""
+    """Return the table of current, power and heat of ball screw and worm gears, with and without falling friction."""
     kinds = {"`nonlinear`": Kind(NONLINEAR), "`worm-gear`": Kind("worm-gear"),
              f"`worm-gear`, `-p {FALLING}`": Kind("worm-gear", (FALLING,))}
     rows = []
@@ -232,12 +232,12 @@ def ramps() -> str:
             row += [f"{kind.ramp(load, 'motor_current'):.1f} A", f"{kind.ramp(load):.0f} W",
                     f"{kind.ramp(load, 'worm_loss'):.0f} W" if "worm_loss" in kind.subject.outputs else ""]
         rows.append(row)
-    return markdown(("", *(f"{which}{what}" for which in ("against: ", "with: ")
-                           for what in ("current", "supply power", "heat of the flanks"))), rows)
+    return markdown(("", *(f"{way}: {figure}" for way in ("against", "with")
+                           for figure in ("current", "supply power", "heat of the flanks"))), rows)
 
 
 def draw(path: Path) -> None:
-    """Draw step, rate against load, frequency response, and energy of the mission."""
+    """Plot a step, rates against loads, frequency responses, and energy of the mission."""
     with plots.style():
         figure, axes = plots.figure(2, 2, height=3.0)
         (step, rate), (gain, energy) = axes
@@ -254,16 +254,16 @@ def draw(path: Path) -> None:
         gain.axhline(-3.0, **plots.LIMIT)
         gain.set(title="frequency response at 1°", xlabel="frequency [Hz]", ylabel="gain [dB]", ylim=(-12.0, 3.0))
         plots.frequency_axis(gain, (0.5, 1, 2, 5, 10, 20))
-        places = np.arange(len(KINDS))
+        rows = np.arange(len(KINDS))
         for key, sign, alpha in (("energy_drawn_j", 1.0, 1.0), ("energy_regenerated_j", -1.0, 0.5)):
-            energy.barh(places, [sign * float(kind.mission[key]) / 1e3 for kind in kinds().values()],
+            energy.barh(rows, [sign * float(kind.mission[key]) / 1e3 for kind in kinds().values()],
                         color=list(COLORS.values()), alpha=alpha)
-        for place, kind in zip(places, kinds().values(), strict=True):
-            drawn, returned = (float(kind.mission[key]) for key in ("energy_drawn_j", "energy_regenerated_j"))
-            energy.annotate(f"{drawn:.0f} J, returned {returned:.0f} J", (drawn / 1e3, place), (4.0, 0.0),
+        for row, kind in zip(rows, kinds().values(), strict=True):
+            consumed, returned = (float(kind.mission[key]) for key in ("energy_drawn_j", "energy_regenerated_j"))
+            energy.annotate(f"{consumed:.0f} J, returned {returned:.0f} J", (consumed / 1e3, row), (4.0, 0.0),
                             textcoords="offset points", va="center", fontsize=8.0)
         energy.set(xlim=(None, 9.2))
-        energy.set_yticks(places, KINDS.values())
+        energy.set_yticks(rows, KINDS.values())
         energy.invert_yaxis()
         energy.set(title="energy of a mission of 15 s", xlabel="energy [kJ]")
         figure.legend(*step.get_legend_handles_labels(), loc="outside upper center", ncols=len(KINDS))

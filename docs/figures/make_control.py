@@ -55,8 +55,8 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
     moves = [of(step(size), "overshoot", "settling_time") for size in (1.0, 5.0, 10.0)]
     return {
         "phase margin / °": degrees(phase), "gain margin / dB": gain,
-        "100 N·m load step / °": degrees(of(LOAD, "peak_angle")[0]),
-        "back within 0.05° after / ms": recovery(parameters),
+        "deviation under 100 N·m / °": degrees(of(LOAD, "peak_angle")[0]),
+        "within 0.05° after a load step / ms": recovery(parameters),
         "rate against 100 N·m / °/s": degrees(of(OPPOSED, "sustained_rate", sense="minimum")[0]),
         "rate with 100 N·m / °/s": degrees(of(AIDED, "sustained_rate", sense="minimum")[0]),
         **{f"bandwidth at {size}° / Hz": of(Test("sine", float(np.radians(size))), "bandwidth_3db", sense="minimum")[0]
@@ -92,7 +92,7 @@ def inertia_margins(parameters: ParameterSet, share: float) -> str:
 
 def observer_table() -> list[list[str]]:
     """Return the table of the speed observer's bandwidths: margins for three inertias, and the load step [deg]."""
-    rows = [["", "bandwidth / 1/s", "inertia −25 %", "nominal inertia", "inertia +25 %", "100 N·m load step / °"]]
+    rows = [["", "bandwidth / 1/s", "inertia −25 %", "nominal inertia", "inertia +25 %", "deviation under 100 N·m / °"]]
     for name in ("shipped", "load observer", "two degrees of freedom"):
         for bandwidth in (0.0, 150.0, 300.0, 800.0):
             parameters = filtered(name, "nonlinear", {BANDWIDTH: bandwidth})
@@ -196,7 +196,7 @@ def main() -> None:
             axes.plot(*np.array(points).T, color=color, label=label)
         for name, marker in (("shipped", "o"), ("robust", "s")):
             row = measured[name]
-            axes.plot(row["phase margin / °"], row["100 N·m load step / °"], marker, color="#444444",
+            axes.plot(row["phase margin / °"], row["deviation under 100 N·m / °"], marker, color="#444444",
                       label=name.strip("`"))
         axes.set(xlabel="phase margin at the drive's reference [deg]", ylabel="deviation under 100 N·m [deg]")
         axes.legend()

@@ -1,7 +1,7 @@
-"""What docs/model/efficiency.md shows: its table and its figure.
+"""Table and figure of docs/model/efficiency.md.
 
     python docs/figures/make_efficiency.py           # writes the figure and the table between its markers
-    python docs/figures/make_efficiency.py --check   # exit code 1 where the table is stale
+    python docs/figures/make_efficiency.py --check   # exit code 1 if the table is stale
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from emcas_fmu.simulation import simulate
 FIGURES = Path(__file__).resolve().parent
 MODEL = "nonlinear+efficiency"
 LOAD = 100.0  # N.m
-RATE, REACH = 100.0, 10.0  # deg/s, deg on either side of zero
+RATE, REACH = 100.0, 10.0  # deg/s, deg on both sides of zero
 BASE = load_parameters(model=MODEL)
 # Forward, backward: by backward = 2 - 1/forward.
 SCREWS = ((1.0, 1.0), (0.9, 0.889), (0.7, 0.571), (0.5, 0.0))
@@ -37,8 +37,8 @@ def _run(screw: tuple[float, float], command: Any, torque: float, stop: float, *
 
 
 def _stroke(screw: tuple[float, float], torque: float) -> list[str]:
-    """Means from -REACH to REACH at RATE: current, bus power, screw loss, and the energy from the bus."""
-    # A run-up of 9 deg and as much behind; without an integral, which would catch up with the ramp meanwhile.
+    """Return means from -REACH to REACH at RATE: current, bus power, screw loss, and the energy from the bus."""
+    # 9 deg more at both ends; without an integral, which would raise the rate until the lag is removed.
     start = -REACH - 9.0
     run = _run(screw, lambda t: radians(start + RATE * t), torque, -2.0 * start / RATE,
                **{"fin.start_angle": radians(start), "controller.position.ki": 0.0})
@@ -51,15 +51,15 @@ def _stroke(screw: tuple[float, float], torque: float) -> list[str]:
 
 
 def _holding(screw: tuple[float, float]) -> str:
-    """Least current that holds LOAD at angle zero, in closed form: (backward L - C_m)/K_t, or none."""
+    """Return the smallest current that holds LOAD at angle zero, in closed form: (backward L - C_m)/K_t, at least 0."""
     v, (_, backward) = BASE.values, screw
     ratio = v["kinematics.moment_arm"] / v["screw.lead"] / cos(v["kinematics.initial_angle"])**2
-    least = (backward * LOAD / ratio - v["friction.coulomb.positive[0]"]) / v["motor.torque_constant"]
-    return f"{max(least, 0.0):.1f} A"
+    smallest = (backward * LOAD / ratio - v["friction.coulomb.positive[0]"]) / v["motor.torque_constant"]
+    return f"{max(smallest, 0.0):.1f} A"
 
 
 def _rate(screw: tuple[float, float]) -> str:
-    """Rate of the reference case's slew against 100 N.m, as `emcas validate` judges it by Table 2."""
+    """Return the rate of the reference case's slew against 100 N.m, which `emcas validate` judges by Table 2."""
     chosen = reference_case("load_opposing")
     forward, backward = screw
     values = BASE.with_values({"efficiency.forward": forward, "efficiency.backward": backward}).values
@@ -70,8 +70,8 @@ def _rate(screw: tuple[float, float]) -> str:
 
 
 def strokes() -> str:
-    """The table of docs/model/efficiency.md."""
-    head = ["forward / backward", *(f"{way}: {what}" for way in ("against", "with") for what in (
+    """Return the table of docs/model/efficiency.md."""
+    head = ["forward / backward", *(f"{way}: {figure}" for way in ("against", "with") for figure in (
         "current", "bus power", "screw loss", "energy from the bus")), "holding current",
             "rate of a slew against"]
     rows = [[f"{screw[0]:g} / {screw[1]:g}", *_stroke(screw, -LOAD), *_stroke(screw, LOAD), _holding(screw),
@@ -80,22 +80,22 @@ def strokes() -> str:
 
 
 def renewed(text: str) -> str:
-    """The document with the table that is made now."""
+    """Return the text of the page with a new table."""
     return _MARKED.sub(lambda match: f"{match[1]}\n{strokes()}\n\n{match[2]}", text)
 
 
 def _move(time: float) -> float:
-    """Command [rad]: from -15 to 15 deg in 0.3 s, at 0 speed on both sides; then it is held."""
+    """Return the command [rad]: from -15 to 15 deg in 0.3 s, with rate 0 at both ends; then constant."""
     return -radians(15.0) * cos(pi * min(max(time - 0.1, 0.0), 0.3) / 0.3)
 
 
 def _draw() -> None:
     with plots.style():
         figure, axes = plots.figure(2, 2, height=2.5, sharex=True, sharey="row")
-        shown = ((SCREWS[0], plots.GREEN, "no loss"), (SCREWS[1], plots.BLUE, "0.9 / 0.889"),
-                 (SCREWS[3], plots.VERMILLION, "0.5 / 0, self-locking"))
+        screws = ((SCREWS[0], plots.GREEN, "no loss"), (SCREWS[1], plots.BLUE, "0.9 / 0.889"),
+                  (SCREWS[3], plots.VERMILLION, "0.5 / 0, self-locking"))
         for column, (way, torque) in enumerate((("against", -LOAD), ("with", LOAD))):
-            for screw, color, label in shown:
+            for screw, color, label in screws:
                 run = _run(screw, _move, torque, 0.6, **{"fin.start_angle": radians(-15.0), "encoder.enabled": False})
                 axes[0][column].plot(run["time"], run["motor_current"], color=color, label=label, lw=1.0)
                 axes[1][column].plot(run["time"], run["supply_power"] * 1e-3, color=color, label=label, lw=1.0)
@@ -108,7 +108,7 @@ def _draw() -> None:
 
 
 def main(check: bool) -> int:
-    """Renew document and figure, or say that the document is stale; the exit code."""
+    """Write page and figure, or with `check` print whether the page is stale. Return the exit code: 1 if it is."""
     path = FIGURES.parent / "model/efficiency.md"
     old = path.read_text(encoding="utf-8")
     new = renewed(old)

@@ -1,8 +1,8 @@
 """Table and figures of docs/model/friction.md.
 
     python docs/figures/make_friction.py           # writes the table between its markers, and the figures
-    python docs/figures/make_friction.py --check   # exit code 1 where the table is stale
-    python docs/figures/make_friction.py --cost    # prints what a simulated second costs here
+    python docs/figures/make_friction.py --check   # exit code 1 if the table is stale
+    python docs/figures/make_friction.py --cost    # prints the CPU time of a simulated second
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ROUGH: tuple[tuple[str, str, Mapping[str, float], str], ...] = (
 )
 AMPLITUDE, FREQUENCY = 0.5, 0.2  # deg, Hz
 STEP, BAND = 0.1, 0.01  # deg
-FASTEST = 0.25  # s before the sine's zero, where it is fastest
+FASTEST = 0.25  # s, the time before the sine's zero, at which it is fastest
 SETTLED, LONG = 20.0, 300.0  # s
 STUCK = 0.02  # rad/s at the motor, 3 % of the sine's largest
 
@@ -51,15 +51,15 @@ def _run(model: str, overrides: Mapping[str, Any], stop: float, step: float = 1e
 
 
 def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) -> list[str]:
-    given = {**overrides, "compensation.gain": gain}
-    slow = _run(model, given, 3.0 / FREQUENCY, fin_command=_sine)
+    values = {**overrides, "compensation.gain": gain}
+    slow = _run(model, values, 3.0 / FREQUENCY, fin_command=_sine)
     last = slice(round(2e3 / FREQUENCY), None)
     error = np.degrees(slow["tracking_error"][last])
     fast = slow["time"] >= 3.0 / FREQUENCY - FASTEST
-    times, there = slow["time"][fast], np.degrees(slow["tracking_error"][fast])
-    ripple = np.ptp(there - np.polyval(np.polyfit(times, there, 1), times))
+    times, errors = slow["time"][fast], np.degrees(slow["tracking_error"][fast])
+    ripple = np.ptp(errors - np.polyval(np.polyfit(times, errors, 1), times))
     stuck = np.mean(np.abs(slow["motor_speed"][last]) < STUCK)
-    step = _run(model, given, LONG, fin_command=radians(STEP))
+    step = _run(model, values, LONG, fin_command=radians(STEP))
     angle = np.degrees(step["fin_angle"])
     settled = settling(step["time"], np.abs(angle - STEP), BAND)
     late = angle[round(SETTLED * 1e3):]
@@ -69,7 +69,7 @@ def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) ->
 
 
 def table() -> str:
-    """What each choice does to a slow sine and a small step, without compensation and with it."""
+    """Return the table of a slow sine and a small step with each friction model, without and with compensation."""
     rows = [_row(title + words, model, overrides, gain) for gain, words in ((0.0, ""), (1.0, ", fed forward"))
             for title, model, overrides, _ in CHOICES + ROUGH if title != "none" or not gain]
     return markdown(("", "sine: rms error", "peak", "stuck", "ripple", "step: overshoot", "settling", "mean error",
@@ -99,7 +99,7 @@ def _tracking() -> None:
 
 
 def _loops() -> None:
-    """At one position's friction in both directions, so that the loops are the bristles' alone."""
+    """Plot presliding loops and friction against speed, with equal friction at all angles and in both directions."""
     level = 0.2
     even = {**NONE, "friction.coulomb.positive[0]": level, "friction.coulomb.negative[0]": level}
     smooth = {"encoder.enabled": False, "compensation.gain": 0.0}
@@ -133,7 +133,7 @@ def _loops() -> None:
 
 def _cost() -> None:
     for title, model, overrides, _ in CHOICES:
-        taken = []
+        times = []
         for kernel, stop in (("compiled", 10.0), ("python", 2.0)):
             values = load_parameters(model=model).with_values(overrides).values
             runs = []
@@ -141,8 +141,8 @@ def _cost() -> None:
                 begun = time.process_time()
                 simulate(values, stop, model=model, kernel=kernel, fin_command=_sine)
                 runs.append((time.process_time() - begun) / stop * 1e3)
-            taken.append(min(runs))
-        print(f"{title}: {taken[0]:.2f} ms of CPU per simulated second compiled, {taken[1]:.0f} ms in Python")
+            times.append(min(runs))
+        print(f"{title}: {times[0]:.2f} ms of CPU per simulated second compiled, {times[1]:.0f} ms in Python")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""The table of docs/model/numerics.md, and the figures of its text.
+"""Table of docs/model/numerics.md, and the numbers in its text.
 
     python docs/figures/make_numerics.py           # writes the table
-    python docs/figures/make_numerics.py --check   # exit code 1 where it is stale
-    python docs/figures/make_numerics.py --text    # prints the figures of the text: encoder, steps of the load
+    python docs/figures/make_numerics.py --check   # exit code 1 if it is stale
+    python docs/figures/make_numerics.py --text    # prints the numbers of the text: encoder, steps of the load
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from emcas_fmu.support.files import models_directory
 VALUES = load_parameters().values
 TICKS = (0.1e-3, 0.35e-3, VALUES["solver.max_tick"])  # s
 FINEST = 2e-6  # s
-FEWEST = 1e-3  # mdeg, below which the stored reference says little more
-ROWS = {  # of the table: the reference cases whose largest difference it gives
+SMALLEST = 1e-3  # mdeg; smaller differences are within the rounding of the stored reference
+ROWS = {  # rows of the table, with their reference cases
     "steps ±1°": ("step_plus1", "step_minus1"),
     "steps ±5°, ±10°, ±20°": tuple(f"step_{sign}{size}" for sign in ("plus", "minus") for size in (5, 10, 20)),
     "the case `step`": ("step",), "square wave": ("square",), "sweep 1°": ("chirp_1deg",),
     "sweep 3.5°": ("chirp_3p5deg",), "100 N·m opposing, aiding": ("load_opposing", "load_aiding"), "−6 °C": ("cold",),
     "sagging bus": ("sag",)}
-RUNS, DURATION = 120, 0.4  # random ones, and how long each is [s]
+RUNS, DURATION = 120, 0.4  # number of random runs, and the duration of each [s]
 
 
 def _angle(case: Case, **parameters: Any) -> np.ndarray:
-    """Fin angle [mdeg] at the rows of a case."""
+    """Return the fin angle [mdeg] at the rows of a case."""
     inputs = case.inputs()
     signals: dict[str, Any] = {name: column for name, column in inputs.items() if name != "time"}
     values = {**VALUES, **case.overrides, **parameters}
@@ -42,7 +42,7 @@ def _angle(case: Case, **parameters: Any) -> np.ndarray:
 
 
 def ticks() -> str:
-    """Largest difference of the fin angle to the stored reference by the tick."""
+    """Return the table of the largest difference of the fin angle from the stored reference, by tick."""
     folder, largest = models_directory() / "reference", {}
     for case in CASES:
         stored = np.degrees(files.read_csv(files.path_of(folder, case.name, "ref.csv"))["fin_angle"]) * 1e3
@@ -51,15 +51,15 @@ def ticks() -> str:
     for row, names in zip(rows, ROWS.values(), strict=True):
         for column in range(len(TICKS)):
             error = max(largest[name][column] for name in names)
-            row.append(f"{error:.2g}" if error >= FEWEST else f"below {FEWEST:g}")
-    shown = [f"{tick * 1e3:g} ms" for tick in TICKS]
-    return markdown(("case", *shown[:-1], f"{shown[-1]} (default)"), rows)
+            row.append(f"{error:.2g}" if error >= SMALLEST else f"below {SMALLEST:g}")
+    head = [f"{tick * 1e3:g} ms" for tick in TICKS]
+    return markdown(("case", *head[:-1], f"{head[-1]} (default)"), rows)
 
 
 def print_encoder() -> None:
-    """Print what the encoder makes of the small differences between a tick and the finest."""
+    """Print the largest difference of the fin angle between ticks and the finest tick, with the encoder on."""
     chosen = (5e-6, 1e-5, 2e-5, 1e-4, *TICKS[1:])
-    print(f"encoder on: largest difference to ticks of {FINEST * 1e6:g} us / mdeg\n")
+    print(f"encoder on: largest difference from ticks of {FINEST * 1e6:g} us / mdeg\n")
     print(f"{'case':16}" + "".join(f"{tick * 1e6:>9g} us" for tick in chosen))
     for case in CASES:
         finest = _angle(case, **{"encoder.enabled": True, "solver.max_tick": FINEST})
@@ -69,8 +69,8 @@ def print_encoder() -> None:
 
 
 def print_blows() -> None:
-    """Print what steps of the load between samples cost, with steps of the command anywhere in its range."""
-    rows, step = round(DURATION / 2e-4) + 1, 2e-4  # s: loads may step at a fifth of a sample
+    """Print the errors in random runs with steps of the load between samples, and of the command in its range."""
+    rows, step = round(DURATION / 2e-4) + 1, 2e-4  # s; loads may step five times in a sample
     errors: dict[float, list[float]] = {tick: [] for tick in TICKS[1:]}
     for seed in range(RUNS):
         rng = np.random.default_rng(seed)
@@ -81,16 +81,17 @@ def print_blows() -> None:
 
         def run(tick: float, command: np.ndarray = command, load: np.ndarray = load) -> np.ndarray:
             values = {**VALUES, "encoder.enabled": False, "solver.max_tick": tick}
-            made = simulate(values, DURATION, step, fin_command=command, aero_torque=load)
-            angle: np.ndarray = 1e3 * np.degrees(made["fin_angle"])
+            columns = simulate(values, DURATION, step, fin_command=command, aero_torque=load)
+            angle: np.ndarray = 1e3 * np.degrees(columns["fin_angle"])
             return angle
 
         finest = run(FINEST)
-        for tick, found in errors.items():
-            found.append(float(np.abs(run(tick) - finest).max()))
-    print(f"\nsteps of the load: difference to ticks of {FINEST * 1e6:g} us, largest and median of {RUNS} runs / mdeg")
-    for tick, found in errors.items():
-        print(f"{tick * 1e6:>9g} us{max(found):12.3f}{np.median(found):12.3f}")
+        for tick, differences in errors.items():
+            differences.append(float(np.abs(run(tick) - finest).max()))
+    print(f"\nsteps of the load: difference from ticks of {FINEST * 1e6:g} us, largest and median of {RUNS} runs / "
+          "mdeg")
+    for tick, differences in errors.items():
+        print(f"{tick * 1e6:>9g} us{max(differences):12.3f}{np.median(differences):12.3f}")
 
 
 TABLES = {"model/numerics.md": {"ticks": ticks}}

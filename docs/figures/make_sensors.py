@@ -35,8 +35,8 @@ CASES: Sequence[tuple[str, str | None, Mapping[str, Any], Mapping[str, Mapping[s
     ("`load-observer`", "load-observer", {}, {**CURRENT, **ON_MOTOR}),
     ("`two-degrees-of-freedom`", "two-degrees-of-freedom", {}, {**CURRENT, **ON_MOTOR}),
     ("encoder on the fin", None, WITH_FIN_ENCODER, ON_FIN))
-HEADER = ("", "steps of 1, 5, 20°", "sweep of 3.5°", "held at 20° / under 100 N·m", "rate / against 100 N·m",
-          "−3 dB at 1° / 3.5°", "current at rest", "3 s of 100 N·m", "margins")
+HEADER = ("", "steps of 1, 5, 20°", "sweep of 3.5°", "held error at 20° / under 100 N·m", "rate / against 100 N·m",
+          "−3 dB at 1° / 3.5°", "current at rest", "energy in 3 s of 100 N·m", "margins")
 
 
 def _rows(subject: ParameterSubject, errors: Mapping[str, Mapping[str, float]]) -> list[list[str]]:

@@ -1,7 +1,7 @@
-"""Tables of the pages of the kinds of actuation: what a tick is off by, against the independent integration of each.
+"""Tables of the pages of the kinds of actuation: errors by tick, against the independent integration of each kind.
 
-    python docs/figures/make_ticks.py                    # writes the tables; about a quarter of an hour
-    python docs/figures/make_ticks.py worm_gear.md       # of one page
+    python docs/figures/make_ticks.py                    # writes the tables, in about a quarter of an hour
+    python docs/figures/make_ticks.py worm_gear.md       # only those of one page
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from emcas_fmu.simulation import simulate
 RIM = 0.045  # m, radius of the pitch circle of the worm's wheel
 FALLING = {"worm.friction": 0.04, "worm.static_ratio": 3.75}
 DRIVEN = {"worm.friction": 0.05}
-SHOWN = 1e-6  # deg, below which a reference says little more
+SMALLEST = 1e-6  # deg; smaller differences are within the error of a reference
 STEP, SLEWS, COLD, SAG = ("step_plus5",), ("load_opposing", "load_aiding"), ("cold",), ("sag",)
 CASES = {"step of 5°": STEP, "slews of 40° against and with 100 N·m": SLEWS, "steps at −6 °C": COLD,
          "slew into a sag of the supply": SAG}
@@ -32,7 +32,7 @@ CASES = {"step of 5°": STEP, "slews of 40° against and with 100 N·m": SLEWS, 
 
 @dataclass(frozen=True)
 class Runs:
-    """Reference cases by name, or one run of input columns in SI units over rows 1 ms apart; what differs in both."""
+    """Reference cases by name, or one run with input `columns` (SI, every 1 ms); both with changed parameters."""
 
     cases: tuple[str, ...] = ()
     changes: Mapping[str, Any] = field(default_factory=dict)
@@ -45,8 +45,8 @@ class Runs:
             rows = len(next(iter(self.columns.values())))
             yield (default.with_values({**default.having(exact), **self.changes}),
                    {"time": np.arange(rows) * 1e-3, **self.columns})
-        there = {case.name: case for case in files.cases(default.model, default.values)}
-        for case in (there[name] for name in self.cases):
+        by_name = {case.name: case for case in files.cases(default.model, default.values)}
+        for case in (by_name[name] for name in self.cases):
             yield default.with_values({**case.overrides, **self.changes}), case.inputs()
 
 
@@ -60,7 +60,7 @@ def _from(time: Any, at: float, value: float) -> Any:
 
 
 def _worn(gap: float, **changes: float) -> dict[str, float]:
-    """Return a backlash of `gap` [deg] of the fin, with friction."""
+    """Return parameters with a backlash of `gap` [deg] at the fin, and other `changes`."""
     return {"drive_line.backlash": radians(gap) * RIM, **changes}
 
 
@@ -92,13 +92,13 @@ CLUTCHES = {title: Runs(cases) for title, cases in CASES.items()}
 
 
 def _degrees(error: float) -> str:
-    if error < SHOWN:
-        return f"below {SHOWN:f}°"
+    if error < SMALLEST:
+        return f"below {SMALLEST:f}°"
     return np.format_float_positional(error, precision=2, fractional=False, trim="-") + "°"
 
 
 def table(model: str, cases: Mapping[str, Runs], ticks: tuple[float, ...]) -> str:
-    """Return the largest difference of the fin angle in each case, by the tick [s]."""
+    """Return the table of the largest difference of the fin angle in each case, by tick [s]."""
     default, reference = load_parameters(model=model), files.simulator(model)
     rows = []
     for title, runs in cases.items():
@@ -125,5 +125,5 @@ DOCUMENTS = {
 
 if __name__ == "__main__":
     names = sys.argv[1:] or [Path(page).name for page in DOCUMENTS]
-    sys.exit(main(False, {page: made for page, made in DOCUMENTS.items() if Path(page).name in names},
+    sys.exit(main(False, {page: tables for page, tables in DOCUMENTS.items() if Path(page).name in names},
                   "make_ticks.py"))

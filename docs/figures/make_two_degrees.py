@@ -57,8 +57,8 @@ def figures(parameters: ParameterSet, torque: float) -> dict[str, float]:
         "largest overshoot of 1, 5, 10° / %": 100.0 * max(
             figure(parameters, step(size), "overshoot")[0] for size in (1.0, 5.0, 10.0)),
         "20° within 0.2° after / ms": 1e3 * figure(parameters, step(20.0), "time_to_accuracy")[0],
-        "load step / °": figure(parameters, load, "peak_angle")[0],
-        "back within 0.05° after / ms": settled(parameters, torque)}
+        "deviation under a load step / °": figure(parameters, load, "peak_angle")[0],
+        "within 0.05° after a load step / ms": settled(parameters, torque)}
 
 
 def table() -> None:

@@ -1,11 +1,11 @@
-"""The tables of docs/tools/verdict.md: wrong actuators that the verdict finds, and sound ones that it passes.
+"""Tables of docs/tools/verdict.md: wrong actuators that the verdict detects, and sound ones that it passes.
 
     python docs/figures/make_verdict.py           # writes the tables
-    python docs/figures/make_verdict.py --check   # exit code 1 where one is stale
+    python docs/figures/make_verdict.py --check   # exit code 1 if one is stale
 
-Each wrong actuator is a change of parameters, a deviation of the unit as built, a fault, or a wrong line of a
-controller, with the rows of its shipped requirements that name its cause: it is found where one of them fails. The
-sound ones are drawn within tolerances.
+Each wrong actuator has changed parameters, a deviation as built, a fault, or a wrong line of a controller, and a list
+of the requirements that indicate its cause: it is detected if one of them is missed. The sound actuators are drawn
+within tolerances.
 """
 
 from __future__ import annotations
@@ -30,20 +30,21 @@ from emcas_fmu.bench.verdict import Judged, evaluate, judged
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.support.files import models_directory
 
-UNWOUND = "unwound.py"  # beside this script
+UNWOUND = "unwound.py"  # in the folder of this script
 SEED = 1
 
 
 def samples(model: str) -> int:
-    """Return the number of sound units drawn: those of some kinds take a second each."""
+    """Return the number of sound actuators to draw, fewer for kinds that are slow to simulate."""
     return 50 if model == NONLINEAR else 25
 
 
 class Defect(NamedTuple):
-    """A wrong actuator: what is wrong, what differs (also as `factors` of what is shipped), and rows that name it.
+    """A wrong actuator: description, changed values, `factors` of shipped values, and requirements that indicate it.
 
-    It is of the actuator that it stands under, unless a `model` is given; "+faults" is that one with the extension.
-    `files` are sets over what is shipped. One that no row finds has no causes, and `why` not.
+    It is the actuator under whose name it is listed, unless `model` names another; "+faults" adds the extension.
+    `files` are sets over the shipped values. A defect that no requirement detects has no causes, and the reason in
+    `why`.
     """
 
     what: str
@@ -154,8 +155,8 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         Defect("speed limit 200 rad/s", {"controller.speed_limit": 200.0}, ("unloaded_rate", "loaded_rate")),
         Defect("encoder of 64 pulses", {"encoder.pulses": 64}, ("rest_current_small",)),
         _fault("encoder counts backwards", "encoder_reversed", "accuracy_1deg", "accuracy_20deg"),
-        Defect("supply of 24 V", {"drive.supply_voltage": 24.0}, (), why="without back-EMF no supply limits the speed, "
-               "and 4 V drive what 100 N·m take"),
+        Defect("supply of 24 V", {"drive.supply_voltage": 24.0}, (), why="without back-EMF the supply does not limit "
+               "the speed, and 4 V suffice for 100 N·m"),
     ),
     "habibi": (
         _late(),
@@ -166,8 +167,8 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         _fault("supply sagged to half", "brown_out", "unloaded_rate", "loaded_rate"),
         Defect("contact stiffness / 10", {}, ("torque_reserve", "accuracy_loaded"),
                factors={"drive_line.contact_stiffness": 0.1}),
-        Defect("winding resistance × 3", {}, (), factors={"motor.resistance": 3.0}, why="the current loop makes up for "
-               "it: at 90 % of the supply 182°/s against 100 N·m are left of the 180°/s that are required"),
+        Defect("winding resistance × 3", {}, (), factors={"motor.resistance": 3.0}, why="the current loop "
+               "compensates it: at 90 % of the supply the rate against 100 N·m is 182°/s, limit 180°/s"),
     ),
     "ozkan": (
         _late(),
@@ -177,7 +178,7 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         _no_integral("accuracy_loaded", "load_recovery"),
         Defect("friction compensated twice", {"compensation.gain": 2.0}, ("small_overshoot",)),
         Defect("motor shaft a tenth as stiff", {}, (), factors={"drive_line.torsional_compliance": 10.0},
-               why="250 N·m wind it up by 0.06° at the fin"),
+               why="250 N·m twist it by 0.06° at the fin"),
     ),
     "elastic": (
         _late(),
@@ -189,7 +190,7 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         Defect("friction compensated twice", {"compensation.gain": 2.0}, ("small_overshoot",)),
         Defect("encoder of 64 pulses", {"encoder.pulses": 64}, ("rest_current_small",)),
         Defect("rod a tenth as stiff in torsion", {}, (), factors={"drive_line.torsional_compliance": 10.0},
-               why="250 N·m wind it up by 0.06° at the fin"),
+               why="250 N·m twist it by 0.06° at the fin"),
     ),
     "worm-gear": (
         _gain(2.5, "phase_margin", "gain_margin"),
@@ -209,7 +210,7 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         _weak_motor("loaded_rate"),
         _no_integral("accuracy_loaded"),
         Defect("encoder of 64 pulses", {"encoder.pulses": 64}, (),
-               why="0.8 A of 1 A: the worm holds what the counts shake"),
+               why="0.8 A, limit 1 A: the worm holds the fin although the counts excite the motor"),
     ),
     "clutch": (
         _fault("open clutch that drags", "drag", "loaded_rate", "torque_reserve"),
@@ -224,14 +225,14 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         Defect("screw and no-back without oil: efficiency of 70 %", {"efficiency.forward": 0.7}, ("loaded_rate",)),
         _weak_motor("loaded_rate", by=40),
         _no_integral("accuracy_loaded"),
-        _fault("clutch worn to half", "powder_loss", why="250 N·m take 4.4 of the 5 N·m that are left"),
+        _fault("clutch worn to half", "powder_loss", why="250 N·m need 4.4 N·m at the clutch, which still has 5 N·m"),
         _fault("clutch worn to 30 %", "powder_loss", share=0.3, why="**a gap in the requirements**: the no-back holds "
-               "250 N·m, and no row requires a motion against more than 100 N·m"),
+               "250 N·m, and no requirement has a motion against more than 100 N·m"),
         Defect("drive of 30 A", {"drive.current_limit": 30.0}, (), why="the same gap"),
-        _fault("open clutch that drags", "drag", why="it is open only while the actuator is disabled, which no row "
-               "judges"),
-        _fault("no-back that fails", "clutch_engaged", why="the motor then holds the load, as without one: 17 A under "
-               "100 N·m"),
+        _fault("open clutch that drags", "drag", why="the clutch is open only while the actuator is disabled, which "
+               "no requirement judges"),
+        _fault("no-back that fails", "clutch_engaged", why="the motor then holds the load, as without a no-back: 17 A "
+               "under 100 N·m"),
     ),
     "servo": (
         Defect("position gain × 0.5", {}, ("accuracy_loaded", "bandwidth_1deg"), factors={"controller.kp": 0.5}),
@@ -260,13 +261,13 @@ DEFECTS: Mapping[str, Sequence[Defect]] = {
         _fault("silted valve, its null shifted", "silting", "symmetry"),
     ),
 }
-# Of sound units, uniform: of the unit as built over what its controllers know, and of parameters, as a share.
+# Half widths of the uniform tolerances of sound actuators: of deviations as built, and of parameters as a share.
 _BUILT = {"deviation.kinematics.moment_arm": 0.002, "deviation.kinematics.initial_angle": radians(0.25),
           "deviation.screw.lead": 1e-4, "deviation.motor.torque_constant": 0.05, "deviation.friction.coulomb": 0.3,
           "deviation.friction.viscous": 0.3, "deviation.mass.fin": 0.1}
 _SHARES = {"motor.resistance": 0.1, "motor.inductance": 0.2, "inertia.motor": 0.05, "drive.transport_delay": 0.03,
            "drive.current_limit": 0.02, "drive.supply_voltage": 0.03}
-# Beside these, of single kinds.
+# Additional ones of single kinds, as a share.
 _OF_KINDS = {"drive_line.backlash": 0.2, "drive_line.contact_stiffness": 0.2, "drive_line.axial_compliance": 0.2,
              "drive_line.torsional_compliance": 0.2, "pwm.gain": 0.03, "second_order.natural_frequency": 0.05,
              "second_order.damping": 0.05, "second_order.rate_limit": 0.03, "motor.stall_torque": 0.1,
@@ -277,7 +278,7 @@ _TEMPERATURE = 10.0, 50.0  # degC
 
 @cache
 def _model(name: str) -> str:
-    """Return an actuator's name; of a file here that of a copy with the shipped parameters beside it."""
+    """Return an actuator's name; for a file of this folder, the path of a copy beside the shipped parameters."""
     if not name.endswith(".py"):
         return name
     folder = Path(mkdtemp(prefix="emcas-wrong-"))
@@ -296,13 +297,13 @@ def parameters_of(kind: str, defect: Defect) -> ParameterSet:
 
 @cache
 def missed(kind: str) -> tuple[str, ...]:
-    """Return the rows that an actuator fails as it is shipped: they say nothing of a defect, nor of a tolerance."""
+    """Return the requirements that the shipped actuator misses, which indicate neither a defect nor a tolerance."""
     return _failed(_judged(load_parameters(model=kind), [{}])[0])
 
 
 @cache
 def failing(kind: str, number: int) -> tuple[str, ...]:
-    """Return the rows that a wrong actuator fails and a shipped one meets, by its place in DEFECTS."""
+    """Return the requirements that the wrong actuator of this index in DEFECTS misses and the shipped one meets."""
     parameters = parameters_of(kind, DEFECTS[kind][number])
     return tuple(name for name in _failed(_judged(parameters, [{}])[0]) if name not in missed(kind))
 
@@ -312,15 +313,15 @@ def _failed(rows: Sequence[Judged]) -> tuple[str, ...]:
 
 
 def _judged(parameters: ParameterSet, changes: Sequence[Mapping[str, Any]]) -> list[list[Judged]]:
-    """Return the requirements judged of each of several units that differ from a set by `changes`."""
+    """Return the judged requirements of each of several actuators that differ from a set by `changes`."""
     subject, specification = ParameterSubject(parameters), load_requirements(None, parameters)
-    units = evaluate(subject, specification, changes)
+    actuators = evaluate(subject, specification, changes)
     return [[judged(r, [f for f in figures if f.requirement.name == r.name], subject)
-             for r in specification.requirements] for figures in units]
+             for r in specification.requirements] for figures in actuators]
 
 
 def sound(model: str) -> Iterator[dict[str, float]]:
-    """Yield the changes of sound units, drawn within tolerances."""
+    """Yield the changes of parameters of sound actuators, drawn within tolerances."""
     values, draw = load_parameters(model=model).values, np.random.default_rng(SEED)
     for _ in range(samples(model)):
         changes = {name: float(draw.uniform(-most, most)) for name, most in _BUILT.items() if name in values}
@@ -335,31 +336,32 @@ def sound(model: str) -> Iterator[dict[str, float]]:
 
 @cache
 def falsely_failing(model: str) -> tuple[tuple[str, ...], ...]:
-    """Return the rows that each sound unit fails and a shipped one meets."""
-    units = _judged(load_parameters(model=model), list(sound(model)))
-    return tuple(tuple(name for name in _failed(unit) if name not in missed(model)) for unit in units)
+    """Return the requirements that each sound actuator misses and the shipped one meets."""
+    actuators = _judged(load_parameters(model=model), list(sound(model)))
+    return tuple(tuple(name for name in _failed(rows) if name not in missed(model)) for rows in actuators)
 
 
 def confusion() -> str:
-    """The table of how many wrong actuators are found and how many sound ones are failed."""
+    """Return the table of the numbers of wrong actuators that are detected and of sound ones that fail."""
     rows = []
     for kind, defects in DEFECTS.items():
-        found = sum(bool({*failing(kind, k)} & {*defect.causes}) for k, defect in enumerate(defects))
+        detected = sum(bool({*failing(kind, k)} & {*defect.causes}) for k, defect in enumerate(defects))
         failed = sum(map(bool, falsely_failing(kind)))
-        rows.append((f"`{kind}`", f"{found} of {len(defects)}", f"{failed} of {samples(kind)}"))
-    return markdown(("actuator", "wrong ones found by the row that names the cause", "sound ones failed"), rows)
+        rows.append((f"`{kind}`", f"{detected} of {len(defects)}", f"{failed} of {samples(kind)}"))
+    return markdown(("actuator", "wrong ones detected by a requirement that indicates the cause",
+                     "sound ones that fail"), rows)
 
 
 def defects_of(kind: str) -> str:
-    """The table of an actuator's defects: what is wrong, the row that names it, what else fails."""
+    """Return the table of an actuator's defects, with the requirements that indicate them and the number of others."""
     rows = []
     for k, defect in enumerate(DEFECTS[kind]):
         failed = failing(kind, k)
         named = [name for name in failed if name in defect.causes]
         others = len(failed) - len(named)
-        rows.append((defect.what, ", ".join(f"`{name}`" for name in named) or f"not found: {defect.why}",
+        rows.append((defect.what, ", ".join(f"`{name}`" for name in named) or f"not detected: {defect.why}",
                      f"{others} more" if others else ""))
-    return markdown(("what is wrong", "found by", "and"), rows)
+    return markdown(("defect", "detected by", "other requirements"), rows)
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {"tools/verdict.md": {

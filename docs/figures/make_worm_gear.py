@@ -1,4 +1,4 @@
-"""Draw the picture of docs/model/worm_gear.md: `python docs/figures/make_worm_gear.py`."""
+"""Plot the picture of docs/model/worm_gear.md: `python docs/figures/make_worm_gear.py`."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ DEFAULT = degrees(atan(BASE["worm.starts"] / BASE["worm.diameter_quotient"]))
 
 
 def plant(lead: float, friction: float, ratio: float = 60.0) -> Any:
-    """Parameters of the plant with a lead angle [deg], as many starts as leave the worm its usual thickness."""
+    """Return the plant's parameters with a lead angle [deg] and the number of starts for a worm of usual thickness."""
     starts = 1.0 if lead < 8.0 else 2.0 if lead < 14.0 else 4.0
     return get(MODEL).plant({**BASE, "worm.starts": starts, "worm.teeth": ratio * starts,
                              "worm.diameter_quotient": starts / tan(radians(lead)), "worm.friction": friction})
 
 
 def motor_torque(p: Any, load: float) -> float:
-    """Torque [N.m] of a motor that turns slowly, the hinge moment `load` [N.m] against it (negative: with it)."""
+    """Return the torque [N.m] of a slowly turning motor against a hinge moment `load` [N.m] (negative: with it)."""
     at_worm = (load + p.friction.fin_coulomb) / worm.ratio(p)
     share = 1.0 / worm.forward(FLOATS, p, 0.0) if at_worm > 0.0 else worm.backward(FLOATS, p, 0.0)
     return float(p.friction.coulomb.positive[0] + share * at_worm)
 
 
 def steady_rate(p: Any, load: float) -> float:
-    """Fin rate [deg/s] at which the supply's voltage holds that torque: V = R i + K_e w."""
+    """Return the fin rate [deg/s] that the supply allows against a load [N.m]: V = R i + K_e w; 0 at stall."""
     motor, viscous = p.motor, p.friction.viscous.positive
     per_torque = motor.resistance / motor.torque_constant
     current = motor_torque(p, load) / motor.torque_constant
@@ -49,7 +49,7 @@ def steady_rate(p: Any, load: float) -> float:
 
 
 def power(p: Any, load: float) -> float:
-    """Power [W] from the supply at RATE against a hinge moment [N.m]."""
+    """Return the supply power [W] at RATE against a hinge moment [N.m]."""
     speed = radians(RATE) * worm.ratio(p)
     current = (motor_torque(p, load) + p.friction.viscous.positive * speed) / p.motor.torque_constant
     return float(p.motor.resistance * current**2 + p.motor.back_emf_constant * speed * current)
@@ -114,7 +114,7 @@ def _power(axis: Any) -> None:
 
 
 def main() -> None:
-    """Draw efficiency, locking, rate and power against the lead angle."""
+    """Plot efficiency, locking, rate and power against the lead angle."""
     with plots.style():
         figure, axes = plots.figure(2, 2, height=3.1, width=10.0)
         for draw, axis in zip((_efficiency, _locking, _rate, _power), axes.flat, strict=True):
