@@ -76,7 +76,7 @@ def _draw() -> None:
 
 def _zeros() -> None:
     """Print the table of the largest error of the zero and the shortest and longest homing run, over STARTS."""
-    print("| model | motor's belief, both stops | one stop only | shortest and longest run |\n|---|---|---|---|")
+    print("| model | both stops | one stop only | shortest and longest run |\n|---|---|---|---|")
     for name in MODELS:
         row, times = [], []
         for verify in (True, False):
