@@ -11,8 +11,17 @@ PICTURES = (".html", *IMAGES)
 """Endings of plots: of images and of pages with them."""
 
 
-def check_ending(path: Path | None, endings: tuple[str, ...] = PICTURES) -> Path | None:
-    """Return the path of a plot, or None. Raises EmcasError if it has none of the endings."""
+def check_ending(path: Path | None) -> Path | None:
+    """Return the path of a plot, or None. Raises EmcasError if it has none of the endings `PICTURES`."""
+    return _checked(path, PICTURES)
+
+
+def check_image(path: Path | None) -> Path | None:
+    """Return the path of an image, or None. Raises EmcasError if it has none of the endings `IMAGES`."""
+    return _checked(path, IMAGES)
+
+
+def _checked(path: Path | None, endings: tuple[str, ...]) -> Path | None:
     if path is not None and path.suffix not in endings:
         raise EmcasError(f"{path}: the name of a plot must end in {', '.join(endings)}")
     return path

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogFormatterMathtext
 
 from ..support.writing import whole
-from . import IMAGES, check_ending
+from . import check_image
 from .curves import INK as INK
 from .curves import curves
 
@@ -233,7 +233,7 @@ def legend_above(owner: Axes | Figure, columns: int = 6, **more: Any) -> None:
 
 def write(plot: Figure, path: Path) -> None:
     """Write a figure of `style()` as ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for an unknown ending."""
-    check_ending(path, IMAGES)
+    check_image(path)
     with whole(path) as file:
         plot.savefig(file, format=path.suffix[1:], dpi=150, facecolor="white")
 

@@ -51,7 +51,7 @@ def compare(
     Exit codes: 0 done, 2 an error, 3 there are no records.
     """
     from emcas_fmu.commands.common import check_outputs, err, failures, out
-    from emcas_fmu.figures import IMAGES, check_ending
+    from emcas_fmu.figures import check_image
     from emcas_fmu.pages.terminal import table
     from emcas_fmu.support.writing import write
     from examples.emps.calibration import FREE, calibrated, cross_validation
@@ -64,7 +64,7 @@ def compare(
         except NoRecordsError as error:
             err.print(f"[bold red]error:[/] {error}", soft_wrap=True)
             raise typer.Exit(NO_RECORDS) from error
-        check_outputs(json_file, check_ending(plot, IMAGES), inputs=[folder])
+        check_outputs(json_file, check_image(plot), inputs=[folder])
         fitted, unseen = load(folder / FITTED), load(folder / UNSEEN)
         shipped = parameters()
         values = calibrated(fitted, {**shipped, **BEGIN}) if fit else shipped

@@ -17,7 +17,7 @@ if __package__ in (None, ""):  # run as a file: modules are found from the folde
 
 import emcas_fmu as emcas
 from emcas_fmu.commands.common import check_outputs
-from emcas_fmu.figures import IMAGES, check_ending, plots
+from emcas_fmu.figures import check_image, plots
 from examples.hardware_in_the_loop.coupling import Half
 from examples.mujoco.rig import COLUMNS, FINS, Array, Rig
 
@@ -53,7 +53,7 @@ def run(
 ) -> None:
     """Roll a tail with four fins in MuJoCo, each fin turned by an FMU with torque out."""
     try:
-        check_outputs(check_ending(picture, IMAGES))
+        check_outputs(check_image(picture))
         with TemporaryDirectory() as folder, ExitStack() as opened:
             file = Path(folder) / "actuator.fmu"
             emcas.build(emcas.load_parameters(model=model), file, interface="torque")
