@@ -1,1 +1,1 @@
-"""Everything FMI-shaped, generated from what an actuator declares."""
+"""FMUs, generated from the declaration of an actuator."""

@@ -26,10 +26,10 @@ _MIXED = tuple(v.name for v in MIXING)
 
 
 def element(tag: str, attributes: Mapping[str, str | None], children: Iterable[Element] = ()) -> Element:
-    """Return an element with `children` and those of its `attributes` that are not None."""
-    made = Element(tag, {name: value for name, value in attributes.items() if value is not None})
-    made.extend(children)
-    return made
+    """Return an XML element with `children` and `attributes`, without attributes that are None."""
+    result = Element(tag, {name: value for name, value in attributes.items() if value is not None})
+    result.extend(children)
+    return result
 
 
 def text(value: Any) -> str:
@@ -40,7 +40,7 @@ def text(value: Any) -> str:
 
 
 def to_bytes(root: Element) -> bytes:
-    """Return the document as indented UTF-8."""
+    """Return an XML document as indented UTF-8."""
     indent(root)
     body: bytes = tostring(root, encoding="UTF-8", xml_declaration=True)
     return body + b"\n"
@@ -53,21 +53,21 @@ def describe(interface: FmuInterface) -> str:
 
 
 def about(interface: FmuInterface, sets: Sequence[ParameterSet], tool: str) -> dict[str, str]:
-    """Return the attributes of a model description for people: description, version, author, `tool`, date.
+    """Return the attributes of a model description that only inform people: description, version, author, `tool`, date.
 
-    None of them is part of the interface. `sets` are the fins' parameters. Raises EmcasError for a SOURCE_DATE_EPOCH
+    They do not belong to the interface. `sets` are the fins' parameters. Raises EmcasError for a SOURCE_DATE_EPOCH
     that is not a number.
     """
-    marks = [parameters_hash(each.values) for each in sets]
-    mark = marks[0] if interface.fins == 1 else hashlib.sha256("".join(marks).encode()).hexdigest()
+    hashes = [parameters_hash(each.values) for each in sets]
+    digest = hashes[0] if interface.fins == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
     return {"description": f"{describe(interface)}; {parameters_in_words(interface, sets)}",
-            "version": f"{__version__}+{mark[:8]}" if _changed(interface, sets) else __version__,
+            "version": f"{__version__}+{digest[:8]}" if _changed(interface, sets) else __version__,
             "author": __author__, "copyright": __copyright__, "license": __license__,
             "generationTool": tool, "generationDateAndTime": dates.reproducible()}
 
 
 def parameters_in_words(interface: FmuInterface, sets: Sequence[ParameterSet]) -> str:
-    """Return a phrase about the fins' parameters: azimuths, how many values differ from the default, by which files."""
+    """Return a phrase on the fins' parameters: azimuths, number of values that differ from the default, their files."""
     angles = [f"{degrees(each.values[AZIMUTH]):g}" for each in sets]
     at = "" if interface.fins == 1 else f"fins at {', '.join(angles)} deg; "
     changed = len(_changed(interface, sets))
@@ -78,7 +78,7 @@ def parameters_in_words(interface: FmuInterface, sets: Sequence[ParameterSet]) -
 
 
 def _changed(interface: FmuInterface, sets: Sequence[ParameterSet]) -> set[str]:
-    """Return the names of parameters and start values that differ from the default in a fin."""
+    """Return the parameters and start values that differ from the default in a fin, except azimuths of several fins."""
     shipped = load_parameters(model=interface.kind).values
     changed = {name for each in sets for name, value in each.values.items() if value != shipped[name]}
     return changed if interface.fins == 1 else changed - {AZIMUTH}
@@ -90,9 +90,10 @@ def of_fin(name: str) -> str:
 
 
 def type_name(v: Variable) -> str | None:
-    """Return the name of a variable's type, the same for all fins: its quantity or enumeration; None for others.
+    """Return the name of a variable's type, which is the same for all fins; None for a variable without a type.
 
-    No variable may have the name of a type (FMI 2.0.5, section 2.2.3).
+    A number has the type of its quantity, an enumeration its own. No variable may have the name of a type (FMI 2.0.5,
+    section 2.2.3).
     """
     if v.items:
         return of_fin(v.name) + "_type"
@@ -100,7 +101,7 @@ def type_name(v: Variable) -> str | None:
 
 
 def types(interface: FmuInterface) -> dict[str, Variable]:
-    """Return a variable of each type by the type's name. Raises EmcasError if a variable has the name of a type."""
+    """Return one variable of each type, by the type's name. Raises EmcasError if a variable has the name of a type."""
     named = {name: v for v in interface.variables if (name := type_name(v))}
     if clash := [v.name for v in interface.variables if interface.spelt(v.name) in named]:
         raise EmcasError(f"{interface.actuator.name}: {clash[0]} is the name of a type in the model description; "
@@ -109,14 +110,14 @@ def types(interface: FmuInterface) -> dict[str, Variable]:
 
 
 def dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
-    """Return for each output the inputs that act on it directly, at a communication point."""
+    """Return for each output the names of the inputs that act on it directly, at a communication point."""
     inputs = {v.name for v in interface.inputs if v.causality == "input"}
     return {output: tuple(name for name in names if name in inputs)
             for output, names in _for_all_fins(interface, codegen.direct_inputs(interface.kind), _MIXED).items()}
 
 
 def initial_dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
-    """Return for each output the inputs and parameters on which its initial value depends."""
+    """Return for each output the names of the inputs and parameters on which its initial value depends."""
     values = codegen.initial_values(interface.kind)
     listed = _for_all_fins(interface, {output: value.names for output, value in values.items()}, (*_MIXED, AZIMUTH))
     if interface.line and interface.actuator.supply:
@@ -130,24 +131,27 @@ def initial_dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
 
 def _for_all_fins(interface: FmuInterface, of_one: Mapping[str, Collection[str]], mixed: tuple[str, ...],
                   ) -> dict[str, tuple[str, ...]]:
-    """Return the dependencies of each output; `of_one` are those of a single fin, `mixed` act on its command, too."""
-    def of_fin(fin: int, output: str) -> set[str]:
+    """Return the dependencies of each output of all fins, from those `of_one` actuator.
+
+    With several fins, an output that depends on the command also depends on the variables `mixed`.
+    """
+    def needed_by(fin: int, output: str) -> set[str]:
         needed = of_one.get(output, ())
         more = mixed if interface.fins > 1 and fin_port.COMMAND.name in needed else ()
         return {name if name in _MIXED else interface.name(name, fin) for name in (*needed, *more)}
 
-    listed = {interface.name(v.name, fin): of_fin(fin, v.name)
+    listed = {interface.name(v.name, fin): needed_by(fin, v.name)
               for fin in range(interface.fins) for v in interface.actuator.outputs}
     if interface.line and interface.actuator.supply:
         source, power = {interface.actuator.supply.input.name}, interface.actuator.supply.power.name
-        every = set().union(*(of_fin(fin, power) for fin in range(interface.fins)))
+        every = set().union(*(needed_by(fin, power) for fin in range(interface.fins)))
         current = source | every  # the power divided by the line's voltage or pressure
         listed |= zip((v.name for v in interface.line_outputs), (source, current, every), strict=True)
     return {v.name: tuple(sorted(listed[v.name], key=interface.reference.__getitem__)) for v in interface.outputs}
 
 
 def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
-    """Yield the terminals of fin port and actuator; with several fins those of each, or of `arrays` of all."""
+    """Yield the terminals of fin port, actuator and supply; of several fins one for each fin, or one with `arrays`."""
     actuator, several = interface.actuator, interface.fins > 1
     if several and all(map(interface.is_input, _MIXED)):
         yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)
@@ -172,7 +176,7 @@ def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
 
 
 def terminals_and_icons(interface: FmuInterface, arrays: bool = False) -> Element:
-    """Return inputs and outputs grouped in terminals, for tools that show these (a file of FMI 3.0).
+    """Return the root of terminalsAndIcons.xml (FMI 3.0): inputs and outputs, grouped in terminals.
 
     With `arrays` the variables of several fins are arrays.
     """

@@ -1,4 +1,4 @@
-"""Documents inside the FMU: the page, the icon, licences."""
+"""Documents inside the FMU: the page, the credibility card, the icon, licences."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from .format import Format
 from .interface import FmuInterface, start_values
 from .references import Experiment
 
-_EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
-later loaded; they bring no Python. From a Python host (fmpy) nothing is to do. From another host
-on Linux, preload the Python library, for example
+_EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) contain no Python: the host's process must
+have Python 3.10 or later loaded. A Python host (fmpy) has it. With another host on Linux, preload the Python library,
+for example
 
     LD_PRELOAD=libpython3.11.so host ...
 
-on Windows put the folder of python3.dll on PATH. No Python package is needed: neither NumPy nor any other.
+On Windows add the folder of python3.dll to PATH. No Python package is needed, not even NumPy.
 
-The code is read from the folder that the host names to fmi2Instantiate: as a path, or as file:// and a path, with
-no other letter in percent than %20. Without it the host's process ends.
+The code is read from the resources folder that the host passes to fmi2Instantiate: as a path, or as file:// and a path
+in which %20 is the only percent code. Without this folder the host's process ends.
 """
 
 
@@ -47,7 +47,7 @@ def _text(value: Any) -> str:
 
 
 def _rows(interface: FmuInterface, causality: str, sets: Sequence[ParameterSet], fmi: Format) -> list[dict[str, Any]]:
-    """Return table rows of the variables of a causality; an array's values once if they are all the same."""
+    """Return the table rows of the variables with a causality; equal values of an array are written once."""
     entries = {interface.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
     starts, names = start_values(interface, [p.values for p in sets]), [v.name for v in interface.variables]
     rows, screw = [], capabilities.SCREW_AND_LEVER in interface.actuator.provides
@@ -70,7 +70,7 @@ def _rows(interface: FmuInterface, causality: str, sets: Sequence[ParameterSet],
 
 
 def _blocks(docstring: str) -> Iterator[tuple[bool, Markup]]:
-    """Yield the paragraphs of a docstring as HTML, each with whether it is indented, as equations are."""
+    """Yield for each paragraph of a docstring whether it is indented, as equations are, and its HTML."""
     for paragraph in docstring.split("\n\n"):
         indented = paragraph.startswith(" ")
         yield indented, prose(dedent(paragraph.strip("\n")) if indented else " ".join(paragraph.split()))
@@ -78,13 +78,13 @@ def _blocks(docstring: str) -> Iterator[tuple[bool, Markup]]:
 
 @lru_cache(maxsize=32)
 def _docstring(module: ModuleType) -> str | None:
-    """Return the docstring of a module, from its source: with -OO the module has none."""
+    """Return the docstring of a module from its source, since Python -OO removes it from the module."""
     return ast.get_docstring(ast.parse(inspect.getsource(module)))
 
 
 def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
           platforms: Sequence[str], experiments: Sequence[Experiment]) -> Card:
-    """Return the credibility card of an FMU; the same at every build."""
+    """Return the credibility card of an FMU; every build returns the same."""
     configuration = [Fact("FMU", f"FMI {fmi.version}, back end {backend}, for {', '.join(platforms)}", note=guid)]
     reference = Path(str(get(parts(interface.kind)[0]).reference)).name
     # Two digits: an integration may differ in the last bits between machines.
@@ -97,7 +97,7 @@ def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
 
 def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
           platforms: Sequence[str], credibility: Card) -> str:
-    from .figures import response_pictures  # with Matplotlib, a third of the start of every command
+    from .figures import response_pictures  # imports Matplotlib: a third of the start time of every command
 
     equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
     tables = [(title, _rows(interface, causality, sets, fmi)) for title, causality in (
@@ -129,14 +129,14 @@ def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, 
     `experiments` are the references inside it.
     """
     credibility = _card(interface, sets, guid, backend, fmi, platforms, experiments)
-    others = ("pythonfmu-license.txt is that of PythonFMU: of the binaries, and of pythonfmu in resources.\n"
-              if backend == "python" else "")
+    wrapper = ("pythonfmu-license.txt is the licence of PythonFMU: of the binaries, and of pythonfmu in resources.\n"
+               if backend == "python" else "")
     texts = {
         "index.html": _page(interface, sets, guid, backend, fmi, platforms, credibility),
         Path(FILE).name: interface.respelt(json.dumps(credibility.as_dict(), indent=1, ensure_ascii=False)) + "\n",
-        # Prescribed by FMI 2.0.5, section 2.3; it refers to the others.
+        # Required by FMI 2.0.5, section 2.3; it refers to the other licences.
         "licenses/license.txt": f"{interface.model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, "
-                                f"{__license__} licence, as below.\n{others}\n{_license('emcas-fmu')}"}
+                                f"{__license__} licence, as below.\n{wrapper}\n{_license('emcas-fmu')}"}
     if backend == "python":
         texts |= {"externalDependencies.txt": _EXTERNAL, "licenses/pythonfmu-license.txt": _license("pythonfmu")}
     picture = Path(__file__).with_name("icon.png").read_bytes()

@@ -22,18 +22,18 @@ _START, _STOP = 0.05, 0.4  # s
 
 
 def _steps(parameters: ParameterSet) -> Figure:
-    shipped = are_defaults(parameters)
+    default = are_defaults(parameters)
     plot, ((axes,),) = figure(1, height=4.0, width=8.0)
     axes.set(xlabel="time [ms]", ylabel="fin angle [deg]")
-    stepped = np.arange(round(_STOP / STEP) + 1) * STEP > _START - 1e-9
+    after_step = np.arange(round(_STOP / STEP) + 1) * STEP > _START - 1e-9
     for amplitude, side, color in [(a, s, f"C{i}") for i, a in enumerate(_AMPLITUDES) for s in (1, -1)]:
         result = simulate(parameters.values, _STOP, kernel="python", model=parameters.model,
-                          fin_command=radians(amplitude * side) * stepped)
+                          fin_command=radians(amplitude * side) * after_step)
         axes.plot(result["time"] * 1e3, np.degrees(result["fin_angle"]), color=color,
                   label=f"±{amplitude:g}°" if side > 0 else None)
         sign = "plus" if side > 0 else "minus"
         path = files.path_of(models_directory() / "reference", f"step_{sign}{amplitude:g}", "ref.csv")
-        if shipped and path.is_file():
+        if default and path.is_file():
             reference = files.read_csv(path)
             dots = np.flatnonzero(reference["time"] <= _STOP)[::8]
             axes.plot(reference["time"][dots] * 1e3, np.degrees(reference["fin_angle"][dots]), ".", color=INK,
@@ -43,7 +43,7 @@ def _steps(parameters: ParameterSet) -> Figure:
 
 
 def _slew(parameters: ParameterSet) -> Figure:
-    """Plot the largest step, in which limits of voltage, current and rate shape the response."""
+    """Plot the response to the largest step, which the limits of voltage, current and rate shape."""
     limit = float(parameters.values["command.limit"])
     result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python", model=parameters.model,
                       fin_command=lambda t: limit if t > 0.01 else 0.0)
@@ -55,7 +55,7 @@ def _slew(parameters: ParameterSet) -> Figure:
     return plot
 
 
-@lru_cache(maxsize=8)  # one set is often built in several ways
+@lru_cache(maxsize=8)  # several FMUs are often built from one set
 def response_pictures(parameters: ParameterSet) -> tuple[Picture, ...]:
     """Return pictures of responses computed with this parameter set. Raises BuildError if they cannot be computed."""
     captions = {"Step responses; dots, where shown, are the stored independent reference.": _steps,

@@ -1,4 +1,4 @@
-"""The versions of FMI: what is different between them in the model description, the C code and the files."""
+"""The versions of FMI: their differences in the model description, the C code and the files."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .interface import FmuInterface
 
 @dataclass(frozen=True)
 class Format:
-    """A version of FMI, as the native back end writes it.
+    """A version of FMI, with the choices for an FMU.
 
-    `options` are attributes of the CoSimulation element. With `clock` there is a clock of the controllers' samples,
-    with `scalars` there are no arrays in FMI 3.0.
+    `options` are attributes of the CoSimulation element of the native back end. With `clock` an FMU of FMI 3.0 has a
+    clock of the controllers' samples, with `scalars` it has no arrays.
     """
 
     version: int
@@ -55,16 +55,16 @@ class Format:
 
     @property
     def token(self) -> str:
-        """The word for the identification of the interface, in the header for hosts."""
+        """The word for the identification of the interface in the header for hosts: TOKEN or GUID."""
         return "TOKEN" if self.is_3 else "GUID"
 
     def standard_headers(self) -> dict[str, str]:
-        """Return the headers of the FMI standard, as fmpy ships them: its FMI 2.0 never has a prefix."""
+        """Return the headers of the FMI standard that fmpy ships, by name; those of FMI 2.0 never add a prefix."""
         headers = (Path(fmpy.__file__).parent / "c-code").glob(f"fmi{self.version}*.h")
         return {header.name: header.read_text(encoding="utf-8") for header in headers}
 
     def generated(self) -> dict[str, str]:
-        """Return the sources that are made of the standard's headers."""
+        """Return the sources that are generated from the standard's headers, by name."""
         return {"absent.h": absent_header(self.standard_headers()["fmi3FunctionTypes.h"])} if self.is_3 else {}
 
     def variables(self, interface: FmuInterface) -> tuple[Array, ...]:
@@ -74,9 +74,9 @@ class Format:
         return tuple(each for each in listed if each.variable.name not in interface.actuator.hidden)
 
     def references(self, interface: FmuInterface) -> tuple[tuple[int, Array], ...]:
-        """Return all variables with their value references: of FMI 2.0 indices among the scalars, of 3.0 from 1 on.
+        """Return all variables with their value references: in FMI 2.0 indices among the scalars, in 3.0 from 1 on.
 
-        There is no 0 in FMI 3.0, since some hosts read its dependencies as indices from 1.
+        FMI 3.0 does not begin at 0, since some hosts read the references in dependencies as indices from 1.
         """
         return tuple((k if self.is_3 else each.first, each) for k, each in enumerate(self.listed(interface), 1))
 
@@ -86,7 +86,7 @@ class Format:
         return (*self.variables(interface), *(Array(v, len(interface.variables)) for v in more))
 
     def in_files(self, interface: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Return columns or values of all fins by their names in the FMU; arrays of several fins are stacked."""
+        """Return columns or values of all fins by their names in the FMU; in arrays the fins are the last dimension."""
         if not self.arrays:
             return {name if name == "time" else interface.spelt(interface.name(name, fin)): value
                     for fin, each in enumerate(fins) for name, value in each.items()}

@@ -28,15 +28,15 @@ SPELLINGS = ("structured", "flat")
 """Naming conventions of FMI: ``fin[2].fault.jam.begin`` or ``fin2_fault_jam_begin``."""
 LAYOUTS = ("plus", "cross")
 INPUTS = ("all", "minimal")
-"""Which inputs an FMU has: those of the actuator, or command and load alone; the others are tunable parameters then."""
+"""Inputs of an FMU: all inputs of the actuator, or command and load alone, with the others as tunable parameters."""
 CONNECTIONS = ("angle", "torque")
-"""What a host gets of an actuator: the fin's angle under a load, or the torque on a fin that the host has."""
+"""Result for the host: the fin's angle under a load, or the torque on a fin that the host models."""
 MINIMAL = (fin_port.COMMAND.name, fin_port.AERO_TORQUE.name)
 AZIMUTH = "mounting.azimuth"
 FINS = "fins."
 """Prefix of the name of an array with an element for each fin (FMI 3.0)."""
 _IDENTIFIER = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
-# In texts: a name, or the prefix of a group as in heat.*; and the prefix of a fin.
+# In texts: a variable's name, or a group's prefix as in heat.*; and a fin's prefix.
 _NAME = re.compile(r"(?<!\w)[a-z_]\w*(?:\.[a-z_]\w*)*(?:\[\w\]|\.(?=\*))?")
 _OF_FIN = re.compile(r"\bfin\[\d\]\.?")
 VEHICLE = tuple(v.name for v in fin_port.MOTION)
@@ -65,12 +65,12 @@ def flat(name: str) -> str:
 
 @dataclass(frozen=True)
 class FmuInterface:
-    """`fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`) in one FMU.
+    """The interface of an FMU of `fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`).
 
-    Names here are structured; the FMU's have the `spelling` (:data:`SPELLINGS`). `connected` inputs are inputs of the
-    FMU (:data:`INPUTS`). An `own_identifier` replaces the model's name as model identifier. A variable's value
-    reference is its index in `variables`: inputs, outputs, parameters; each group begins with the shared variables,
-    followed by those of each fin in the actuator's order.
+    Names here are structured; names in the FMU have the `spelling` (:data:`SPELLINGS`). `connected` is one of
+    :data:`INPUTS`. An `own_identifier` replaces the model's name as model identifier. A variable's index in `variables`
+    is its value reference in FMI 2.0: inputs, outputs, parameters; each group begins with the shared variables,
+    followed by those of each fin in the actuator's order. Raises EmcasError for an invalid argument.
     """
 
     fins: int
@@ -83,17 +83,17 @@ class FmuInterface:
         if not 1 <= self.fins <= MOST_FINS:
             raise EmcasError(f"fins {self.fins}: an FMU has 1 to {MOST_FINS} fins")
         if self.spelling not in SPELLINGS:
-            raise EmcasError(f"names {self.spelling}: there is {' and '.join(SPELLINGS)}")
+            raise EmcasError(f"names {self.spelling}: choose {' or '.join(SPELLINGS)}")
         if self.connected not in INPUTS:
-            raise EmcasError(f"inputs {self.connected}: there is {' and '.join(INPUTS)}")
+            raise EmcasError(f"inputs {self.connected}: choose {' or '.join(INPUTS)}")
         if self.own_identifier is not None and not _IDENTIFIER.fullmatch(self.own_identifier):
             raise EmcasError(f"identifier {self.own_identifier!r}: it is not a C identifier, which names functions and "
-                             "library: take 1 to 64 letters, digits and _, not beginning with a digit")
-        spelt: dict[str, str] = {}
+                             "library: choose 1 to 64 letters, digits and _, not beginning with a digit")
+        by_flat: dict[str, str] = {}
         for name in self.reference if self.spelling == "flat" else ():
-            if spelt.setdefault(flat(name), name) != name:
-                raise EmcasError(f"names flat: {spelt[flat(name)]} and {name} would both be {flat(name)}; give one "
-                                 "another name, or build with structured names")
+            if by_flat.setdefault(flat(name), name) != name:
+                raise EmcasError(f"names flat: {by_flat[flat(name)]} and {name} would both be {flat(name)}; rename one "
+                                 "of them, or build with structured names")
 
     @property
     def model(self) -> str:
@@ -102,12 +102,14 @@ class FmuInterface:
 
     @property
     def identifier(self) -> str:
-        """The model identifier, which names the library and, in a program with the sources, the functions."""
+        """The model identifier: the name of the library and, where its sources are compiled into a program, the prefix
+        of the functions.
+        """
         return self.model if self.own_identifier is None else self.own_identifier
 
     @property
     def actuator(self) -> Actuator:
-        """The model of each fin."""
+        """The actuator of each fin."""
         return get(self.kind)
 
     def name(self, variable: str, fin: int) -> str:
@@ -115,24 +117,24 @@ class FmuInterface:
         return variable if self.fins == 1 or variable in self.shared else f"fin[{fin + 1}].{variable}"
 
     def spelt(self, name: str) -> str:
-        """Return a variable's name as spelt in the FMU."""
+        """Return a variable's structured name in the FMU's spelling."""
         return flat(name) if self.spelling == "flat" else name
 
     def respelt(self, text: str) -> str:
-        """Return a text with the names in it as spelt in the FMU."""
+        """Return a text with its structured names in the FMU's spelling."""
         if self.spelling != "flat":
             return text
 
-        def respelt(match: re.Match[str]) -> str:
-            if match[0] in self._written:
+        def flattened(match: re.Match[str]) -> str:
+            if match[0] in self._names_in_texts:
                 return flat(match[0])
             name, bracket, rest = match[0].partition("[")
-            return flat(name) + bracket + rest if name.rstrip(".") in self._written else match[0]
+            return flat(name) + bracket + rest if name.rstrip(".") in self._names_in_texts else match[0]
 
-        return _OF_FIN.sub(lambda match: flat(match[0]), _NAME.sub(respelt, text))
+        return _OF_FIN.sub(lambda match: flat(match[0]), _NAME.sub(flattened, text))
 
     @cached_property
-    def _written(self) -> frozenset[str]:
+    def _names_in_texts(self) -> frozenset[str]:
         """The names of variables and arrays, and prefixes of groups, that may occur in texts."""
         line = self.line.parameters if self.line else ()
         names = [v.name for v in (*self.actuator.inputs, *self.actuator.outputs, *self.actuator.parameters, *line)]
@@ -140,7 +142,7 @@ class FmuInterface:
         return frozenset((*names, *(".".join(each[:i]) for each in parts for i in range(1, len(each) + 1))))
 
     def of_fin(self, number: object) -> str:
-        """Return the name of a fin in messages, by its number from 1."""
+        """Return the name of a fin in messages; its `number` begins at 1."""
         return f"fin{number}" if self.spelling == "flat" else f"fin[{number}]"
 
     def array_name(self, variable: str) -> str:
@@ -161,7 +163,7 @@ class FmuInterface:
 
     @cached_property
     def line_outputs(self) -> tuple[Variable, ...]:
-        """Outputs of the line: the supply at the fins, the current or flow drawn, and their power."""
+        """Outputs of the line: the supply at the fins, and the current or flow and the power that they consume."""
         supply = self.actuator.supply
         if self.line is None or supply is None:
             return ()
@@ -169,9 +171,8 @@ class FmuInterface:
 
     @cached_property
     def groups(self) -> tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...]:
-        """Inputs, outputs and parameters, each as a pair: shared variables, and those of a fin by the actuator's names.
-
-        A single fin has no shared variables.
+        """Inputs, outputs and parameters, each a pair: variables of all fins, and those of one fin by the actuator's
+        names. For a single fin the first of the pair is empty.
         """
         actuator, supply = self.actuator, self.actuator.supply
         if self.fins == 1:
@@ -186,11 +187,11 @@ class FmuInterface:
                 (self.line.parameters if self.line else (), actuator.parameters))
 
     def is_input(self, name: str) -> bool:
-        """Return whether an input of the actuator, by its name there, is one of the FMU."""
+        """Return whether an input of the actuator, by its name there, is also an input of the FMU."""
         return self.connected != "minimal" or name in MINIMAL
 
     def _connected(self, inputs: tuple[Variable, ...]) -> tuple[Variable, ...]:
-        """Return inputs of the actuator as they are in the FMU."""
+        """Return inputs of the actuator as inputs or tunable parameters of the FMU."""
         return tuple(v if self.is_input(v.name) else replace(v, causality="parameter", variability="tunable")
                      for v in inputs)
 
@@ -200,7 +201,7 @@ class FmuInterface:
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
-        """The inputs: shared ones, then those of each fin."""
+        """The inputs: shared and mixing ones, then those of each fin."""
         return self._scalars(0)
 
     @cached_property
@@ -231,18 +232,21 @@ class FmuInterface:
 
 
 def azimuths(fins: int, layout: str) -> tuple[float, ...]:
-    """Return azimuths [deg] of equally spaced fins: the first on body y (``plus``) or half a space further (``cross``).
+    """Return azimuths [deg] of equally spaced fins: the first is 0 (``plus``) or half of the spacing (``cross``).
 
     Raises EmcasError for another layout.
     """
     if layout not in LAYOUTS:
-        raise EmcasError(f"layout {layout}: there is {' and '.join(LAYOUTS)}")
-    space = 360.0 / fins
-    return tuple(space * (k + (0.5 if layout == "cross" else 0.0)) for k in range(fins))
+        raise EmcasError(f"layout {layout}: choose {' or '.join(LAYOUTS)}")
+    spacing = 360.0 / fins
+    return tuple(spacing * (k + (0.5 if layout == "cross" else 0.0)) for k in range(fins))
 
 
 def fin_files(arguments: Sequence[str]) -> dict[int, Path]:
-    """Return the parameter files of arguments ``N=FILE`` by the number of the fin. Raises EmcasError."""
+    """Return the parameter files of arguments ``N=FILE`` by the number of the fin.
+
+    Raises EmcasError for an argument of another form, or two with the same number.
+    """
     files: dict[int, Path] = {}
     for text in arguments:
         number, separator, file = text.partition("=")
@@ -259,8 +263,8 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
              files: Mapping[int, Path | str] = MappingProxyType({})) -> tuple[ParameterSet, ...]:
     """Return each fin's parameters: `base` with the azimuth of the `layout`, overridden by the fin's file if any.
 
-    `layout` is ``plus`` or ``cross``; `files` are by the fin's number, from 1. Raises EmcasError for an unknown fin or
-    layout, or fins that differ in shared values; ParameterError for a file's problems.
+    `layout` is ``plus`` or ``cross``; the keys of `files` are fin numbers, from 1. Raises EmcasError for an unknown fin
+    or layout, or fins that differ in shared values; ParameterError for a file's problems.
     """
     FmuInterface(fins)
     angles = azimuths(fins, layout)
@@ -274,7 +278,7 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
 
 
 def require_shared(sets: Sequence[ParameterSet], where: str) -> None:
-    """Raise EmcasError if fins differ in the start value of a shared input."""
+    """Raise EmcasError, naming the files `where`, if fins differ in the start value of a shared input."""
     interface = FmuInterface(1, sets[0].model)
     for name in (v.key for v in interface.inputs if v.key is not None and v.name in interface.shared):
         if len({each.values[name] for each in sets}) > 1:
@@ -284,7 +288,7 @@ def require_shared(sets: Sequence[ParameterSet], where: str) -> None:
 def start_values(interface: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
     """Return the start value of every variable of the interface; 0 or False for outputs.
 
-    `sets` are the fins' parameter values; those of the first apply to shared variables.
+    `sets` are the fins' parameter values; shared variables have those of the first fin.
     """
     entries = {v.name: v.key or v.name for v in (*interface.actuator.inputs, *interface.actuator.parameters)
                if v.causality == "parameter" or v.key}

@@ -19,8 +19,8 @@ from .format import Format
 from .interface import FmuInterface
 from .units import DIFFERENCES, default_display, display, fmi_unit, quantity
 
-STEP_SIZE, STOP_TIME = 1e-3, 1.0
-# Relative, for a host's solvers. It does not affect the FMU, which is within 2e-5 of the travel of its references.
+STEP_SIZE, STOP_TIME = 1e-3, 1.0  # s
+# Relative tolerance for a host's solvers; it does not affect the FMU.
 TOLERANCE = 1e-4
 
 _INITIAL = {"output": "calculated", "parameter": "exact"}
@@ -31,8 +31,8 @@ def model_description(fmi: Format, interface: FmuInterface, starts: Sequence[Any
                       about: Mapping[str, str] = MappingProxyType({}), sources: bool = False) -> Element:
     """Return the fmiModelDescription element of an interface whose variables have the start values `starts`.
 
-    `options` are attributes of its CoSimulation element, `about` of the root. With `sources` it lists the files
-    to compile, which FMI 3.0 does elsewhere.
+    `options` are attributes of its CoSimulation element, `about` of the root. With `sources` an element of FMI 2.0
+    lists the files to compile; FMI 3.0 lists them in buildDescription.xml.
     """
     files = [element("SourceFiles", {}, [element("File", {"name": fmi.main})])] if sources and not fmi.is_3 else []
     categories = ((name, words.replace("fmi2", f"fmi{fmi.version}"))
@@ -75,9 +75,9 @@ def _unit_definition(name: str, displays: Collection[str]) -> Element:
 
 def real_type(v: Variable) -> dict[str, str | None]:
     """Return the attributes of the type of a real variable."""
-    of = quantity(v)
-    return {"quantity": of, "unit": v.unit, "displayUnit": default_display(of) or None,
-            "relativeQuantity": "true" if of in DIFFERENCES else None}
+    name = quantity(v)
+    return {"quantity": name, "unit": v.unit, "displayUnit": default_display(name) or None,
+            "relativeQuantity": "true" if name in DIFFERENCES else None}
 
 
 def typed_attributes(v: Variable) -> dict[str, str | None]:
@@ -120,7 +120,7 @@ def _variable(fmi: Format, interface: FmuInterface, reference: int, array: Array
 
 
 def _structure(fmi: Format, interface: FmuInterface) -> Iterable[Element]:
-    """Return the dependencies of each output; an array has those of all its elements."""
+    """Return the elements with the dependencies of each output; an array has those of all its elements."""
     outputs = [array for array in fmi.variables(interface) if array.variable.causality == "output"]
     names = [v.name for v in interface.variables]
     reference = {names[i]: str(k) for k, array in enumerate(fmi.variables(interface), 1)

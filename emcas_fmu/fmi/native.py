@@ -31,7 +31,8 @@ _TYPES = {"Float64": "FLOAT64", "Int32": "INT32", "UInt32": "UINT32", "Enumerati
 
 
 def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, code: str, fmi: Format) -> str:
-    """Return interface.h: variables, start values, and the identity of the FMU."""
+    """Return interface.h: variables, start values, and the FMU's name and GUID; `code` is a hash of the other sources.
+    """
     rows = ",\n".join(
         f"    {{{c_text(interface.spelt(v.name))}, {'INTEGER' if v.items else v.kind.upper()}, "
         f"{int(v.variability == 'tunable')}, {c_number(v.minimum)}, {c_number(v.maximum)}}}"
@@ -46,7 +47,7 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
     step_begin = "" if begin is None else f"#define STEP_BEGIN {begin} /* an input that the FMU sets */\n"
     return header(
         "interface", "The interface: variables, their indices, identity", "#include <math.h>\n\n"
-        f"/* Of the functions' names, unless the compiler has another. */\n#ifndef {fmi.prefix}\n"
+        f"/* Prefix of the functions' names, unless the compiler defines another. */\n#ifndef {fmi.prefix}\n"
         f"#define {fmi.prefix} {interface.identifier}_\n#endif\n\n"
         f"#define MODEL_NAME {c_text(interface.model)}\n#define MODEL_GUID {c_text(guid)}\n"
         f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
@@ -75,7 +76,7 @@ def _sizes(interface: FmuInterface) -> str:
 
 
 def _arrays(interface: FmuInterface, fmi: Format) -> str:
-    """Return C code with the indices of the elements of each variable, and constants for clock and events."""
+    """Return the C code of FMI 3.0: indices of the elements of each variable, and constants for clock and events."""
     listed = fmi.listed(interface)
     rows = ",\n".join(f"    {{{c_text(interface.spelt(v.variable.name))}, {_TYPES[v.kind]}, {v.first}, {v.table or 1}, "
                       f"{v.fins or 1}, {v.stride}}}" for v in listed)
@@ -84,8 +85,9 @@ def _arrays(interface: FmuInterface, fmi: Format) -> str:
     outputs = [v.name for v in actuator.outputs]
     fin_rate = f"#define OUTPUT_FIN_RATE {outputs.index('fin_rate')}\n" if "fin_rate" in outputs else ""
     names = ", ".join(c_text(_host_type(kind)) for kind in _TYPES)
-    return ("\n/* Types of FMI 3.0, and the indices of the elements of a variable: `size` of a fin from `first` on, "
-            f"those of the\n * next fin `stride` further. */\nenum {{ {', '.join(_TYPES.values())} }};\n"
+    return ("\n/* Types of FMI 3.0, and the indices of the elements of a variable: those of the first fin are `size` "
+            f"from `first` on,\n * those of the next fin begin at `first` + `stride`. */\n"
+            f"enum {{ {', '.join(_TYPES.values())} }};\n"
             f"static const char *const TYPE[] = {{{names}}};\n\n"
             "typedef struct {\n    const char *name;\n    int type;\n"
             "    unsigned first, size, fins, stride;\n} array;\n\n"
@@ -97,7 +99,7 @@ def _arrays(interface: FmuInterface, fmi: Format) -> str:
 
 
 def _host_type(kind: str) -> str:
-    """Return the type that a host gets for a type of FMI 3.0."""
+    """Return a type of FMI 3.0 as hosts in C see it."""
     return "Enumeration (Int64)" if kind == "Enumeration" else kind
 
 
@@ -110,7 +112,7 @@ def _about(array: Array, fmi: Format) -> str:
 
 
 def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
-    """Return IDENTIFIER.h, for a host in C: model identifier, GUID and every variable's value reference as macros.
+    """Return IDENTIFIER.h for a host in C, with macros for model identifier, GUID and every variable's value reference.
 
     ``fin_command`` of EMCAS is ``EMCAS_VR_FIN_COMMAND``, ``fin[2].fin_angle`` of EMCAS4 ``EMCAS4_VR_FIN_2_FIN_ANGLE``.
     """
@@ -119,7 +121,7 @@ def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
     used: set[str] = set()
     for reference, array in fmi.references(interface):
         spelt, name = interface.spelt(array.variable.name), enumerator(array.variable.name)
-        name = f"{name}_{reference}" if name in used else name  # a.b_c and a_b.c are two variables
+        name = f"{name}_{reference}" if name in used else name  # a.b_c and a_b.c would have the same name
         used.add(name)
         lines.append(f"#define {prefix}_VR_{name} {reference}u /* {spelt}: {_about(array, fmi)} */")
     title = f"{interface.identifier}: model identifier, {fmi.token} and value references for a host"
@@ -127,9 +129,10 @@ def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
 
 
 def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Format = FORMATS["2"]) -> dict[str, str]:
-    """Return all source files by name. The format's `main`, which includes the others, is compiled.
+    """Return all source files by name, without the standard's headers, which an importer has.
 
-    The standard's headers are the importer's. Raises BuildError if the model identifier names a file that is included.
+    The format's `main` includes the others and is the file to compile. Raises BuildError if the model identifier is the
+    name of an included header.
     """
     code = {**{file.name: file.read_text(encoding="utf-8") for folder in (f"fmi{fmi.version}", "common")
                for file in files("emcas_fmu.fmi").joinpath(folder).iterdir() if file.name.endswith((".c", ".h"))},
@@ -140,12 +143,12 @@ def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Form
     included = {name.lower() for text in code.values() for name in re.findall(r'#include ["<](.+)[">]', text)}
     names = f"{interface.identifier}.h"
     if names.lower() in included:
-        raise BuildError(f"identifier {interface.identifier}: {names} is one of the sources' headers; take another")
+        raise BuildError(f"identifier {interface.identifier}: {names} is one of the sources' headers; choose another")
     return {**code, names: names_header(interface, guid, fmi)}
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
-    """Return the platforms to build for: those named as in FMI 2.0 or 3.0, otherwise all (with `cc`, this machine's).
+    """Return the platforms with these names of FMI 2.0 or 3.0; without names all, or with `cc` that of this machine.
 
     Raises CompilerError for an unknown platform, or one for which the system compiler `cc` cannot build.
     """
@@ -157,16 +160,16 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
         names = list(dict.fromkeys(by_machine.get(name, name) for name in platforms))
     for name in names:
         if name not in PLATFORMS:
-            raise CompilerError(f"platform {name}: there is {', '.join(PLATFORMS)}")
+            raise CompilerError(f"platform {name}: choose from {', '.join(PLATFORMS)}")
         if cc is not None and (local is None or name != local.name):
-            raise CompilerError(f"platform {name}: a system compiler (cc {cc}) builds for "
-                                f"{local.name if local else 'no platform known here'} only; leave cc out to use zig")
+            raise CompilerError(f"platform {name}: a system compiler (cc {cc}) builds only for "
+                                f"{local.name if local else 'this machine'}; leave cc out to use zig")
     return [PLATFORMS[name] for name in names]
 
 
 def binaries(identifier: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
              progress: Progress | None = None, fmi: Format = FORMATS["2"]) -> dict[str, bytes]:
-    """Return libraries for the platforms by archive name; they are compiled at once, as many as there are processors.
+    """Return the libraries for the platforms by archive name, compiled in parallel on all processors.
 
     Raises CompilerError if there is no compiler or it fails.
     """
@@ -181,20 +184,21 @@ def binaries(identifier: str, files: Mapping[str, str], platforms: Sequence[Plat
         for i, target in enumerate(platforms):
             if progress:
                 progress(target.name, i, len(platforms))
-            made = next(compiled)
-            if not fmi.is_3:  # one folder for both kinds of Mac; other importers look for that of Apple's processors
-                made = {target.name: universal(list(made.values()))} | {
-                    machine: library for machine, library in made.items() if machine == "aarch64-darwin"}
-            libraries |= {f"binaries/{folder}/{identifier}{target.suffix}": library for folder, library in made.items()}
+            by_folder = next(compiled)
+            if not fmi.is_3:  # darwin64 is for both kinds of Mac, but some importers look for aarch64-darwin
+                by_folder = {target.name: universal(list(by_folder.values()))} | {
+                    folder: library for folder, library in by_folder.items() if folder == "aarch64-darwin"}
+            libraries |= {f"binaries/{folder}/{identifier}{target.suffix}": library
+                          for folder, library in by_folder.items()}
     if progress:
         progress("", len(platforms), len(platforms))
     return libraries
 
 
 def build_description(identifier: str, fmi: Format) -> Element:
-    """Return buildDescription.xml (FMI 3.0's file) of the sources, for Windows and, without a platform, for all others.
+    """Return the root of buildDescription.xml (FMI 3.0): a configuration for all platforms, and those for Windows.
 
-    The definition by which the functions have no prefix is optional: tools that build a library need it, others do not.
+    The definition that removes the functions' prefix is optional: only tools that build a shared library need it.
     """
     no_prefix = element("PreprocessorDefinition", {
         "name": fmi.no_prefix, "optional": "true", "description": "for a shared library: functions without prefix"})

@@ -1,4 +1,4 @@
-"""Build of an FMU file from a parameter set; the same inputs give the same bytes."""
+"""Building an FMU file from a parameter set; the same inputs give the same bytes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Built:
 
 
 def interface_guid(starts: tuple[Any, ...], interface: FmuInterface, fmi: Format = FORMATS["2"]) -> str:
-    """Return a GUID that is a hash of the interface, the model description with an empty GUID, and of the equations."""
+    """Return the GUID: a hash of the model description with an empty GUID and of the equations."""
     described = to_bytes(model_description(fmi, interface, starts, ""))
     equations = codegen.source(interface.fins > 1, interface.kind).encode()
     return f"{{{UUID(bytes=hashlib.sha256(described + equations).digest()[:16], version=5)}}}"
@@ -53,7 +53,7 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
     """Return the files of the archive, GUID, platforms, and warnings about the references."""
     starts = start_values(interface, [p.values for p in sets])
     guid = interface_guid(starts, interface, fmi)
-    # Without the versions of Python and compiler: all supported ones give the same FMU except for the binaries.
+    # Without the versions of Python and compiler: all supported versions give the same FMU except for the binaries.
     tool = f"emcas-fmu {__version__}"
     if backend == "native":
         files, options = native.sources(interface, starts, guid, fmi), fmi.options
@@ -68,9 +68,9 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
         sources=backend == "native"))
     contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(terminals_and_icons(interface, fmi.arrays))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
-    embedded, doubts, experiments = reference_files(interface, sets, fmi, progress) if references else ({}, (), ())
+    embedded, warnings, experiments = reference_files(interface, sets, fmi, progress) if references else ({}, (), ())
     contents |= embedded | documents(interface, sets, guid, backend, fmi, built_for, experiments)
-    return contents, guid, built_for, doubts
+    return contents, guid, built_for, warnings
 
 
 @checked
@@ -82,36 +82,38 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
           interface: str = CONNECTIONS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
-    `backend` is ``python`` (FMI 2.0 only; its default) or ``native``, the default for `fmi` ``3``. The native back end
-    builds for `platforms` (default: all) with zig, or with the system compiler `cc` for this platform only. With
-    `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no arrays. With `inputs`
-    ``minimal`` only command and load are inputs, the others are tunable parameters. `names` of variables are
-    ``structured``, or ``flat``: without dots and brackets. The `identifier`, by default the model's name, names library
-    and C functions. Several `fins` share a supply and are in the `layout`
-    ``plus`` or ``cross``; `files` are parameter files of single fins, by number from 1, that override `parameters`.
-    With `references` the FMU contains responses to compare with (:mod:`.references`). A `part` is the ``controller`` or
-    the ``plant`` alone (:mod:`emcas_fmu.extensions.halves`), without references. With the `interface` ``torque`` the
-    host has the fin (:mod:`emcas_fmu.extensions.torque`), also without references. Raises EmcasError for invalid
-    arguments, ParameterError for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is
-    no compiler.
+    `backend` is ``python`` (the default for `fmi` ``2``, and for this only) or ``native`` (the default for `fmi`
+    ``3``). The native back end builds for `platforms` (default: all) with zig, or with the system compiler `cc` for
+    this platform only. With `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no
+    arrays. With `inputs` ``minimal`` only command and load are inputs, the others are tunable parameters. `names` of
+    variables are ``structured``, or ``flat``: without dots and brackets. The `identifier`, by default the model's name,
+    names library and C functions. Several `fins` share a supply and are in the `layout` ``plus`` or ``cross``; `files`
+    maps fin numbers, from 1, to parameter files that override `parameters`. With `references` the FMU contains
+    responses to compare with (:mod:`.references`). With a `part` the FMU is the ``controller`` or the ``plant`` alone
+    (:mod:`emcas_fmu.extensions.halves`), without references. With the `interface` ``torque`` the host models the fin
+    (:mod:`emcas_fmu.extensions.torque`), also without references. Raises EmcasError for invalid arguments,
+    ParameterError for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is no
+    compiler.
     """
     fmi = str(fmi)
     backend = backend or ("python" if fmi == "2" else "native")
     in_python, torque = backend == "python", interface == TORQUE
     for refused, reason in (
-            (fmi not in FORMATS, f"fmi {fmi}: there is {' and '.join(FORMATS)}"),
-            (backend not in BACKENDS, f"backend {backend}: there is {' and '.join(BACKENDS)}"),
+            (fmi not in FORMATS, f"fmi {fmi}: choose {' or '.join(FORMATS)}"),
+            (backend not in BACKENDS, f"backend {backend}: choose {' or '.join(BACKENDS)}"),
             (in_python and (platforms is not None or cc is not None),
              "platforms and cc are for backend native: the Python back end compiles nothing"),
             (clock and fmi == "2", "clock is for fmi 3: FMI 2.0 has no clocks"),
-            (scalars and fmi == "2", "scalars are for fmi 3: FMI 2.0 has nothing else"),
+            (scalars and fmi == "2", "scalars are for fmi 3: FMI 2.0 has only scalars"),
             (in_python and fmi != "2", f"fmi {fmi} is for backend native: the Python back end exports FMI 2.0"),
-            (fins == 1 and files, "files of single fins are for an FMU of several: set fins"),
-            (interface not in CONNECTIONS, f"interface {interface}: there is {' and '.join(CONNECTIONS)}"),
-            (part and torque, f"part {part} has no interface torque: it belongs to the whole actuator"),
-            (inputs != INPUTS[0] and torque, f"inputs {inputs}: with interface torque the fin's motion is an input"),
-            (inputs != INPUTS[0] and part, f"inputs {inputs}: part {part} has the signals of the other part as inputs"),
-            ((part or torque) and fins > 1, f"{f'part {part}' if part else 'interface torque'} is that of one fin: "
+            (fins == 1 and files, "files of single fins are for an FMU of several fins: set fins"),
+            (interface not in CONNECTIONS, f"interface {interface}: choose {' or '.join(CONNECTIONS)}"),
+            (part and torque, f"part {part} has no interface torque: leave one of them out"),
+            (inputs != INPUTS[0] and torque, f"inputs {inputs}: with interface torque the fin's motion is an input; "
+             "leave inputs out"),
+            (inputs != INPUTS[0] and part, f"inputs {inputs}: part {part} has the signals of the other part as inputs; "
+             "leave inputs out"),
+            ((part or torque) and fins > 1, f"{f'part {part}' if part else 'interface torque'} is for a single fin: "
              "leave fins out, and use an instance for each")):
         if refused:
             raise BuildError(reason)
@@ -119,11 +121,11 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     check_target(output, ".fmu", BuildError)
     parameters = replace(parameters, model=of_fmu(parameters.model, part, interface))
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    unit = FmuInterface(fins, parameters.model, names, inputs, identifier)
+    described = FmuInterface(fins, parameters.model, names, inputs, identifier)
     chosen = replace(FORMATS[fmi], clock=clock, scalars=scalars)
-    contents, guid, built_for, doubts = _contents(unit, sets, backend, platforms, cc, progress, chosen,
-                                                  references and not unit.actuator.hidden)
-    # modelDescription.xml first: readers that stream find it at once.
+    contents, guid, built_for, of_references = _contents(described, sets, backend, platforms, cc, progress, chosen,
+                                                         references and not described.actuator.hidden)
+    # modelDescription.xml is first, for readers of a stream.
     write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
-    warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *doubts))
+    warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *of_references))
     return Built(output, output.stat().st_size, guid, built_for, tuple(warnings))

@@ -19,7 +19,7 @@ from .interface import MIXING, VEHICLE, FmuInterface
 _EMBEDDED = ("fmi/__init__.py", *(f"fmi/fmi2/{name}.py" for name in (
     "__init__", "declared", "reporting", "slave", "stored", "wrapper")), "runtime/__init__.py", "runtime/core.py",
     "runtime/multi_fin.py", "rules.py")
-# Modules of pythonfmu that the slave needs: its base class, without what builds FMUs.
+# Modules of pythonfmu that the slave needs: its base class, without the builder of FMUs.
 _BASE = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 _PYTHONFMU = Path(pythonfmu.__file__).resolve().parent
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -45,7 +45,7 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
                            for rule in actuator.all_rules),
             "line_rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning)
                                 for rule in (interface.line.rules if interface.line else ())),
-            "sizes": codegen.sizes(actuator), "power": codegen.power_place(actuator),
+            "sizes": codegen.sizes(actuator), "power": codegen.power_index(actuator),
             "names": tuple(interface.spelt(v.name) for v in actuator.parameters), "fin_inputs": interface.fin_inputs,
             "no_supply": f"{actuator.supply.input.name} = 0" if actuator.supply else "",
             "mixing": tuple(interface.reference[v.name] for v in MIXING if several),
@@ -54,7 +54,7 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
 
 
 def _sources(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
-    """Return the embedded package: file name to text."""
+    """Return the texts of the embedded package by file name."""
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in _EMBEDDED}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {interface.model}.fmu; generated, do not edit."""\n'
     # Inside the package's folder: a host may have another version of pythonfmu.
@@ -90,7 +90,7 @@ def _libraries(identifier: str) -> dict[str, bytes]:
 
 
 def exported(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, bytes]:
-    """Return the files for the archive by name."""
+    """Return the files for the archive by name. Raises BuildError if pythonfmu has no libraries."""
     files, model = _sources(interface, starts, guid), interface.model
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(files.items())).encode()).hexdigest()[:12]
     package, script = f"emcas_{digest}", f"emcas_slave_{digest}"
@@ -101,5 +101,6 @@ def exported(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dic
                  "slavemodule.txt": script}
     libraries = _libraries(interface.identifier)
     if not libraries:
-        raise BuildError(f"{_PYTHONFMU}: pythonfmu has no libraries there: this version of it is not supported")
+        raise BuildError(f"{_PYTHONFMU}: this version of pythonfmu has no libraries there; reinstall emcas-fmu to get "
+                         "a supported one")
     return {**libraries, **{f"resources/{name}": text.encode() for name, text in resources.items()}}

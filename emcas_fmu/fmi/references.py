@@ -1,9 +1,9 @@
 """References inside the FMU, by the layered standard FMI-LS-REF: experiments that any host can repeat.
 
-https://github.com/modelica/fmi-ls-ref; the format of experiments, which has a separate standard now, is that of
-version 1.0.0-alpha.1. Where the actuator has an independent integration (:mod:`emcas_fmu.reference`), the results are
-of that integration, provided that the actuator's extensions change nothing in the case. Otherwise they are computed by
-this package's stepping, and labelled as that.
+https://github.com/modelica/fmi-ls-ref; experiments, now in a standard of their own, have the format of its version
+1.0.0-alpha.1. The results are those of the actuator's independent integration (:mod:`emcas_fmu.reference`), if it has
+one and its extensions change nothing in the case. Otherwise they are computed by this package's stepping, and labelled
+so.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ EXPERIMENTS, PARAMETERS, TABLE = "application/x-ma-hs-experiments", "application
 ROLES = {True: "validation", False: "smoke-test"}  # of experiments, by `Experiment.independent`
 _SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 
-_SHIPPED = ("step", "load_opposing", "cold", "sag")  # of one fin, if they are stored, which needs no time
-_FINS = ("step_plus10", "step_minus5", "step_plus20", "step_minus1")  # of several fins in turn
-_FINS_STOP = 0.3  # s, since they may have to be integrated for each fin
-# Digits after the first digit of a variable's nominal value. Differences between machines, some 1e-12 of the value,
-# then hardly ever change a digit; the rounding error is less than a hundredth of the tolerance.
+_SHIPPED = ("step", "load_opposing", "cold", "sag")  # cases of a single fin, if their responses are stored
+_FINS = ("step_plus10", "step_minus5", "step_plus20", "step_minus1")  # cases of several fins in turn
+_FINS_STOP = 0.3  # s: stop time of these; it is short, since each fin may have to be integrated
+# Digits after the first digit of a variable's nominal value. Differences between machines, about 1e-12 of the value,
+# then rarely change a digit; the rounding error is less than a hundredth of the tolerance.
 _DIGITS = 6
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Start values and stimuli for an FMU, and the results to expect, by names of variables; SI.
+    """Start values and stimuli for an FMU, and the expected results, by names of variables, in SI.
 
-    `independent` is whether the results are computed by an integration independent of this package's stepping.
+    `stop_time` and `step` are in s. `independent` is whether the results are those of the independent integration.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Experiment:
     results: Mapping[str, Array]
     independent: bool
     off: float
-    """Largest difference [rad] of a fin angle between the FMU's stepping, when it was built, and the results."""
+    """Largest difference [rad] between a fin angle in the results and by the FMU's stepping in the build."""
 
 
 def reference_files(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format,
@@ -85,7 +85,7 @@ def _experiments(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: For
         try:
             fins = [_response(p, case, warnings) for p, case in zip(sets, cases, strict=True)]
         except (ArithmeticError, ParameterError) as error:
-            warnings.append(f"the FMU has no reference {name}, which it cannot compute: {error}")
+            warnings.append(f"the FMU has no reference {name}, since it cannot be computed: {error}")
             continue
         yield Experiment(
             name, title, cases[0].stop_time, cases[0].step, fmi.in_files(interface, [case.overrides for case in cases]),
@@ -116,35 +116,35 @@ def _plain(parameters: ParameterSet) -> ParameterSet:
 
 
 def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tuple[Mapping[str, Array], bool, float]:
-    """Return the response in a case, whether it is integrated independently, and the difference to the stepping [rad].
+    """Return the response in a case, whether it is integrated independently, and its distance [rad] from the stepping.
 
     Raises ArithmeticError or ParameterError if the actuator's equations cannot be computed.
     """
     plain = _plain(parameters)
     extended = plain.model != parameters.model
     stepped = _stepped(parameters, case)
-    if not extended and (known := shipped(plain, case)) is not None:
-        return known, True, _apart(stepped, known)
-    has = plain.actuator.reference is not None
-    if has and (not extended or all(np.array_equal(stepped[name], column)
-                                    for name, column in _stepped(plain, case).items())):
+    if not extended and (stored := shipped(plain, case)) is not None:
+        return stored, True, _difference(stepped, stored)
+    has_reference = plain.actuator.reference is not None
+    if has_reference and (not extended or all(np.array_equal(stepped[name], column)
+                                              for name, column in _stepped(plain, case).items())):
         try:
             independent = _integrated(plain, case)
-            off = _apart(stepped, independent)
+            difference = _difference(stepped, independent)
         except Exception as error:  # noqa: BLE001  a user's integration may raise or return anything
-            warnings.append(f"the independent integration of {case.name} failed ({error!r}): inside the FMU is the "
+            warnings.append(f"the independent integration of {case.name} failed ({error!r}): the FMU contains the "
                             "package's response instead")
         else:
-            if off > TOLERANCE:
-                warnings.append(f"{case.name}: fin_angle is up to {degrees(off):.2g} deg off the independent "
-                                f"integration, at most {degrees(TOLERANCE):g} deg are usual; a smaller solver.max_tick "
-                                "may bring it nearer")
-            return independent, True, off
+            if difference > TOLERANCE:
+                warnings.append(f"{case.name}: fin_angle differs by up to {degrees(difference):.2g} deg from the "
+                                f"independent integration, more than the usual {degrees(TOLERANCE):g} deg; a smaller "
+                                "solver.max_tick may reduce it")
+            return independent, True, difference
     return {name: stepped[name] for name in ("time", *Plant.names) if name in stepped}, False, 0.0
 
 
-def _apart(stepped: Mapping[str, Array], independent: Mapping[str, Array]) -> float:
-    """Return the largest difference of two fin angles [rad]."""
+def _difference(stepped: Mapping[str, Array], independent: Mapping[str, Array]) -> float:
+    """Return the largest difference [rad] between the fin angles of two responses."""
     return float(np.max(np.abs(stepped["fin_angle"] - independent["fin_angle"])))
 
 
@@ -159,7 +159,7 @@ def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
 
 
 def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
-    """Return the response by this package's stepping in Python, which is that of either FMU to the bit."""
+    """Return the response by this package's stepping in Python; both back ends' FMUs give the same bits."""
     inputs = case.inputs()
     del inputs["time"]
     values = {**parameters.values, **files.suited(case, parameters.model, parameters.values).overrides}
@@ -192,7 +192,7 @@ def _files(interface: FmuInterface, experiments: Sequence[Experiment]) -> dict[s
         add(f"{each.name}_in.csv", TABLE, "other", f"Stimuli: {each.title}", files.csv_text(each.stimuli).encode())
         add(f"{each.name}_ref.csv", TABLE, "result", f"Results: {each.title}",
             files.csv_text(each.results).encode())
-    relate(f"../../{TEXT}", "text/plain", "document", "How the references were made, and how to repeat them")
+    relate(f"../../{TEXT}", "text/plain", "document", "How the references were computed, and how to repeat them")
     text = page(
         "fmi/references.txt.j2", model=interface.model, kind=interface.actuator.name, fins=interface.fins,
         standard=VERSION, arrays=any(column.ndim > 1 for each in experiments for column in each.stimuli.values()),

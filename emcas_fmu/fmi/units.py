@@ -23,7 +23,7 @@ _QUANTITIES = {
     "m3/(s.Pa)": "HydraulicConductance", "m3/rad": "VolumePerAngle", "m3/s": "VolumeFlowRate", "rad": "Angle",
     "rad/(N.m)": "RotationalCompliance", "rad/s": "AngularVelocity", "rad/s2": "AngularAcceleration",
     "rad/s3": "AngularJerk", "s": "Time"}
-# Display units of quantities, unless a variable has another one.
+# Display units by quantity, for variables without a display unit.
 _DISPLAYS = {"Angle": "deg", "AngularVelocity": "deg/s", "BulkModulus": "bar", "Length": "mm",
              "LengthPerAngle": "mm/rev", "Pressure": "bar", "Volume": "l", "VolumeFlowRate": "l/min"}
 DIFFERENCES = ("TemperatureDifference",)
@@ -32,7 +32,7 @@ DIFFERENCES = ("TemperatureDifference",)
 
 @dataclass(frozen=True)
 class Unit:
-    """Base-unit exponents, factor and offset to SI."""
+    """A unit of FMI: exponents of the base units, and factor and offset of the conversion to these."""
 
     exponents: dict[str, int]
     factor: float
@@ -41,7 +41,7 @@ class Unit:
 
 @cache
 def fmi_unit(name: str) -> Unit:
-    """Return a unit by its name. Raises UnitError if it is not known."""
+    """Return a unit by its name. Raises UnitError if the name is unknown."""
     base, factor, offset = units.to_base(name)
     exponents = {symbol: base[dimension] for dimension, symbol in _BASE.items() if dimension in base}
     return Unit(exponents, factor, offset)

@@ -82,7 +82,7 @@ def model_header(actuator: Actuator) -> str:
     supply = names.index(actuator.supply.input.name) if actuator.supply else -1
     charged = actuator.supply is not None and actuator.supply.course is not None
     stores = "#define MODEL_CHARGED /* the fins store charge */\n" if charged else ""
-    power, line = codegen.power_place(actuator), actuator.supply.line if actuator.supply else None
+    power, line = codegen.power_index(actuator), actuator.supply.line if actuator.supply else None
     line_parameters, line_states = (len(line.parameters), len(line.states)) if line else (0, 0)
     states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
         actuator.states, actuator.controller_states, actuator.sampled_states))

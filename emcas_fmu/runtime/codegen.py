@@ -238,7 +238,7 @@ def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: s
     `bind` returns the functions of a fin, as `bound`.
     """
     actuator, each = get(model), [bind(values, model, True) for values in sets]
-    return MultiFin(each, line, power_place(actuator), sizes(actuator))
+    return MultiFin(each, line, power_index(actuator), sizes(actuator))
 
 
 def core_inputs(core: Core, row: Sequence[Any], actuator: Actuator) -> Inputs:
@@ -251,7 +251,7 @@ def inputs_at_rest(command: float, aero_torque: float, supply: float, enable: bo
     return (command, aero_torque, *(0.0 for _ in MotionLoads._fields), supply, enable, *further)
 
 
-def power_place(actuator: Actuator) -> int | None:
+def power_index(actuator: Actuator) -> int | None:
     """Return the index of the supply power among the outputs; None for an actuator without a supply."""
     return None if actuator.supply is None else [v.name for v in actuator.outputs].index(actuator.supply.power.name)
 

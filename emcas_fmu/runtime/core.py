@@ -123,18 +123,18 @@ class Core:
         """
         length, before, ticks, _, h_before, h_after, *_, slack = self.schedule
         if not (isinstance(state, tuple) and len(state) == len(self.state)):
-            return "number of values"
+            return "wrong number of values"
         period, position, *numbers, part, tentative = state
         _, _, *shape, _, plant = self.state
         if not alike((*numbers, tentative), (*shape, plant)):
             return "a number is not finite"
         if not (type(period) is type(position) is int and period >= 0 and 0 <= position < ticks
                 and -slack <= now - period * length <= length + slack and now * sys.float_info.epsilon <= slack):
-            return "place in time"
+            return "impossible position in time"
         within = h_before if position < before else h_after
         if part is not None and not (alike(part, (0.0, 0.0, inputs, self._nothing))
                                      and 0.0 <= part[0] <= part[1] <= within):
-            return "part of a tick"
+            return "impossible part of a tick"
         return ""
 
     def motion_loads(self, *motion: float) -> tuple[float, ...]:

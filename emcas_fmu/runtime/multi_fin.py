@@ -74,21 +74,21 @@ class MultiFin:
     def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
         """Return the problem of a state that was stored at `now` [s] from the start; see :meth:`Core.unsound`."""
         if not (isinstance(state, tuple) and len(state) == 4):
-            return "number of values"
+            return "wrong number of values"
         of_line, drawn, instant, states = state
         if not (isinstance(states, tuple) and len(states) == len(self.cores)):
-            return "number of fins"
+            return "wrong number of fins"
         if problem := next(filter(None, (core.unsound(one, now, inputs)
                                          for core, one in zip(self.cores, states, strict=True))), ""):
             return problem
         if not alike((of_line, drawn), (self._of_line, self._consumed)):
-            return "state of the supply's line"
-        placed = type(instant) is int and instant >= 1 and finite(instant)
-        if placed and self._line and self._line[0] > 0.0:
-            # The next update of a line that is not stiff is ahead, within an interval, but for rounding.
+            return "impossible state of the supply's line"
+        possible = type(instant) is int and instant >= 1 and finite(instant)
+        if possible and self._line and self._line[0] > 0.0:
+            # The next instant of a line that is not stiff is later, by an interval and its rounding at most.
             ahead, interval = instant * self._line[-1] - now, self._line[-1]
-            placed = 0.0 <= ahead <= interval + 1e-9
-        return "" if placed else "place in time of the supply's line"
+            possible = 0.0 <= ahead <= interval + 1e-9
+        return "" if possible else "impossible time of the supply's line"
 
     def motion_loads(self, *motion: float) -> list[tuple[float, ...]]:
         """Return each fin's loads of the vehicle's motion, from its inputs; all in SI, in the order of MotionLoads."""

@@ -409,14 +409,14 @@ def test_unusual_units(tmp_path: Path) -> None:
     files = {2: tmp_path / "low.toml"}
     for call, said in ((lambda: FmuInterface(0), "an FMU has 1 to 8 fins"),
                        (lambda: FmuInterface(9), "an FMU has 1 to 8 fins"),
-                       (lambda: azimuths(4, "star"), "there is plus and cross"),
+                       (lambda: azimuths(4, "star"), "choose plus or cross"),
                        (lambda: fin_files(["2=a.toml", "2=b.toml"]), "fin 2 appears twice"),
                        (lambda: fin_files(["two=a.toml"]), "expected a fin's number"),
                        (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, files={5: tmp_path / "low.toml"}),
                         "the FMU has fins 1 to 4"),
                        (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, files=files),
                         "low.toml: drive.supply_voltage differs between fins"),
-                       (lambda: build(load_parameters(), tmp_path / "a.fmu", files=files), "of several: set fins")):
+                       (lambda: build(load_parameters(), tmp_path / "a.fmu", files=files), "several fins: set fins")):
         with pytest.raises(EmcasError, match=said):
             call()
 

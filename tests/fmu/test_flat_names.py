@@ -61,7 +61,7 @@ def test_two_names_that_would_be_one_are_refused(monkeypatch: pytest.MonkeyPatch
     assert FmuInterface(1, "second-order").spelt("solver_max.tick") == "solver_max.tick"
     with pytest.raises(EmcasError, match=r"solver\.max_tick and solver_max\.tick would both be solver_max_tick"):
         FmuInterface(1, "second-order", "flat")
-    with pytest.raises(EmcasError, match="names round: there is structured and flat"):
+    with pytest.raises(EmcasError, match="names round: choose structured or flat"):
         FmuInterface(1, "second-order", "round")
 
 
@@ -200,4 +200,4 @@ def test_commands(built: Callable[..., Path], tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     refused = CliRunner().invoke(app, ["build", "--names", "round", "-o", str(path)])
     assert refused.exit_code == 2
-    assert "names round: there is structured and flat" in refused.output
+    assert "names round: choose structured or flat" in refused.output

@@ -97,7 +97,7 @@ def test_own_controller(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--part", "plnt"], "part plnt: there is controller and plant; did you mean plant?"),
-    (["--part", "plant", "--fins", "2"], "part plant is that of one fin"),
+    (["--part", "plant", "--fins", "2"], "part plant is for a single fin"),
     (["--part", "controller", "--model", "second-order"], "controller needs a sampled position loop"),
 ])
 def test_refusals(arguments: list[str], message: str, tmp_path: Path) -> None:

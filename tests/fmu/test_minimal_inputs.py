@@ -57,5 +57,5 @@ def test_a_part_has_its_inputs(tmp_path: Path) -> None:
 
 
 def test_there_is_all_and_minimal(tmp_path: Path) -> None:
-    with pytest.raises(EmcasError, match="inputs few: there is all and minimal"):
+    with pytest.raises(EmcasError, match="inputs few: choose all or minimal"):
         build(load_parameters(), tmp_path / "x.fmu", inputs="few")

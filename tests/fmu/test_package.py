@@ -323,14 +323,14 @@ def test_the_page_is_of_its_back_end(unit: Path, backend: str, description: Elem
     with zipfile.ZipFile(unit) as archive:
         page = " ".join(archive.read("documentation/index.html").decode().split())
         names = archive.namelist()
-    said = {"python": ("Python 3.10 or later", "does not interpolate", "takes no input derivatives", "is logged",
-                       "affects no step", "every step is then discarded", "A wrong GUID is not noticed"),
-            "native": ("needs nothing in its host", "fmi2SetRealInputDerivatives", "fmi2Error", "repeat the call",
+    said = {"python": ("Python 3.10 or later", "does not interpolate", "or use input derivatives", "is logged",
+                       "affects no step", "every step is then discarded", "A wrong GUID is not detected"),
+            "native": ("needs no other software", "fmi2SetRealInputDerivatives", "fmi2Error", "repeat the call",
                        "A wrong GUID is refused")}
     assert {fact for facts in said.values() for fact in facts if fact in page} == set(said[backend])
     options = description.find("CoSimulation")
     assert options is not None
-    assert ("ramp through it" in page) == (options.attrib["canInterpolateInputs"] == "true")
+    assert ("or change linearly" in page) == (options.attrib["canInterpolateInputs"] == "true")
     assert ("externalDependencies.txt" in page) == ("documentation/externalDependencies.txt" in names)
     assert f"The FMU has binaries for {', '.join(sorted(read_platforms(unit)))}." in page
 

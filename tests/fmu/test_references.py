@@ -71,7 +71,7 @@ STORED, ONE, FINS = ["step", "load_opposing", "cold", "sag"], ["step_and_load"],
 def test_the_text_says_how_far_the_stepping_was_off(tick: float) -> None:
     parameters = load_parameters().with_values({**CUSTOM, "solver.max_tick": tick})
     contents, *_ = reference_files(FmuInterface(1), (parameters,), FORMATS["2"])
-    (said,) = re.findall(r"stepping is up to (\S+) deg off it", contents[TEXT].decode())
+    (said,) = re.findall(r"differs from it by up to (\S+) deg", contents[TEXT].decode())
     case = files.suited(STEP_AND_LOAD, parameters.model, parameters.values)
     inputs: dict[str, Any] = {name: column for name, column in case.inputs().items() if name != "time"}
     run = simulate({**parameters.values, **case.overrides}, case.stop_time, case.step, **inputs)
@@ -312,7 +312,7 @@ def test_an_integration_that_fails_is_said_and_replaced(gives: str, said: str, t
 def test_a_unit_that_is_off_its_integration_is_warned_of(counted: list[Mapping[str, Any]]) -> None:
     _, (warning,) = made(values=CUSTOM)
     assert len(counted) == 1
-    assert re.match(r"step_and_load: fin_angle is up to 6\.\d deg off the independent integration", warning)
+    assert re.match(r"step_and_load: fin_angle differs by up to 6\.\d deg from the independent integration", warning)
 
 
 def test_digits_are_those_of_any_machine() -> None:

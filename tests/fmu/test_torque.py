@@ -132,10 +132,10 @@ def test_interface(name: str, files: Mapping[str, Path]) -> None:
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
-    (["--interface", "force"], "interface force: there is angle and torque"),
+    (["--interface", "force"], "interface force: choose angle or torque"),
     (["--interface", "torque", "--part", "plant"], "part plant has no interface torque"),
     (["--interface", "torque", "--inputs", "minimal"], "with interface torque the fin's motion is an input"),
-    (["--interface", "torque", "--fins", "4"], "interface torque is that of one fin"),
+    (["--interface", "torque", "--fins", "4"], "interface torque is for a single fin"),
     (["--interface", "torque", "--model", "elastic"], "torque needs a rigid drive line; elastic has none"),
 ])
 def test_refusals(arguments: list[str], message: str, tmp_path: Path) -> None:

@@ -153,7 +153,7 @@ def test_same_bytes(ssp: Path, native: Path, tmp_path: Path) -> None:
     ({"output": Path("nowhere/a.ssp")}, "there is no folder nowhere"),
     ({"fins": 0}, "fins 0: an FMU has 1 to 8 fins"),
     ({"fins": 9}, "fins 9: an FMU has 1 to 8 fins"),
-    ({"layout": "x"}, "layout x: there is plus and cross"),
+    ({"layout": "x"}, "layout x: choose plus or cross"),
     ({"fmu": Path("none.fmu")}, "none.fmu: cannot be read"),
     ({"fmu": Path(__file__)}, "is not an FMU"),
 ])

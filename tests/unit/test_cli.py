@@ -92,9 +92,9 @@ def test_build_and_its_refusals(tmp_path: Path) -> None:
     for arguments, said in (
         (("--output", str(tmp_path / "x.zip")), ".fmu"),
         (("--output", str(tmp_path / "none" / "x.fmu")), "no folder"),
-        (("--backend", "cobol", "--output", str(target)), "there is python and native"),
+        (("--backend", "cobol", "--output", str(target)), "choose python or native"),
         (("--platform", "linux64", "--output", str(target)), "are for backend native"),
-        (("--backend", "native", "--platform", "vax", "--output", str(target)), "there is linux64, win64, darwin64"),
+        (("--backend", "native", "--platform", "vax", "--output", str(target)), "choose from linux64, win64, darwin64"),
         (("--backend", "native", "--cc", "no-such-cc", "--output", str(target)), "there is no such program"),
         (("--backend", "native", "--cc", "false", "--output", str(target)), "does not answer"),
         (("--backend", "native", "--cc", "cc", "--platform", "darwin64", "--output", str(target)),

@@ -42,18 +42,18 @@ def test_places_in_time_of_a_stored_state(model: str) -> None:
     for now, periods in ((0.0, 0), (-0.99 * slack, 0), (period + 0.99 * slack, 0), (period, 1), (7.0 * period, 7)):
         assert said(now, periods) == ""
     for now, periods in ((-1.01 * slack, 0), (period + 1.01 * slack, 0), (0.0, -1), (0.0, 1), (0.0, 0.0), (0.0, True)):
-        assert said(now, periods) == "place in time"
+        assert said(now, periods) == "impossible position in time"
     ticks = core.schedule[2]
     assert [said(0.0, tick=k) for k in (-1, 0, ticks - 1, ticks, 0.0)] == [
-        "place in time", "", "", "place in time", "place in time"]
+        "impossible position in time", "", "", "impossible position in time", "impossible position in time"]
     before, (h_before, h_after) = core.schedule[1], core.schedule[4:6]
     nothing = (0.0,) * (core._supply - 1)
     for tick, h in ((0, h_before if before else h_after), (ticks - 1, h_after)):
         for origin, covered, sound in ((0.0, 0.0, True), (0.0, h, True), (h, h, True), (0.5 * h, 0.4 * h, False),
                                        (-1e-9 * h, h, False), (0.0, 1.000001 * h, False)):
             assert (said(0.0, tick=tick, part=(origin, covered, inputs, nothing)) == "") == sound
-    assert said(0.0, part=(0.0, 0.0, inputs, nothing[1:])) == "part of a tick"
-    assert fresh.unsound(start[:-1], 0.0, inputs) == fresh.unsound(list(start), 0.0, inputs) == "number of values"
+    assert said(0.0, part=(0.0, 0.0, inputs, nothing[1:])) == "impossible part of a tick"
+    assert fresh.unsound(start[:-1], 0.0, inputs) == fresh.unsound(list(start), 0.0, inputs) == "wrong number of values"
     for bad in (np.nan, np.inf, "0", None):
         for place in (2, 3, 4, 5, 8):
             if start[place]:
@@ -98,14 +98,14 @@ def test_a_state_of_several_fins(model: str) -> None:
     inputs = [codegen.core_inputs(core, row, get(model)) for core in fins.cores]
     of_line, drawn, instant, states = fins.state
     assert fins.unsound(fins.state, 0.0, inputs[0]) == ""
-    for made, said in (((of_line, drawn, instant), "number of values"),
-                       ([of_line, drawn, instant, states], "number of values"),
-                       ((of_line, drawn, instant, states[:1]), "number of fins"),
-                       ((of_line, drawn, instant, (states[0], states[1][:-1])), "number of values"),
-                       ((np.nan, drawn, instant, states), "state of the supply's line"),
-                       ((of_line, (*drawn[:-1], np.nan), instant, states), "state of the supply's line"),
-                       ((of_line, drawn, 0, states), "place in time of the supply's line"),
-                       ((of_line, drawn, 1.0, states), "place in time of the supply's line")):
+    for made, said in (((of_line, drawn, instant), "wrong number of values"),
+                       ([of_line, drawn, instant, states], "wrong number of values"),
+                       ((of_line, drawn, instant, states[:1]), "wrong number of fins"),
+                       ((of_line, drawn, instant, (states[0], states[1][:-1])), "wrong number of values"),
+                       ((np.nan, drawn, instant, states), "impossible state of the supply's line"),
+                       ((of_line, (*drawn[:-1], np.nan), instant, states), "impossible state of the supply's line"),
+                       ((of_line, drawn, 0, states), "impossible time of the supply's line"),
+                       ((of_line, drawn, 1.0, states), "impossible time of the supply's line")):
         assert fins.unsound(made, 0.0, inputs[0]) == said
     if line:  # the next instant is at most an interval ahead, and never behind
         period = fins.cores[0].schedule[0]

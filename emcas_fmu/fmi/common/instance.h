@@ -1,8 +1,8 @@
 /* An instance of the FMU: its data, log messages, checks of its parameters, and its outputs.
  *
- * Common to all versions of FMI. The including file defines what depends on the version and its host: FMI(name), the
- * name of a function or type in this version, host_services, log_message, allocate and release. interface.h is
- * generated from the variable table: names, kinds, limits, start values, rules for parameter sets.
+ * Common to all versions of FMI. The including file defines the parts that depend on the version: FMI(name), the name
+ * of a function or type in this version, host_services, log_message, allocate and release. interface.h is generated
+ * from the interface: names, kinds, limits and start values of the variables; rules.h has the rules for parameters.
  */
 #ifndef EMCAS_INSTANCE_H
 #define EMCAS_INSTANCE_H
@@ -34,10 +34,10 @@ CORE_REQUIRE(parameters_are_those_of_line_and_fins,
 /* Everything that reset and the FMU state functions copy. */
 typedef struct {
     double values[FMU_VARIABLES];
-    double rates[FMU_INPUTS]; /* of the inputs, for the next step (FMI 2.0) */
-    double start, stop, now;    /* stop is infinite without one, now counts from the start */
+    double rates[FMU_INPUTS]; /* derivatives of the inputs in the next step (FMI 2.0) */
+    double start, stop, now;    /* s; stop is infinite if there is none, now is from the start */
     int32_t phase;
-    int32_t rated;      /* a rate is set */
+    int32_t has_rates;  /* a rate is set */
     int32_t terminated; /* the last step could not be computed (FMI 2.0) */
     int32_t fresh;      /* the outputs in values are up to date */
     multi_fin_state fins;
@@ -48,13 +48,13 @@ typedef struct {
     const char *name;
     uint32_t logged;    /* a bit for each category */
     int32_t unprepared; /* parameters have changed since the fins were bound to them */
-    int32_t check_inputs; /* an input may not be finite */
+    int32_t check_inputs; /* an input might be infinite or NaN */
     int32_t moved;      /* motion_loads are out of date */
-    int32_t commanded;  /* a command has been followed, or it has been logged why not */
+    int32_t commanded;  /* a command other than 0 has been checked, see check_drive */
     bool event_mode, early_return; /* of the host (FMI 3.0) */
     bool ticks, interval_known; /* the clock ticks in this event; the host knows its interval (FMI 3.0) */
     multi_fin fins;
-    double motion_loads[FINS][CORE_MOTION_LOADS]; /* of the vehicle's motion, on each fin */
+    double motion_loads[FINS][CORE_MOTION_LOADS]; /* of each fin */
     bool warned[FINS][RULES], warned_of_line[LINE_RULES + 1]; /* warnings that have been logged */
     model_state s;
 } instance;
@@ -117,7 +117,7 @@ static bool allowed_with(const instance *m, int phases, size_t n, const void *fi
     return false;
 }
 
-/* Define a function that the FMU does not support: it logs the reason, unless the call is about 0 variables. */
+/* Define a function that the FMU does not support: it logs the reason, unless `count` (of variables) is 0. */
 #define UNSUPPORTED(Name, phases, count, reason, parameters)                                       \
     FMI(Status) FMI(Name) parameters                                                               \
     {                                                                                              \
@@ -164,7 +164,7 @@ static bool out_of_range(const instance *m, size_t vr, double value)
     return true;
 }
 
-/* Log the message of a rule, a format of at most RULE_NUMBERS numbers. */
+/* Log the message of a rule, a format with at most RULE_NUMBERS numbers `n`. */
 static void report_rule(const instance *m, int status, size_t fin, const char *message, const double *n)
 {
     char format[MESSAGE] = "";
@@ -173,48 +173,48 @@ static void report_rule(const instance *m, int status, size_t fin, const char *m
     report(m, status, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }
 
-/* Return whether the parameters `p` of a fin, or of the line if `fin` is FINS, break none of some rules that are not
- * warnings, or that are; log the others, a warning once until it no longer holds. */
-static bool kept(const instance *m, const rule *some, size_t count, const double *p, const double *constants,
-                 size_t fin, bool warnings, bool *warned)
+/* Return whether the parameters `p` of a fin, or of the line if `fin` is FINS, break no rule: no warning if `warnings`,
+ * otherwise no rule that is not a warning. Log broken rules; a warning is not repeated while it holds. */
+static bool rules_kept(const instance *m, const rule *some, size_t count, const double *p, const double *constants,
+                       size_t fin, bool warnings, bool *warned)
 {
     double numbers[RULE_NUMBERS + 1];
-    bool none = true;
+    bool good = true;
     for (size_t i = 0; i < count; ++i) {
         if ((bool)some[i].warning != warnings) continue;
         const bool broken = rules_broken(&some[i], p, constants, numbers);
         if (broken && !warned[i])
             report_rule(m, warnings ? FMI(Warning) : FMI(Error), fin, some[i].message, numbers + 1);
         warned[i] = broken && warnings;
-        none &= !broken;
+        good &= !broken;
     }
-    return none;
+    return good;
 }
 
-static bool none_broken(instance *m, bool warnings)
+static bool all_rules_kept(instance *m, bool warnings)
 {
     double constants[RULES_CONSTANTS];
-    bool none = true;
+    bool good = true;
 #if LINE_RULES
     const double *line = m->s.values + PARAMETER_BEGIN;
     double of_line[LINE_RULES_CONSTANTS + 1];
     line_rules_prepare(line, of_line);
-    none &= kept(m, LINE_RULE, LINE_RULES, line, of_line, FINS, warnings, m->warned_of_line);
+    good &= rules_kept(m, LINE_RULE, LINE_RULES, line, of_line, FINS, warnings, m->warned_of_line);
 #endif
     for (size_t fin = 0; fin < FINS; ++fin) {
         rules_prepare(parameters(m, fin), constants);
-        none &= kept(m, RULE, RULES, parameters(m, fin), constants, fin, warnings, m->warned[fin]);
+        good &= rules_kept(m, RULE, RULES, parameters(m, fin), constants, fin, warnings, m->warned[fin]);
     }
-    return none;
+    return good;
 }
 
-/* Return whether all parameters are within their limits and keep the rules; log every value out of its limits, or if
- * there is none, every broken rule. */
+/* Return whether all parameters are within their limits and keep the rules; log every value outside its limits, or, if
+ * all are within, every broken rule. */
 static bool sound(instance *m)
 {
     bool good = true;
     for (size_t vr = PARAMETER_BEGIN; vr < FMU_VARIABLES; ++vr) good &= !out_of_range(m, vr, m->s.values[vr]);
-    return good && none_broken(m, false);
+    return good && all_rules_kept(m, false);
 }
 
 static bool sound_unlogged(instance *m)
@@ -264,7 +264,7 @@ static void update_motion_loads_now(instance *m)
     m->moved = 0;
 }
 
-/* Bring the outputs up to date. Inputs that are not finite, which the next step will refuse, change no output. */
+/* Update the outputs. Inputs that are not finite, which the next step will refuse, change no output. */
 static void refresh(instance *m)
 {
     const bool before = m->s.phase & BEFORE_RUN;
@@ -285,8 +285,8 @@ static void refresh(instance *m)
 
 /* -- variables ---------------------------------------------------------------- */
 
-/* Return whether a variable may be set; log an error if not. A call writes nothing before all its values are checked.
- * An input may be NaN: the next step will be refused. */
+/* Return whether a variable may be set; log an error if not. A call first checks all its values, then writes them. An
+ * input may be set to NaN; the next step is then refused. */
 static bool settable(const instance *m, size_t index, double value)
 {
     if (index >= OUTPUT_BEGIN && index < PARAMETER_BEGIN)

@@ -16,7 +16,7 @@ static void reset_instance(instance *m)
     memset(m->warned, 0, sizeof m->warned);
 }
 
-/* Return a new instance of that name; NULL, with the reason logged, if it cannot be created. */
+/* Return a new instance with this name; log the reason and return NULL if it cannot be created. */
 static instance *new_instance(const host_services *host, const char *name, const char *guid, bool logging)
 {
     const bool named = name && *name;
@@ -56,14 +56,14 @@ static int begin_initialization(instance *m, double start, bool stops, double st
     return FMI(OK);
 }
 
-/* Start to run if the parameters are sound; otherwise they may be corrected and the call repeated. */
+/* Start the run if the parameters are sound; otherwise the host may correct them and repeat the call. */
 FMI(Status) FMI(ExitInitializationMode)(void *c)
 {
     instance *m = c;
     if (!allowed(m, INITIALIZING, __func__) || !sound(m)) return FMI(Error);
     prepare(m);
     if (fabs(m->s.start) > m->fins.latest) return report(m, FMI(Error), TOO_LATE, m->s.start, m->fins.latest);
-    none_broken(m, true);
+    all_rules_kept(m, true);
     multi_fin_start(&m->fins, &m->s.fins);
     m->s.phase = m->event_mode ? HANDLING_EVENT : RUNNING;
     m->s.fresh = 0;

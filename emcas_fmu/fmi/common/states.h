@@ -1,10 +1,10 @@
-/* FMU states: copied, restored, serialized. Common to all versions of FMI, with the names of FMI 3.0. */
+/* FMU states: copying, restoring, serializing. Common to all versions of FMI, with the names of FMI 3.0. */
 #ifndef EMCAS_STATES_H
 #define EMCAS_STATES_H
 
 #include "instance.h"
 
-/* FNV-1a, 64 bit. */
+/* Return the hash FNV-1a of 64 bits. */
 static uint64_t checksum(const void *data, size_t size)
 {
     const unsigned char *bytes = data;
@@ -13,16 +13,16 @@ static uint64_t checksum(const void *data, size_t size)
     return hash;
 }
 
-/* Return why a core cannot be in this state at `now` [s]; NULL if it can. */
+/* Return the reason why a core cannot be in this state at `now` [s from the start]; NULL if it can. */
 static const char *unsound_core(const core_state *core, const core_schedule *plan, double now)
 {
     if (!core_all_finite(core->plant.x, CORE_PLANT) || !core_all_finite(core->tentative.x, CORE_PLANT)
-        || !core_all_finite(core->sampled, CORE_SAMPLED) || !core_finite(core->active))
+        || !core_all_finite(core->sampled, CORE_SAMPLED) || !core_finite(core->active)
+        || !core_all_finite(core->line, core_line_length(plan)))
         return "a number is not finite";
-    if (!core_all_finite(core->line, core_line_length(plan))) return "delay line";
     if (core->time.period < 0 || core->time.period > INT64_C(1000000000000) || core->time.position < 0
         || core->time.position >= plan->before + plan->after || (core->time.partial != 0 && core->time.partial != 1))
-        return "place in time";
+        return "impossible position in time";
     if (core->time.partial) {
         const core_part *part = &core->part;
         double numbers[sizeof *part / sizeof(double)];
@@ -30,39 +30,41 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
         const double h = core->time.position < (int32_t)plan->before ? plan->h_before : plan->h_after;
         if (!core_all_finite(numbers, sizeof numbers / sizeof *numbers) || part->origin < 0.0
             || part->covered < part->origin || part->covered > h)
-            return "part of a tick";
+            return "impossible part of a tick";
     }
     const double period = (double)core->time.period * plan->sample_time;
-    if (now * DBL_EPSILON > plan->slack) return "place in time";
-    if (now < period - plan->slack || now > period + plan->sample_time + plan->slack) return "place in time";
+    if (now * DBL_EPSILON > plan->slack) return "impossible position in time";
+    if (now < period - plan->slack || now > period + plan->sample_time + plan->slack)
+        return "impossible position in time";
     return NULL;
 }
 
 static const char *unsound_line(const multi_fin *m, const model_state *s)
 {
-    if (!core_all_finite(s->fins.line, MODEL_LINE_STATES)) return "state of the supply's line";
-    if (s->fins.instant < 1) return "place in time of the supply's line";
+    if (!core_all_finite(s->fins.line, MODEL_LINE_STATES)) return "impossible state of the supply's line";
+    if (s->fins.instant < 1) return "impossible time of the supply's line";
 #if MULTI_FIN_LINE
     if (!core_finite(s->fins.mean) || !core_all_finite(s->fins.charge, FINS) || !core_all_finite(s->fins.power, FINS))
-        return "state of the supply's line";
-    /* The next instant of a line that is not stiff is ahead, within an interval, but for rounding. */
+        return "impossible state of the supply's line";
+    /* The next instant of a line that is not stiff is later, by an interval and its rounding at most. */
     const double interval = multi_fin_interval(m), ahead = (double)s->fins.instant * interval - s->now;
     if (!multi_fin_stiff(m) && (ahead < 0.0 || ahead > interval + 1e-9))
-        return "place in time of the supply's line";
+        return "impossible time of the supply's line";
 #else
     (void)m;
 #endif
     return NULL;
 }
 
-/* Return why a deserialized state cannot be one of this FMU, NULL if it can: it may have been damaged or made up. */
+/* Return the reason why a state with the right checksum cannot be one of this FMU; NULL if it can. */
 static const char *unsound(const instance *m, const model_state *s)
 {
     if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED
         && !(s->phase == HANDLING_EVENT && m->event_mode))
         return "unknown phase";
-    if (!core_finite(s->start) || !(s->stop >= s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
-    if (!core_all_finite(s->rates, FMU_INPUTS)) return "input derivatives";
+    if (!core_finite(s->start) || !(s->stop >= s->start) || !core_finite(s->now) || s->now < 0.0)
+        return "impossible time";
+    if (!core_all_finite(s->rates, FMU_INPUTS)) return "an input derivative is not finite";
     for (size_t i = 0; i < FMU_VARIABLES; ++i) {
         const double value = s->values[i];
         if (VARIABLE[i].kind != REAL
@@ -72,9 +74,9 @@ static const char *unsound(const instance *m, const model_state *s)
     if (s->phase & BEFORE_RUN) return NULL; /* the core will be restarted */
     instance probe = {.host = m->host, .name = m->name}; /* logs nothing */
     probe.s = *s;
-    if (!sound(&probe)) return "parameters out of their limits";
+    if (!sound(&probe)) return "its parameters break a limit or rule";
     prepare(&probe);
-    if (fabs(s->start) > probe.fins.latest) return "time";
+    if (fabs(s->start) > probe.fins.latest) return "impossible time";
     for (size_t fin = 0; fin < FINS; ++fin) {
         const core_schedule plan = core_scheduled(probe.fins.p[fin], probe.fins.c[fin]);
         const char *reason = unsound_core(&s->fins.core[fin], &plan, s->now);

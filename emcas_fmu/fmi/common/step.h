@@ -14,7 +14,7 @@ static int bad_inputs(const instance *m, double time)
     return status;
 }
 
-/* Log why no fin follows its first command: hosts leave inputs that are not connected at 0. */
+/* Warn if the first command other than 0 finds no supply, or a disabled drive: an input may be unconnected. */
 static void check_drive(instance *m, const core_inputs *in)
 {
     for (size_t fin = 0; fin < FINS && !m->commanded; ++fin) {
@@ -38,7 +38,7 @@ static core_result held_step(instance *m, double end)
     return run(m, end, in, NULL);
 }
 
-/* Check a step of `size` [s] from `time` [s] and prepare for it. Sets its end [s from the start]. */
+/* Check a step of `size` [s] from `time` [s] and prepare it. Sets its end [s from the start]. */
 static int step_end(instance *m, double time, double size, double *end)
 {
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
@@ -49,27 +49,27 @@ static int step_end(instance *m, double time, double size, double *end)
     }
     if (m->unprepared) {
         prepare(m);
-        none_broken(m, true);
+        all_rules_kept(m, true);
     }
     const double begin = time - m->s.start;
-    /* The times of a clock that starts late are coarser than the slack. */
+    /* Far from 0 the times of a host are coarser than the slack. */
     if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
         return report(m, FMI(Error), "step from %.17g s, but the instance is at %.17g s, %.3g s away", time,
                       m->s.start + m->s.now, begin - m->s.now);
-    /* A host that adds up its steps reaches the stop time but for the ninth digit. */
+    /* A host that sums its steps misses the stop time by up to 1e-9 of it. */
     if (time + size > m->s.stop + m->fins.slack + 1e-9 * fabs(m->s.stop))
         return report(m, FMI(Error), "step from %.17g s of %.17g s ends after the stop time, %.17g s", time, size,
                       m->s.stop);
     *end = begin + size;
-    if (*end < m->s.now) *end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
+    if (*end < m->s.now) *end = m->s.now; /* a host's clock may go back within the slack, the trajectory does not */
     if (m->moved) update_motion_loads_now(m);
 #ifdef STEP_BEGIN
-    m->s.values[STEP_BEGIN] = begin; /* the fin gets the motion of the host's once a step */
+    m->s.values[STEP_BEGIN] = begin; /* the host's fin passes its motion once in each step */
 #endif
     return FMI(OK);
 }
 
-/* Return the status of a step, and move the time on if it was computed. */
+/* Return the status of a step; advance the time to `end` if it was computed. */
 static int step_done(instance *m, core_result result, double time, double size, double end)
 {
     if (result == CORE_TOO_MANY_TICKS)

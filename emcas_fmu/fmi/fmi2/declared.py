@@ -1,6 +1,6 @@
-"""What the generated slave declares: its variables, parameters and rules, and how they are those of line and fins.
+"""Declarations of the generated slave: variables, parameters and rules, and their distribution to line and fins.
 
-Standard library only, but for pythonfmu's base class: it is embedded in the FMU.
+It is embedded in the FMU and imports only the standard library and pythonfmu's base class.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ class DeclaredSlave(ReportingSlave):
 
     make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the core's functions with these parameters
     make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
-    rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of each check: message, whether scanned, whether a warning
+    rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # for each check: message, whether scanned, whether a warning
     make_line_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
-    line_rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of several fins; without, there is no make_line_checks
-    # Each variable's name, kind, whether it is fixed, minimum and maximum, by value reference; their start values.
+    line_rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of the line; if empty, there is no make_line_checks
+    # By value reference, each variable's name, kind, whether it is fixed, minimum and maximum; and its start value.
     rows: ClassVar[tuple[tuple[str, str, bool, float, float], ...]]
     start_values: ClassVar[tuple[Any, ...]]
-    # Indices among the rows: inputs come first, then outputs, then parameters; `motion` are inputs of the vehicle's.
+    # Indices of the rows: inputs, then outputs, then parameters; `motion` are the inputs of the vehicle's motion.
     inputs: ClassVar[range]
     outputs: ClassVar[range]
     parameters: ClassVar[range]
@@ -35,17 +35,17 @@ class DeclaredSlave(ReportingSlave):
     sizes: ClassVar[Sizes]  # of a core
     no_supply: ClassVar[str]  # "supply_voltage = 0"; empty without a supply
     power: ClassVar[int | None]  # index of the supply's power among a fin's outputs; None without a supply
-    names: ClassVar[tuple[str, ...]]  # of one fin's parameters; those of the line come before those of the fins
+    names: ClassVar[tuple[str, ...]]  # of one fin's parameters; in the rows the line's parameters precede the fins'
     fin_inputs: ClassVar[tuple[tuple[int, ...], ...]]  # value references of each fin's inputs
-    mixing: ClassVar[tuple[int, ...]]  # and of the mixing inputs of several fins
-    of_fin: ClassVar[str]  # prefix of a fin's messages; empty for a single fin
-    step_begin: ClassVar[int | None]  # index of the input that is the begin of the host's step, if there is one
-    # Derived from the rows once per class.
-    _kinds: ClassVar[dict[str, frozenset[int]]]
+    mixing: ClassVar[tuple[int, ...]]  # value references of the mixing inputs; empty for a single fin
+    of_fin: ClassVar[str]  # prefix of a fin's messages, with %d for its number; empty for a single fin
+    step_begin: ClassVar[int | None]  # index of the input for the begin of the host's step [s]; None without it
+    # Computed once per class.
+    _kinds: ClassVar[dict[str, frozenset[int]]]  # indices of the rows by kind
     _output_slice: ClassVar[slice]
-    _several: ClassVar[bool]  # fins
-    _line_parameters: ClassVar[int]
-    _unknown: ClassVar[Any]  # motion loads of a motion that is not finite
+    _several: ClassVar[bool]  # whether there are several fins
+    _line_parameters: ClassVar[int]  # their number
+    _nan_loads: ClassVar[Any]  # motion loads of a motion that is not finite
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -56,16 +56,16 @@ class DeclaredSlave(ReportingSlave):
         cls._output_slice = slice(cls.outputs.start, cls.outputs.stop)
         cls._several = len(cls.fin_inputs) > 1
         cls._line_parameters = len(cls.parameters) - len(cls.names) * len(cls.fin_inputs)
-        unknown = (nan,) * (cls.sizes.loads - 1)
-        cls._unknown = [unknown] * len(cls.fin_inputs) if cls._several else unknown
+        loads = (nan,) * (cls.sizes.loads - 1)
+        cls._nan_loads = [loads] * len(cls.fin_inputs) if cls._several else loads
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self._values: list[Any] = list(self.start_values)
-        self._warned: set[tuple[str, int]] = set()  # warnings that have been logged
+        self._warned: set[tuple[str, int]] = set()  # warnings that hold and have been logged
 
     def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-        """Return each fin's parameters by their names in a single actuator, by the prefix of its messages."""
+        """Return by the prefix of each fin's messages its parameters, by their names in a single actuator."""
         count, numbers = len(self.names), list(values.values())[self._line_parameters:]
         return {self.of_fin.replace("%d", str(fin + 1)):
                 dict(zip(self.names, numbers[fin * count:(fin + 1) * count], strict=True))
@@ -75,21 +75,21 @@ class DeclaredSlave(ReportingSlave):
         functions = [type(self).make(one) for one in self._fins(values).values()]
         return functions if self._several else functions[0]
 
-    def _made(self, values: Mapping[str, Any]) -> Core | MultiFin:
+    def _new_core(self, values: Mapping[str, Any]) -> Core | MultiFin:
         if not self._several:
             return Core(self._functions(values), self.sizes)
         line = list(values.values())[:self._line_parameters]
         return MultiFin(self._functions(values), line, self.power, self.sizes)
 
-    def _of_core(self, row: Sequence[Any], motion_loads: Sequence[float]) -> tuple[Any, ...]:
-        """Return the inputs of one core from those of its actuator."""
+    def _inputs_of_one(self, row: Sequence[Any], motion_loads: Sequence[float]) -> tuple[Any, ...]:
+        """Return the inputs of one core from a row of its actuator's inputs."""
         return inputs_of(row, motion_loads, self.sizes.motion, self.power is not None)
 
     def _finite(self, inputs: tuple[Any, ...]) -> bool:
         return all(isfinite(sum(each)) for each in inputs) if self._several else isfinite(sum(inputs))
 
     def _broken_rules(self, values: Mapping[str, Any], warnings: bool = False) -> dict[tuple[str, int], str]:
-        """Return the message of each rule that line or fins break, or of the `warnings`, by fin and rule."""
+        """Return the messages of the rules that line or fins break, by fin and rule: of refusals, or of `warnings`."""
         judged = [("", type(self).make_line_checks(values), self.line_rules)] if self.line_rules else []
         judged += [(prefix, type(self).make_checks(one), self.rules) for prefix, one in self._fins(values).items()]
         return {(prefix, i): prefix + message for prefix, checks, rules in judged
@@ -97,7 +97,7 @@ class DeclaredSlave(ReportingSlave):
                 for message in check_rules([(check, *rule)], warnings)}
 
     def _warn(self) -> None:
-        """Log the warnings about the parameters, each once until it no longer holds."""
+        """Log the warnings about the parameters that hold now but did not hold at the last call."""
         warnings = self._broken_rules(self._parameter_values(), warnings=True)
         for rule in warnings:
             if rule not in self._warned:

@@ -1,7 +1,7 @@
 /* FMI 2.0 for co-simulation around core.h.
  *
- * A variable's value reference is its index in the table of inputs, outputs and parameters. There is no global state
- * that changes and no allocation while stepping.
+ * A variable's value reference is its index in the table of inputs, outputs and parameters. No global state changes,
+ * and no step allocates memory.
  */
 #include <stdbool.h>
 #include <stdlib.h>
@@ -13,7 +13,7 @@
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
 
-/* The name of a function or type. The common files have FMI 3.0's names, of which FMI 2.0 spells some otherwise. */
+/* The name of a function or type. The common files have the names of FMI 3.0, some of which FMI 2.0 spells otherwise. */
 #define FMI(name) FMI_PASTE(fmi2, name)
 #define FMI_PASTE(version, name) version##name
 #define GetFMUState GetFMUstate
@@ -29,7 +29,7 @@ typedef fmi2CallbackFunctions host_services;
 static void log_message(const host_services *host, const char *name, int status, const char *category, char *text)
 {
     if (!host->logger) return;
-    /* The text is the format: hosts in other languages cannot read variable arguments. */
+    /* The host gets the text as the format, without arguments, which hosts in other languages cannot read. */
     for (char *at = text; *at; ++at)
         if (*at == '%') *at = '/';
     host->logger(host->componentEnvironment, name, (fmi2Status)status, category, text);
@@ -62,7 +62,7 @@ static bool is_a(const instance *m, size_t vr, int kind)
     return false;
 }
 
-/* The values that are read are always in the range of their type: they are checked when they are set. */
+/* The conversions lose nothing: a value is set by calls with its own type only. */
 #define DEFINE_ACCESS(Kind, kind, as_number)                                                                    \
     fmi2Status fmi2Get##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Kind value[])       \
     {                                                                                                           \
@@ -118,14 +118,14 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
                           value[i]);
     }
     for (size_t i = 0; i < n; ++i) m->s.rates[vr[i]] = value[i];
-    m->s.rated = n || m->s.rated;
+    m->s.has_rates = n || m->s.has_rates;
     return fmi2OK;
 }
 
 /* -- stepping ----------------------------------------------------------------- */
 
-/* Step with inputs that change linearly; motion loads are interpolated between those at the ends. Afterwards the inputs
- * are at the ends of their ramps, and are held there until they or their derivatives are set again. */
+/* Step with inputs that change linearly; motion loads are interpolated between both ends of the step. Afterwards the
+ * inputs are at the ends of their ramps, and are held there until they or their derivatives are set again. */
 static core_result ramped_step(instance *m, double begin, double end)
 {
     double final[FMU_INPUTS], motion_loads[FINS][CORE_MOTION_LOADS];
@@ -140,7 +140,7 @@ static core_result ramped_step(instance *m, double begin, double end)
         double slopes[CORE_MOTION_LOADS];
         for (size_t i = 0; i < CORE_MOTION_LOADS; ++i) slopes[i] = (motion_loads[fin][i] - m->motion_loads[fin][i]) / size;
         core_inputs rates;
-        acting(m, fin, m->s.rates, slopes, &rates); /* linear in all but these */
+        acting(m, fin, m->s.rates, slopes, &rates); /* linear: rates in, rates out */
         ramp[fin] = (core_ramp){.begin = begin, .command = rates.command, .supply = rates.supply};
         memcpy(ramp[fin].loads, rates.loads, sizeof ramp[fin].loads);
         memcpy(ramp[fin].further, rates.further, sizeof ramp[fin].further);
@@ -150,7 +150,7 @@ static core_result ramped_step(instance *m, double begin, double end)
         memcpy(m->s.values, final, sizeof final);
         memcpy(m->motion_loads, motion_loads, sizeof motion_loads);
         memset(m->s.rates, 0, sizeof m->s.rates);
-        m->s.rated = 0;
+        m->s.has_rates = 0;
     }
     return result;
 }
@@ -162,14 +162,14 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     if (!allowed(m, RUNNING, __func__)) return fmi2Error;
     if (step_end(m, time, size, &end) != fmi2OK) return fmi2Error;
     const double begin = time - m->s.start;
-    const core_result result = m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
+    const core_result result = m->s.has_rates && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
     m->s.terminated = result != CORE_DONE; /* otherwise fmpy repeats the same step for ever */
     return step_done(m, result, time, size, end);
 }
 
 UNSUPPORTED(CancelStep, ANY_PHASE, 1, "steps are not asynchronous", (fmi2Component c))
 
-/* A function that returns the status of an `available` kind: `found`. */
+/* Define a function that returns the status `found` of the kind `available`, and refuses other kinds. */
 #define DEFINE_STATUS(Name, type, available, found)                                                             \
     fmi2Status fmi2Get##Name(fmi2Component c, const fmi2StatusKind kind, fmi2##type *value)                      \
     {                                                                                                           \

@@ -1,9 +1,9 @@
 """Log messages, refusals and misuse of the slave of FMI 2.0.
 
-Standard library and pythonfmu's base class only: it is embedded in the FMU.
+It is embedded in the FMU and imports only the standard library and pythonfmu's base class.
 
 The wrapper that loads the slave turns any Python exception into fmi2Fatal and then releases the instance twice, so no
-exception may leave the slave. The wrapper can return fmi2Discard from fmi2DoStep and only fmi2OK elsewhere.
+exception may leave the slave. The wrapper can return fmi2Discard from fmi2DoStep, but only fmi2OK elsewhere.
 
 A reference that is unknown, or of another type, is logged as an error where it is read or written, and does not affect
 the steps: a read returns NaN, 0 or false, a write is ignored. As the caller gets fmi2OK, the write is also reported on
@@ -28,23 +28,23 @@ class RefusedError(Exception):
 
 
 class ReportingSlave(Fmi2Slave):  # type: ignore[misc]
-    """Base of the slave: its phase, the misuse that the next step is refused for, and its messages."""
+    """Base of the slave: its phase, the misuse for which the next step is refused, and its messages."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self._phase = "instantiated"
         self._misuse = ""
         self._ready = False  # the next step needs no further check
-        self._said: set[str] = set()  # messages already on standard error
+        self._printed: set[str] = set()  # messages on standard error
 
     def _allowed(self, phase: str, function: str) -> bool:
-        """Return whether a function may be called now."""
+        """Return whether a function may be called now; if not, record misuse."""
         if self._phase != phase:
             self._misused(f"{function} called while {self._phase}")
         return self._phase == phase
 
     def _guard(self, action: Callable[[], None]) -> None:
-        """Run an action; an exception is misuse."""
+        """Run an action; record an exception as misuse."""
         try:
             action()
         except RefusedError as error:
@@ -59,9 +59,9 @@ class ReportingSlave(Fmi2Slave):  # type: ignore[misc]
 
     def _say(self, message: str) -> None:
         """Print a message once, for hosts that have logging off."""
-        if message not in self._said:
+        if message not in self._printed:
             print(f"{self.instance_name}: {message}", file=sys.stderr)
-        self._said.add(message)
+        self._printed.add(message)
 
     def _log(self, message: str, status: str = "error") -> None:
         # The wrapper hands the text to the host as a printf format.

@@ -1,7 +1,7 @@
-"""The co-simulation slave: FMI calls on one side, the core of one fin or those of several on the other.
+"""The co-simulation slave: it passes FMI calls to the core of one fin, or to the cores of several.
 
-Standard library only, but for pythonfmu's base class: it is embedded in the FMU.
-reporting.py describes what it refuses and logs, and how; declared.py has what the generated class declares.
+It is embedded in the FMU and imports only the standard library and pythonfmu's base class. reporting.py describes the
+errors that it refuses and logs; declared.py has the declarations of the generated class.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ class Slave(DeclaredSlave):
         super().__init__(**kwargs)
         self._core: Core | MultiFin | None = None
         self._bound: tuple[Any, ...] = ()  # parameter values of the core
-        self._start, self._stop = 0.0, inf
-        self._now = 0.0  # seconds since the start
-        self._refusal = ""
-        self._commanded = False  # a command has been followed, or it has been logged why not
+        self._start, self._stop = 0.0, inf  # s
+        self._now = 0.0  # s since the start
+        self._refusal = ""  # why the initialization was refused
+        self._commanded = False  # a command other than 0 has been checked, see _check_drive
         self._changed = True  # parameters have changed since the core was bound to them
-        self._current = False  # outputs in _values are up to date
+        self._fresh = False  # outputs in _values are up to date
         self._motion: list[float] = []
-        self._held: tuple[Any, ...] | None = None  # inputs of the core, until a variable is set
-        self._slack = 0.0
-        self._latest = inf  # end of a step [s]
+        self._cached_inputs: tuple[Any, ...] | None = None  # of the core, until a variable is set
+        self._slack = 0.0  # s: tolerance of a step's begin
+        self._latest = inf  # s: latest end of a step
         self._motion_loads: Any = None  # of _motion
 
     # -- FMI life cycle --------------------------------------------------------
@@ -79,38 +79,38 @@ class Slave(DeclaredSlave):
         self._warn()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        before, now = None, self._now
+        state, now = None, self._now
         try:
             begin = current_time - self._start
-            # The usual step. A comparison with NaN is false.
+            # The usual step; comparisons with NaN are false.
             if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
                 core: Any = self._core
                 end = begin + step_size
                 if current_time + step_size > self._latest:
                     raise RefusedError(f"step from {current_time!r} s of {step_size!r} s ends after the stop time, "
                                        f"{self._stop!r} s")
-                if end < now:  # a host's time may run back within the tolerance, the trajectory does not
+                if end < now:  # a host's time may go back within the tolerance, the trajectory does not
                     end = now
                 if self.step_begin is not None:
-                    self._values[self.step_begin], self._held = begin, None
-                inputs = self._held or self._checked_inputs(core, current_time)
-                before = core.state
+                    self._values[self.step_begin], self._cached_inputs = begin, None
+                inputs = self._cached_inputs or self._checked_inputs(core, current_time)
+                state = core.state
                 self._values[self._output_slice] = core.run(end, inputs)
                 self._now = end
-                self._current = True
+                self._fresh = True
                 return True
             return self._step(current_time, step_size)
         except RefusedError as error:
             reason = str(error)
         except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see reporting.py
-            if before is not None:
-                core.state, self._now, self._current = before, now, False
+            if state is not None:
+                core.state, self._now, self._fresh = state, now, False
             reason = f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}"
         self._log(reason, "discard")
         return False
 
     def _step(self, current_time: float, step_size: float) -> bool:
-        """Check a step in full, and compute it."""
+        """Check everything that a step needs, and compute it."""
         if self._phase != "running":
             raise RefusedError(f"fmi2DoStep called while {self._phase}")
         if self._refusal:
@@ -136,7 +136,7 @@ class Slave(DeclaredSlave):
     def _checked_inputs(self, core: Any, current_time: float) -> tuple[Any, ...]:
         inputs = self._core_inputs(core)
         if self._finite(inputs):
-            self._held = inputs
+            self._cached_inputs = inputs
             if not self._commanded:
                 self._check_drive(inputs if self._several else (inputs,))
             return inputs
@@ -144,7 +144,7 @@ class Slave(DeclaredSlave):
         raise RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
 
     def _check_drive(self, inputs: tuple[Any, ...]) -> None:
-        """Log why no fin follows its first command: hosts leave inputs that are not connected at 0."""
+        """Warn if the first command other than 0 finds no supply, or a disabled drive: an input may be unconnected."""
         fin = next((fin for fin in inputs if fin[0] != 0.0), None)
         if fin is None:
             return
@@ -158,16 +158,16 @@ class Slave(DeclaredSlave):
     def _core_inputs(self, core: Any) -> tuple[Any, ...]:
         motion = self._values[self.motion]
         if motion != self._motion:
-            # Where it is not finite, the caller's check finds it; trigonometry would raise.
-            self._motion_loads = core.motion_loads(*motion) if isfinite(sum(motion)) else self._unknown
+            # The caller refuses a motion that is not finite; its trigonometry would raise.
+            self._motion_loads = core.motion_loads(*motion) if isfinite(sum(motion)) else self._nan_loads
             self._motion = motion
         return self._acting(core)
 
     def _bind(self, anew: bool) -> Any:
-        """Bind the core to the parameters; with `anew`, before the end of initialization, restart it."""
+        """Return the core, bound to the parameters; with `anew`, before the end of initialization, a new one."""
         values = self._parameter_values()
         if self._core is None or anew:
-            self._core = self._made(values)
+            self._core = self._new_core(values)
         else:
             self._core.bind(self._functions(values))
         self._bound = tuple(values.values())
@@ -176,18 +176,18 @@ class Slave(DeclaredSlave):
         return self._core
 
     def _forget(self) -> None:
-        """Forget what was computed from the core and the inputs, since one of them has changed."""
-        self._motion, self._held, self._current = [], None, False
+        """Discard values computed from the core and the inputs, since one of them has changed; renew tolerances."""
+        self._motion, self._cached_inputs, self._fresh = [], None, False
         if self._core is not None:
-            # The times of a clock that starts late are coarser than the core's slack.
+            # Far from 0 the times of a host are coarser than the core's slack.
             self._slack = self._core.slack + 1e-15 * abs(self._start)
-            # A host that adds up its steps reaches the stop time but for the ninth digit.
+            # A host that sums its steps misses the stop time by up to 1e-9 of it.
             self._latest = self._stop + self._core.slack + 1e-9 * abs(self._stop)
 
     def _acting(self, core: Any) -> tuple[Any, ...]:
         values = self._values
         if not self._several:
-            return self._of_core(values[:self.outputs.start], self._motion_loads)
+            return self._inputs_of_one(values[:self.outputs.start], self._motion_loads)
         rows = [[values[i] for i in indices] for indices in self.fin_inputs]
         acting: tuple[Any, ...] = core.acting(rows, self._motion_loads, [values[i] for i in self.mixing])
         return acting
@@ -196,7 +196,7 @@ class Slave(DeclaredSlave):
 
     def _get(self, kind: str, missing: Any, vrs: Sequence[int]) -> list[Any]:
         try:
-            if not self._current:
+            if not self._fresh:
                 self._refresh()
             values = self._values
             references = self._kinds[kind]
@@ -210,20 +210,20 @@ class Slave(DeclaredSlave):
             return [missing] * len(vrs)
 
     def _refresh(self) -> None:
-        """Bring the outputs in `_values` up to date; NaN and false where there are none."""
+        """Update the outputs in `_values`; they are NaN, 0 or false if they cannot be computed."""
         core = self._core
         if self._phase in _BEFORE_RUN:
             core = None if self._parameter_problems() else self._bind(anew=True)
         if core is None or self._refusal:
             self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self.outputs]
-        elif self._finite(inputs := self._held or self._core_inputs(core)):
+        elif self._finite(inputs := self._cached_inputs or self._core_inputs(core)):
             self._values[self._output_slice] = core.outputs(inputs)
-        self._current = True  # inputs that are not finite, which the next step will refuse, change no output
+        self._fresh = True  # inputs that are not finite, which the next step will refuse, change no output
 
     def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
         try:
-            self._held = None
-            self._current = False
+            self._cached_inputs = None
+            self._fresh = False
             references = self._kinds[kind]
             for vr, value in zip(vrs, values, strict=False):
                 if vr in self.inputs and vr in references:
@@ -266,7 +266,7 @@ class Slave(DeclaredSlave):
                 tuple(self._values), self._bound, core, self._stop)
 
     def _set_fmu_state(self, state: Any) -> None:
-        if isinstance(state, str):  # the reason why bytes contain none
+        if isinstance(state, str):  # the reason why the bytes contain no state
             self._misused(f"FMU state refused: {state}")
         else:
             self._guard(lambda: self._restore(self._checked(state) if isinstance(state, StoredState) else state))
@@ -278,7 +278,7 @@ class Slave(DeclaredSlave):
             core = None
         elif core is None or bound != self._bound:
             parameters = {self.rows[i][0]: v for i, v in zip(self.parameters, bound, strict=True)}
-            core = self._made(parameters)
+            core = self._new_core(parameters)
         self._start, self._stop, self._now, self._phase = start, stop, now, phase
         self._misuse, self._refusal = misuse, refusal
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
@@ -293,31 +293,31 @@ class Slave(DeclaredSlave):
         Raises RefusedError.
         """
         if len(state) != len(self._get_fmu_state()):
-            raise RefusedError("FMU state refused: number of values")
+            raise RefusedError("FMU state refused: wrong number of values")
         start, now, phase, misuse, refusal, changed, values, bound, core_state, stop = state
         parameters = [self.rows[i] for i in self.parameters]
         if phase not in (*_BEFORE_RUN, "running", "terminated"):
             problem = "unknown phase"
         elif not (finite(start) and finite(now) and now >= 0.0 and isinstance(stop, float | int) and stop >= start):
-            problem = "time"
+            problem = "impossible time"
         elif not (is_text(misuse) and is_text(refusal) and isinstance(changed, bool)):
-            problem = "text of a refusal"
+            problem = "impossible text of a refusal"
         elif wrong := wrong_variable(values, self.rows):
             problem = wrong
         elif phase in _BEFORE_RUN:  # the core will be restarted
             return start, 0.0, phase, misuse, refusal, True, values, (), None, stop
         elif core_state is None:
-            problem = "" if bound == () and (refusal or phase == "terminated") else "no core"
+            problem = "" if bound == () and (refusal or phase == "terminated") else "its core is missing"
         elif wrong := wrong_variable(bound, parameters):
             problem = wrong
         elif not changed and values[self.parameters.start:] != bound:
-            problem = "parameters"
+            problem = "its parameters differ"
         else:
             by_name = {row[0]: value for row, value in zip(parameters, bound, strict=True)}
             problem = "; ".join(self._parameter_problems(by_name))
             if not problem:
-                core = self._made(by_name)
-                shape = self._of_core((0.0,) * len(self.fin_inputs[0]), (0.0,) * (self.sizes.loads - 1))
+                core = self._new_core(by_name)
+                shape = self._inputs_of_one((0.0,) * len(self.fin_inputs[0]), (0.0,) * (self.sizes.loads - 1))
                 problem = _too_late(start, core) or core.unsound(core_state, now, shape)
         if problem:
             raise RefusedError(f"FMU state refused: {problem}")

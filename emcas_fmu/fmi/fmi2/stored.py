@@ -1,7 +1,4 @@
-"""FMU states as bytes; reading them returns a state of the same FMU, or the reason why the bytes are not one.
-
-Standard library only: it is embedded in the FMU.
-"""
+"""FMU states as bytes, and their checks. It is embedded in the FMU and imports only the standard library."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from ...runtime.core import finite
 
 
 class StoredState(tuple[Any, ...]):
-    """A state deserialized from bytes with the right checksum; it may still be made up."""
+    """A state deserialized from bytes with the right checksum; its values may still be wrong."""
 
     __slots__ = ()
 
@@ -26,10 +23,10 @@ def to_bytes(guid: str, state: Any) -> bytes:
 
 
 def from_bytes(guid: str, data: bytes) -> str | StoredState:
-    """Return the state of the FMU with this GUID that bytes contain, or the reason why they do not."""
+    """Return the state that bytes contain, or the reason why they contain no state of the FMU with this GUID."""
     try:
-        of, check, body = bytes(data).split(b" ", 2)
-        if of.decode() != guid:
+        found_guid, check, body = bytes(data).split(b" ", 2)
+        if found_guid.decode() != guid:
             return f"it is of another FMU, not of {guid}"
         if int(check, 16) != zlib.crc32(body):
             return "its checksum is wrong"
@@ -44,14 +41,15 @@ def _tuples(value: Any) -> Any:
 
 
 def is_text(value: Any) -> bool:
-    """Return whether a value is a text that can be passed to a host."""
+    """Return whether a value is a string that can be passed to a host."""
     return isinstance(value, str) and "\0" not in value and value.encode(errors="ignore").decode() == value
 
 
 def wrong_variable(values: Any, rows: Sequence[tuple[Any, ...]]) -> str:
-    """Return the name of the first variable that cannot have its stored value; "" if there is none."""
+    """Return the name of the first variable that cannot have its stored value, or the problem of their number, or "".
+    """
     if not (isinstance(values, tuple) and len(values) == len(rows)):
-        return "number of variables"
+        return "wrong number of variables"
 
     def possible(value: Any, kind: str) -> bool:
         if kind == "Real":

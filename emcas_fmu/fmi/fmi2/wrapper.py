@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-_kept: list[Mapping[str, Any]] = []
+_namespaces: list[Mapping[str, Any]] = []
 
 
 def keep(namespace: Mapping[str, Any]) -> None:
@@ -18,17 +18,17 @@ def keep(namespace: Mapping[str, Any]) -> None:
     The wrapper executes the entry module at every instantiation and afterwards drops a borrowed reference to its
     namespace; without this the namespace would be freed while later instances use it.
     """
-    if not _kept and sys.platform == "linux":
+    if not _namespaces and sys.platform == "linux":
         atexit.register(_release_wrappers)
-    _kept.append(namespace)
+    _namespaces.append(namespace)
 
 
 def _release_wrappers() -> None:
     """Make each loaded wrapper release its state before the process destroys it.
 
     When the process ends, the wrapper's static state is destroyed and then released once more by the library's
-    finalizer: a count is decremented in freed memory, which sometimes aborts a host that has finished. Calling the
-    same finalizer before leaves nothing to release twice.
+    finalizer: a count is decremented in freed memory, which sometimes aborts a host that has finished. After an
+    earlier call of the same finalizer nothing is released twice.
     """
     with suppress(Exception):  # the interpreter is ending; without these calls everything else still works
         import ctypes
@@ -40,7 +40,7 @@ def _release_wrappers() -> None:
         for folder in {entry.removesuffix("/resources") for entry in entries if entry.endswith("/resources")}:
             real = os.path.realpath(folder)
             for path in (path for path in paths if path.startswith(f"{real}/binaries/")):
-                # The file may be gone: then the loader knows the library by the host's spelling alone.
+                # If the file is gone, the loader knows the library only by the path that the host used.
                 for name in (path, folder + path.removeprefix(real)):
                     with suppress(OSError, AttributeError):  # not loaded, not by this name, or not a wrapper
                         ctypes.CDLL(name, mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()

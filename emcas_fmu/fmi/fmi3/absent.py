@@ -1,4 +1,4 @@
-"""Functions of FMI 3.0 that an FMU does not support. It has them because hosts look up all functions."""
+"""Functions of FMI 3.0 that an FMU does not support; they exist because hosts look up all functions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ...runtime.c_sources import c_text, header
 
 _NO_VARIABLE = "there is no variable of this type"
 _TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "UInt64", "String", "Binary")
-# By the reason, which they log.
+# Names of the functions by the reason that they log.
 _ABSENT = {
     _NO_VARIABLE: [f"{verb}{name}" for name in _TYPES for verb in ("Get", "Set")],
     "providesPerElementDependencies is false": ["GetNumberOfVariableDependencies", "GetVariableDependencies"],
@@ -29,9 +29,9 @@ _ABSENT = {
 
 
 def absent_header(types: str) -> str:
-    """Return absent.h, which defines these functions with the parameters that `types`, fmi3FunctionTypes.h, declares.
+    """Return absent.h, which defines these functions with the parameters in `types`, the text of fmi3FunctionTypes.h.
 
-    An access to variables of a type that the FMU has not is an error only if it names one.
+    A call for variables of a type that the FMU does not have is an error only if it has value references.
     """
     parameters = dict(re.findall(r"fmi3Status fmi3(\w+)TYPE\s*\(fmi3Instance instance(.*?)\)", types, re.DOTALL))
     return header("absent", "Functions that the FMU does not support", '#include "instance.h"\n\n' + "".join(

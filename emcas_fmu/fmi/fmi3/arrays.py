@@ -1,4 +1,4 @@
-"""The variables of FMI 3.0: scalars of the interface joined to arrays, over the points of a table and over the fins.
+"""The variables of FMI 3.0: arrays of the interface's scalars, over the points of a table and over the fins.
 
 ``friction.coulomb.positive[0]`` to ``[6]`` are one array ``friction.coulomb.positive`` of 7; the variables
 ``fin[1].fin_angle`` to ``fin[4].fin_angle`` are one, ``fins.fin_angle`` of 4. Tables of four fins have two dimensions.
@@ -19,18 +19,19 @@ from ..interface import FmuInterface
 
 TIME = Variable("time", "Real", "independent", "continuous", "s", "time, set by the steps")
 CLOCK = Variable("sample_clock", "Clock", "input", "discrete", "",
-                 "ticks when the controllers sample (of fin 1, where sample times differ); they need no tick")
+                 "ticks when the controllers sample (of fin 1, if sample times differ); they also sample without it")
 _ELEMENT = re.compile(r"(.*)\[(\d+)\]")
 KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration", "Clock": "Clock"}
-"""Types in FMI 3.0."""
+"""Types in FMI 3.0 by the variable's kind."""
 
 
 @dataclass(frozen=True)
 class Array:
     """A variable of one or more elements; `variable` has its name and the common attributes of its elements.
 
-    `first` is the index of a fin's first element among the scalars of the interface; the others follow it, and those of
-    the next fin are `stride` further. `table` and `fins` are lengths of the dimensions, None if the array has none.
+    `first` is the index of the first fin's first element among the scalars of the interface; the fin's other elements
+    follow it. The elements of the next fin begin at `first` + `stride`. `table` and `fins` are the lengths of the
+    dimensions, None for a dimension that the array does not have.
     """
 
     variable: Variable
@@ -41,7 +42,7 @@ class Array:
 
     @property
     def kind(self) -> str:
-        """The type in FMI 3.0; words of flags are unsigned."""
+        """The type in FMI 3.0; an Integer whose bits are flags is unsigned."""
         return "UInt32" if self.variable.bits else KINDS[self.variable.kind]
 
     @property
@@ -57,7 +58,7 @@ class Array:
 
 
 def _tables(variables: tuple[Variable, ...], first: int) -> Iterator[Array]:
-    """Yield variables, the first of index `first`, with the elements of a table as one array."""
+    """Yield variables as arrays, the elements of a table as one; `first` is the index of the first variable."""
     def table(v: Variable) -> str:
         match = _ELEMENT.fullmatch(v.name)
         return match[1] if match else ""
@@ -75,7 +76,7 @@ def _common(name: str, elements: tuple[Variable, ...]) -> Variable:
     """Return the variable for a whole table. Raises EmcasError if its elements differ in more than the index."""
     same = {replace(v, name="", description="", sheet="") for v in elements}
     if len(same) != 1 or [v.name for v in elements] != [f"{name}[{k}]" for k in range(len(elements))]:
-        raise EmcasError(f"{name}: elements of a table differ in more than their index, or are not together")
+        raise EmcasError(f"{name}: elements of a table must be declared in order and differ only in their index")
     words = commonprefix([v.description for v in elements])  # noqa: RUF071  by characters
     first, last = (v.description[len(words):] for v in (elements[0], elements[-1]))
     return replace(elements[0], name=name, description=f"{words}{first} … {last}" if first else words)
@@ -83,21 +84,21 @@ def _common(name: str, elements: tuple[Variable, ...]) -> Variable:
 
 @cache
 def arrays(interface: FmuInterface) -> tuple[Array, ...]:
-    """Return the variables of an interface in the order of value references; time and clock follow them.
+    """Return the variables of an interface in the order of value references, without time and clock.
 
-    Raises EmcasError if a variable has the name of one of these two.
+    Raises EmcasError if a variable has the name of one of these two, or if the elements of a table differ.
     """
-    made: list[Array] = []
+    result: list[Array] = []
     first = 0
     for shared, each in interface.groups:
-        made += _tables(shared, first)
+        result += _tables(shared, first)
         first += len(shared)
         for v in _tables(each, first):
-            made.append(v if interface.fins == 1 else replace(
+            result.append(v if interface.fins == 1 else replace(
                 v, fins=interface.fins, stride=len(each),
                 variable=replace(v.variable, name=interface.array_name(v.variable.name))))
         first += interface.fins * len(each)
-    if reserved := {TIME.name, CLOCK.name} & {v.variable.name for v in made}:
-        raise EmcasError(f"{interface.actuator.name}: a variable is named {', '.join(reserved)}; FMI 3.0 has a "
-                         "variable of that name already: give yours another")
-    return tuple(made)
+    if reserved := {TIME.name, CLOCK.name} & {v.variable.name for v in result}:
+        raise EmcasError(f"{interface.actuator.name}: a variable is named {', '.join(reserved)}; FMI 3.0 already "
+                         "has a variable with that name: rename yours")
+    return tuple(result)

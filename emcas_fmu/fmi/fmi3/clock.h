@@ -1,4 +1,4 @@
-/* The clock of the controllers' samples. A part of fmi3.c. */
+/* The clock of the controllers' samples; included by fmi3.c. */
 #ifndef EMCAS_CLOCK_H
 #define EMCAS_CLOCK_H
 
@@ -12,7 +12,7 @@ fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
     return fmi3OK;
 }
 
-/* The controller samples without it: the clock may be activated only when it samples, without effect. */
+/* Activating the clock has no effect, since the controllers also sample without it; it is allowed only at a sample. */
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
 {
     instance *m = c;

@@ -1,16 +1,16 @@
-/* Steps that end at events: a discrete output changes, or a fin sticks or breaks away. A part of fmi3.c.
+/* Steps that end at events: a discrete output changes, or a fin sticks or breaks away. Included by fmi3.c.
  *
- * An event is detected just after the beginning of a tick, where a sample or a reference acts, or at its end, and then
- * located by bisection, with steps from copies of the state, to within the tolerance of communication points. The
- * trajectory is that of one long step, since it does not depend on communication points. A change that begins and ends
- * between these instants is detected only if a step ends within it.
+ * An event is detected just after the beginning of a tick, where a sample or a reference acts, or at the tick's end. It
+ * is then located by bisection, with steps from copies of the state, to within the tolerance of communication points.
+ * The trajectory is that of one long step, since it does not depend on communication points. A change that begins and
+ * ends between these instants is detected only if a step ends within it.
  */
 #ifndef EMCAS_EVENTS_H
 #define EMCAS_EVENTS_H
 
 #include "step.h"
 
-/* Return whether there is no event between two sets of outputs. */
+/* Return whether two sets of outputs have no event between them. */
 static bool same_situation(const double *a, const double *b)
 {
     for (size_t i = 0; i < FMU_OUTPUTS; ++i)
@@ -24,8 +24,8 @@ static bool same_situation(const double *a, const double *b)
     return true;
 }
 
-/* Return the time [s from the start] at which to look for an event next, the first of: just after the beginning of a
- * fin's tick, its end, the next instant of the fins' line. Sets the shortest tick [s]. */
+/* Return the time [s from the start] at which to look for an event next: the earliest of the instants just after the
+ * beginning of a fin's tick, the tick's end, and the next instant of the fins' line. Sets the shortest tick [s]. */
 static double next_look(const instance *m, double *shortest)
 {
     const double slack = m->fins.slack, just_after = 1.5 * slack; /* within the slack, the tick has not begun */
@@ -47,15 +47,15 @@ static double next_look(const instance *m, double *shortest)
     return next;
 }
 
-/* Step to `end` from a copy of the state. */
-static core_result step_from(instance *m, const multi_fin_state *kept, double from, double end)
+/* Step to `end` from a copy of the state at `from`; times in s from the start. */
+static core_result step_from(instance *m, const multi_fin_state *copy, double from, double end)
 {
-    m->s.fins = *kept;
+    m->s.fins = *copy;
     m->s.now = from;
     return held_step(m, end);
 }
 
-/* Step to `*end` [s from the start], or to the first event before it and set `*end` to it; all or nothing. */
+/* Step to `*end` [s from the start], or to the first event before it, which then is `*end`; all or nothing. */
 static core_result step_to_event(instance *m, double *end, bool *event)
 {
     const model_state begun = m->s;
@@ -64,33 +64,33 @@ static core_result step_to_event(instance *m, double *end, bool *event)
     memcpy(before, m->s.values + OUTPUT_BEGIN, sizeof before);
     next_look(m, &shortest);
     if (!((*end - m->s.now) / shortest <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
-    do { /* once at least, for the outputs' sake */
+    do { /* at least once, so that the outputs are computed */
         const double next = next_look(m, &shortest);
         const double from = m->s.now, until = next < *end - m->fins.slack ? next : *end;
-        const multi_fin_state kept = m->s.fins;
+        const multi_fin_state copy = m->s.fins;
         result = held_step(m, until);
         *event = result == CORE_DONE && !same_situation(before, m->s.values + OUTPUT_BEGIN);
         m->s.now = until;
-        if (!*event) continue; /* to the condition */
+        if (!*event) continue; /* tests the loop's condition */
         double low = from, high = until;
         while (result == CORE_DONE && high - low > m->fins.slack) {
             const double middle = 0.5 * (low + high);
-            result = step_from(m, &kept, from, middle);
+            result = step_from(m, &copy, from, middle);
             if (same_situation(before, m->s.values + OUTPUT_BEGIN))
                 low = middle;
             else
                 high = middle;
         }
-        /* An event within the tolerance before a tick or an instant is there. */
+        /* An event within the tolerance before `until` is moved there. */
         if (until - high <= m->fins.slack) high = until;
-        if (result == CORE_DONE) result = step_from(m, &kept, from, high);
+        if (result == CORE_DONE) result = step_from(m, &copy, from, high);
         *end = high;
     } while (result == CORE_DONE && !*event && m->s.now < *end);
     if (result != CORE_DONE) m->s = begun;
     return result;
 }
 
-/* Step to `end` in one go over any events; `event` is whether the situation there is another. */
+/* Step to `end` past any events; sets `event` to whether there is one between the outputs before and after. */
 static core_result step_over_events(instance *m, double end, bool *event)
 {
     double before[FMU_OUTPUTS];

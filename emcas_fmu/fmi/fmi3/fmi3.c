@@ -1,7 +1,7 @@
 /* FMI 3.0 for co-simulation around core.h.
  *
  * A variable is a scalar or an array; ARRAY (interface.h) has the indices of its elements among the scalars of the
- * FMU. There is no global state that changes and no allocation while stepping.
+ * FMU. No global state changes, and no step allocates memory.
  */
 #include <stdbool.h>
 #include <stdlib.h>
@@ -48,8 +48,8 @@ static void release(const host_services *host, void *block)
 
 /* -- variables ---------------------------------------------------------------- */
 
-/* Return whether a function may be called now for variables of a type with `count` elements in all; log an error if
- * not. */
+/* Return whether a function may be called now for variables of a type with a total of `count` elements; log an error
+ * if not. */
 static bool are_of(const instance *m, int phases, int type, const fmi3ValueReference vr[], size_t n, const void *value,
                    size_t count, const char *function)
 {
@@ -87,12 +87,12 @@ static bool may_be_set(const instance *m, size_t vr, size_t element, double valu
     return false;
 }
 
-/* Run over the variables `i` of a call, their elements `e` and all elements `k`. */
+/* Loop over the variables `i` of a call and their elements `e`; `k` counts all elements. */
 #define EACH_ELEMENT                                                                                              \
     for (size_t i = 0, k = 0; i < n; ++i)                                                                         \
         for (size_t e = 0; e < ARRAY[vr[i]].size * ARRAY[vr[i]].fins; ++e, ++k)
 
-/* The values that are read are always in the range of their type: they are checked when they are set. */
+/* The conversions lose nothing: a value is set by calls with its own type only. */
 #define DEFINE_ACCESS(Kind, type)                                                                                 \
     fmi3Status fmi3Get##Kind(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##Kind value[],          \
                              size_t count)                                                                         \
