@@ -19,10 +19,10 @@ _BASE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSD, SSC, SSV = f"{_BASE}Description", f"{_BASE}Common", f"{_BASE}ParameterValues"
 NAMESPACES = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
               "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
-              "emcas": "urn:emcas-fmu:ssp"}  # the last is of the annotation that records an FMU's GUID
-ANNOTATION = "emcas-fmu"  # its type
-DEFAULT = "SystemStructure.ssd"  # the structure a host opens by default
-NOMINAL = "nominal"
+              "emcas": "urn:emcas-fmu:ssp"}  # emcas: of the annotation that records an FMU's GUID
+ANNOTATION = "emcas-fmu"  # the type of this annotation
+DEFAULT = "SystemStructure.ssd"  # the structure that a host opens by default
+NOMINAL = "nominal"  # the name of this structure
 FMU = "application/x-fmu-sharedlibrary"  # the type of a component
 
 
@@ -45,7 +45,7 @@ def parse(content: bytes, name: str) -> Any:
 
 
 def render(template: str, **context: Any) -> bytes:
-    """Return the document of a template in this folder, indented; the same context gives the same bytes."""
+    """Return a document, made from a template in this folder and indented; the same context gives the same bytes."""
     root = parse(page(f"ssp/{template}", namespaces=NAMESPACES, **context).encode(), template)
     etree.indent(root)
     document: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")

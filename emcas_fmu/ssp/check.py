@@ -1,4 +1,4 @@
-"""Check of an archive: schema, wiring, units, parameters and the FMU that it was written for."""
+"""Check of an archive: schema, wiring, units, parameters, and the FMU for which it was written."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SOURCES = ("output", "calculatedParameter", "local", "independent")
 
 @dataclass(frozen=True)
 class Report:
-    """The findings about an archive and what was checked: the variants, numbers of connections and parameters.
+    """The findings about an archive, its checked `variants`, and the numbers of checked connections and parameters.
 
     `unchecked` are structures that could not be read, so that their wiring and parameters were not checked.
     """
@@ -48,26 +48,26 @@ class Report:
 
 
 def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: str | None = None) -> Report:
-    """Check every structure of an archive against the FMUs in it.
+    """Return the report of a check of every structure of an archive against the FMUs in it.
 
-    With `guid`, or the `fmu` that has it, the actuators in the archive must have that GUID. `model` is the actuator of
-    FMUs whose name does not say it. Whatever is wrong with the archive is in the report. Raises EmcasError if a file
-    cannot be opened, SspError if `fmu` is not an FMU.
+    With a `guid`, or that of `fmu`, the actuators in the archive must have this GUID. `model` is the kind of actuator
+    in FMUs whose model name does not contain it. All problems of the archive are in the report. Raises EmcasError if a
+    file cannot be opened, SspError if `fmu` is not an FMU.
     """
     if fmu is not None:
         guid = read_interface(fmu, str(fmu)).guid
     try:
         contents = read_archive(path)
     except SspError as error:
-        finding = Finding("error", path.name, "", str(error), "choose an archive as emcas ssp writes it")
+        finding = Finding("error", path.name, "", str(error), "choose an archive that emcas ssp has written")
         return Report(path, (finding,), unchecked=(path.name,))
     structures, findings = read_structures(contents)
     if DEFAULT not in contents:
         findings.append(Finding("error", path.name, "", f"has no {DEFAULT} at its root", "add one: hosts open it"))
     for structure in structures:
-        found = [*_guids(structure, guid), *_wiring(structure), *_declarations(structure)]
-        # Combinations of wrong numbers say nothing.
-        findings += found if any(f.level == "error" for f in found) else [*found, *_combinations(structure, model)]
+        new = [*_guids(structure, guid), *_wiring(structure), *_declarations(structure)]
+        # Combinations are checked only if their single values are right.
+        findings += new if any(f.level == "error" for f in new) else [*new, *_combinations(structure, model)]
     checked = {structure.file: structure.name for structure in structures}
     return Report(path, tuple(dict.fromkeys(findings)), tuple(checked.values()),
                   tuple(file for file in structure_files({*contents, DEFAULT}) if file not in checked),
@@ -75,22 +75,25 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
 
 
 def _guids(structure: Structure, required: str | None) -> Iterator[Finding]:
-    """Compare the GUIDs of FMUs with that for which the structure was written, and with the required one."""
+    """Compare the GUIDs of FMUs with those for which the structure was written, and with the required one."""
     for name, fmu in structure.fmus.items():
         source, written = structure.sources[name], structure.guids.get(structure.sources[name], "")
         # FMUs of other makers need not have the required GUID.
-        of_actuator = written or fmu.model.startswith("EMCAS")
-        for wanted, why in ((written, "the archive was written for"), (of_actuator and required, "wanted is")):
+        of_this_package = written or fmu.model.startswith("EMCAS")
+        for wanted, why in ((written, "the archive was written for"), (of_this_package and required, "required is")):
             if wanted and wanted.strip().strip("{}").lower() != fmu.guid.strip().strip("{}").lower():
                 yield Finding("error", structure.file, f"component {name}", f"{source} has GUID {fmu.guid}, {why} "
-                              f"{wanted}", "put that FMU there, or write the archive anew: emcas ssp --fmu FILE")
+                              f"{wanted}", "replace it by that FMU, or write a new archive: emcas ssp --fmu FILE")
 
 
 def _wiring(structure: Structure) -> Iterator[Finding]:
-    """Check each connection: ends that exist, a source and an input that nothing else feeds, one type and one unit."""
+    """Check each connection: from an output to an input without another connection, both with the same type and unit.
+
+    Warn of inputs and outputs without a connection.
+    """
     variables = structure.variables
     signals = {**structure.connectors, **variables}
-    fed: dict[End, str] = {}
+    fed_by: dict[End, str] = {}
     for connection in structure.connections:
         place, (start, end) = f"connection {label(*connection)}", connection
         if unknown := [each for each in connection if each not in structure.connectors]:
@@ -99,27 +102,27 @@ def _wiring(structure: Structure) -> Iterator[Finding]:
                               "declare it in the Connectors of its component" if each in variables else nearest(
                                   label(each), map(label, structure.connectors), "remove the connection"))
             continue
-        # Seen from within, values come from a system's input.
+        # Inside the system, its inputs are sources.
         sources = [(signals[each].kind in _SOURCES) is bool(each[0]) for each in connection]
         sink = connection[sources[0]]
         if sources[0] == sources[1]:
             yield Finding("error", structure.file, place, f"both ends are {'sources' if sources[0] else 'inputs'}",
-                          "connect an output to an input, or a connector of the system to one of its own kind")
-        elif sink in fed:
-            yield Finding("error", structure.file, place, f"{label(sink)} is fed twice, first by {fed[sink]}",
+                          "connect an output to an input, or a connector of the system to one of the same kind")
+        elif sink in fed_by:
+            yield Finding("error", structure.file, place, f"{label(sink)} is fed twice, first by {fed_by[sink]}",
                           "remove one of the two")
         else:
-            fed[sink] = label(*connection)
+            fed_by[sink] = label(*connection)
             if sources[1]:
                 yield Finding("warning", structure.file, place, "runs from its end to its start, which libcosim and "
                               "Ecos do not read", "exchange start and end")
         if differs := signals[start].mismatch(signals[end], label(end)):
             yield Finding("error", structure.file, place, f"{label(start)} {differs[0]}", differs[1])
     used = {end for connection in structure.connections for end in connection}
-    for end, signal in variables.items() if used else ():  # a host feeds the inputs of components alone
+    for end, signal in variables.items() if used else ():  # without connections, the host feeds the components' inputs
         if end not in used and (signal.kind == "input" or (signal.kind == "output" and not end[0])):
             yield Finding("warning", structure.file, f"{signal.kind} {label(end)}", "is not wired, while others are",
-                          "wire it, or drop its connector: fmpy feeds it from some other signal, or fails")
+                          "wire it, or remove its connector: fmpy feeds it from another signal, or fails")
 
 
 def _declarations(structure: Structure) -> Iterator[Finding]:
@@ -138,9 +141,9 @@ def _declarations(structure: Structure) -> Iterator[Finding]:
             problem = ("the FMU has no such variable" if end[0] else "is not a connector of the system",
                        nearest(end[1], names, "remove it"))
         elif signal.kind not in ("", "inout", variable.kind):
-            problem = f"is declared {signal.kind}, but is {variable.kind} of the FMU", f'write kind="{variable.kind}"'
+            problem = f"is declared {signal.kind}, but is {variable.kind} in the FMU", f'write kind="{variable.kind}"'
         elif not signal.kind and not variable.settable:
-            problem = f"is {variable.kind} of the FMU and cannot be set", "remove it"
+            problem = f"is {variable.kind} in the FMU and cannot be set", "remove it"
         elif differs := signal.mismatch(variable, "the FMU's variable"):
             problem = differs
         elif isinstance(signal.value, (int, float)) and not variable.minimum <= signal.value <= variable.maximum:
@@ -151,13 +154,16 @@ def _declarations(structure: Structure) -> Iterator[Finding]:
         yield Finding("error", file, place, *problem)
 
 
-def _combinations(structure: Structure, otherwise: str | None) -> Iterator[Finding]:
-    """Check for combinations of parameters that an actuator of this package refuses when it is initialized."""
+def _combinations(structure: Structure, default: str | None) -> Iterator[Finding]:
+    """Check for combinations of parameters that an actuator of this package refuses at initialization.
+
+    An FMU whose model name does not contain a kind of actuator is of the kind `default`.
+    """
     parameters = structure.values
     for name, fmu in structure.fmus.items():
-        model = model_of(fmu.model) or otherwise or NONLINEAR
+        model = model_of(fmu.model) or default or NONLINEAR
         names = [v.name for v in get(model).parameters]
         if fmu.variables.keys() >= set(names):
-            values = {of: parameters.get((name, of), fmu.variables[of].value or 0) for of in names}
+            values = {each: parameters.get((name, each), fmu.variables[each].value or 0) for each in names}
             for problem in check_parameters(values, model):
                 yield Finding("error", structure.file, f"component {name}", problem, "change one of them")

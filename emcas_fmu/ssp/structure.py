@@ -1,7 +1,7 @@
 """System structures of an archive, with the parameter sets bound in them.
 
-Read are systems of FMUs with their parameter sets in files, as this package writes them. A structure that is not valid,
-or of another form that SSP allows, is not read; findings say why.
+Systems of FMUs with their parameter sets in files are read, as this package writes them. A structure that is not valid,
+or of another form that SSP allows, is not read; findings give the reason.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ Value = float | int | bool | str
 End = tuple[str, str]  # component (empty: the system itself), and connector, variable or parameter
 
 _COMPONENT, _BINDING = f"{{{SSD}}}Component", f"{{{SSD}}}ParameterBinding"
-_CORRECT = "correct the file, or write the archive anew"
-# Level, the nodes that it is about, the problem and the remedy. Errors are forms that are not read.
+_CORRECT = "correct the file, or write a new archive"
+# Level, XPath of the nodes, problem and remedy. Nodes with an error are of a form that is not read.
 _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
     ("error", f"//ssd:Elements/*[not(self::ssd:Component) or @type != '{FMU}']"
      " | //ssd:ParameterBinding[string(@prefix) or not(@source) or ssd:ParameterValues or ssd:ParameterMapping]"
@@ -42,7 +42,7 @@ _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
      "has connections of the system's own connectors, with which libcosim and Ecos refuse the file",
      "run it with examples/ssp_hosts for these, or wire components only"),
     ("warning", "//ssd:Component//ssd:Connector[name() = 'ssd:Connector' and ssc:Enumeration]",
-     "is of an enumeration, over which libcosim ends the process",
+     "is an enumeration, at which libcosim ends the process",
      "run it with examples/ssp_hosts for libcosim, or write another prefix for the same namespace"),
     ("warning", "//ssv:Parameter[ssv:Boolean[@value = 'false' or @value = '0']]",
      "is false, which fmpy's read_ssv and simulate_ssp read as true",
@@ -51,7 +51,7 @@ _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding: in which file of the archive, at which connection or parameter, and its remedy.
+    """A problem of an archive: its file, the connection or parameter (`place`), the message and the remedy.
 
     Errors make hosts fail or compute something else; warnings are allowed and may be intended.
     """
@@ -84,7 +84,7 @@ class Signal:
     settable: bool = True
 
     def mismatch(self, other: Signal, label: str) -> tuple[str, str] | None:
-        """Return how type or unit differ from those of another signal, called `label`, and the remedy; or None."""
+        """Return the difference of type or unit from another signal, called `label`, and the remedy; None if equal."""
         if self.type and other.type and self.type != other.type:
             return f"is {self.type}, but {label} is {other.type}", f"make it {other.type}"
         if self.unit == other.unit or not self.unit or not other.unit:
@@ -112,10 +112,11 @@ class Interface:
 
 @dataclass(frozen=True)
 class Structure:
-    """A system structure: file in the archive, name, components with their FMUs, and what it was written for.
+    """A system structure: its file in the archive, name, components with their FMUs, connections and parameters.
 
-    `sources` are the paths of the components' FMUs, `guids` those recorded in the structure by path, `sets` the names
-    of the components' parameter sets. Of `parameters`, with their files, a later one counts more than one before.
+    `sources` are the paths of the components' FMUs, `guids` the GUIDs recorded in the structure by path, `sets` the
+    names of the components' parameter sets. `parameters` are listed with their files; a later one overrides an earlier
+    one.
     """
 
     file: str
@@ -157,35 +158,35 @@ def nearest(name: str, names: Iterable[str], otherwise: str) -> str:
 
 
 def label(*ends: End) -> str:
-    """Return an end, or those of a connection, as messages name it: ``fin1.fin_angle -> fin1_fin_angle``."""
+    """Return the name of an end or a connection in messages: ``fin1.fin_angle -> fin1_fin_angle``."""
     return " -> ".join(".".join(filter(None, end)) for end in ends)
 
 
 def read_structures(contents: Mapping[str, bytes]) -> tuple[list[Structure], list[Finding]]:
     """Return the structures of an archive that can be read, and findings about all its documents and FMUs."""
-    documents: dict[str, Any] = {}  # root elements and interfaces
+    documents: dict[str, Any] = {}  # root elements and interfaces, by file
     findings: list[Finding] = []
     structures = archive.structure_files(contents)
     for file in (*structures, *(name for name in contents if name.endswith((".ssv", ".fmu")))):
-        found: list[Finding] = []
+        new: list[Finding] = []
         try:
             if file.endswith(".fmu"):
                 document = read_interface(contents[file], file)
             else:
                 document = archive.parse(contents[file], file)
-                found = list(_findings(file, document, contents))
+                new = list(_findings(file, document, contents))
         except SspError as error:
             message, _, remedy = str(error).removeprefix(f"{file}: ").partition("; ")
-            found = [Finding("error", file, "", message, remedy or _CORRECT)]
-        if all(f.level == "warning" for f in found):
+            new = [Finding("error", file, "", message, remedy or _CORRECT)]
+        if all(f.level == "warning" for f in new):
             documents[file] = document
-        findings += found
+        findings += new
     return [_structure(documents, file) for file in structures if file in documents and documents.keys() >= {
         _path(node) for node in documents[file].iter(_COMPONENT, _BINDING)}], findings
 
 
 def _findings(file: str, root: Any, contents: Mapping[str, bytes]) -> Iterator[Finding]:
-    """Yield what is wrong with a document."""
+    """Yield the findings about a document: schema, form, names, and the files to which it refers."""
     for violation in archive.violations(root, SSD if file.endswith(".ssd") else SSV):
         yield Finding("error", file, "", violation, _CORRECT)
     for level, path, message, remedy in _RULES:
@@ -200,7 +201,7 @@ def _findings(file: str, root: Any, contents: Mapping[str, bytes]) -> Iterator[F
         files = [name for name in contents if name.endswith(ending)]
         if node.get("source") and _path(node) not in files:
             yield Finding("error", file, _name(node), f"the archive has no {ending} file {_path(node)}",
-                          nearest(_path(node), files, "add it, or write the archive anew"))
+                          nearest(_path(node), files, "add it, or write a new archive"))
 
 
 def _structure(documents: Mapping[str, Any], file: str) -> Structure:
@@ -210,7 +211,7 @@ def _structure(documents: Mapping[str, Any], file: str) -> Structure:
     sources = {name: _path(node) for name, node in components.items()}
     nodes = {**components, "": top}
     guids = top.iterfind(f"ssd:Annotations/ssc:Annotation[@type='{ANNOTATION}']/emcas:Fmu", NAMESPACES)
-    # The system is last: its sets count more than those of its components.
+    # The system is last: its sets override those of its components.
     sets = [(name, _path(node)) for name, element in nodes.items()
             for node in element.iterfind("ssd:ParameterBindings/*", NAMESPACES)]
     return Structure(
@@ -225,15 +226,15 @@ def _structure(documents: Mapping[str, Any], file: str) -> Structure:
 
 
 def _path(node: Any) -> str:
-    """Return the path in the archive that the source of a node names."""
+    """Return the path in the archive from the attribute `source` of a node."""
     return normpath(unquote(node.get("source", "")))
 
 
 def _name(node: Any) -> str:
-    """Return tag and name of a node, with that of its component if it is in one; of a connection, its ends."""
+    """Return the name of a node in messages: tag, component if it is in one, and its name or a connection's ends."""
     names = node.xpath("(ancestor::ssd:Component | .)/@name", namespaces=NAMESPACES)
-    of = label(*_connection(node)) if node.get("startConnector") else ".".join(names)
-    return f"{re.sub('(?<=[a-z])(?=[A-Z])', ' ', node.tag.rpartition('}')[2]).lower()} {of}".strip()
+    name = label(*_connection(node)) if node.get("startConnector") else ".".join(names)
+    return f"{re.sub('(?<=[a-z])(?=[A-Z])', ' ', node.tag.rpartition('}')[2]).lower()} {name}".strip()
 
 
 def _connection(node: Any) -> tuple[End, End]:
@@ -242,7 +243,7 @@ def _connection(node: Any) -> tuple[End, End]:
 
 
 def _signal(node: Any) -> Signal:
-    """Return a connector or parameter; the element for its type has the unit and the value."""
+    """Return a connector or parameter; its child element is named after the type and has the unit and the value."""
     typed = next(node.iterchildren(f"{{{SSC}}}*", f"{{{SSV}}}*"), None)
     if typed is None:
         return Signal(node.get("name"), node.get("kind", ""), "", "")
@@ -251,20 +252,20 @@ def _signal(node: Any) -> Signal:
 
 
 def read_interface(source: Path | bytes, name: str) -> Interface:
-    """Return the interface of an FMU of FMI 2.0, a file or its contents.
+    """Return the interface of an FMU of FMI 2.0; `source` is its file or the contents, `name` its name in messages.
 
-    Raises SspError, naming the file `name`, if it is not one; EmcasError if it cannot be opened.
+    Raises SspError if it is not such an FMU; EmcasError if it cannot be opened.
     """
     with reading(source, name, "an FMU", SspError):
         pass
     try:
         description = read_model_description(source if isinstance(source, Path) else BytesIO(source), validate=False)
         variables = {v.name: _variable(v) for v in description.modelVariables}
-    except Exception as error:  # fmpy raises what its parsers raise: of zipfile, lxml, float and its own
+    except Exception as error:  # fmpy raises its own errors, and those of zipfile, lxml and float
         raise SspError(f"{name}: is not an FMU that can be read: {error}") from error
     if description.fmiVersion != "2.0":
-        raise SspError(f"{name}: is of FMI {description.fmiVersion}; hosts of SSP 1.0 know FMUs of FMI 2.0: build "
-                       "it without --fmi 3")
+        raise SspError(f"{name}: is of FMI {description.fmiVersion}; hosts of SSP 1.0 run FMUs of FMI 2.0: build it "
+                       "without --fmi 3")
     return Interface(description.modelName, str(description.guid), variables)
 
 
@@ -280,7 +281,7 @@ def _variable(v: Any) -> Signal:
 
 
 def _value(kind: str, text: str | None) -> Value | None:
-    """Return a value of a type of FMI 2.0 from its text. Raises ValueError if the text is not of that type."""
+    """Return a value of a type of FMI 2.0 from its text. Raises ValueError if the text is not such a value."""
     if kind == "Boolean" and text is not None:
         return text.strip().lower() in ("true", "1")
     numeric = {"Real": float, "Integer": int}.get(kind)

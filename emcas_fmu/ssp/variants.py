@@ -1,4 +1,4 @@
-"""Each fin's parameters, nominally and in each variant."""
+"""The parameters of each fin, in the nominal system and in each variant."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..parameters.schema import In, document, leaves
 from ..support.files import models_directory
 from .archive import DEFAULT, NOMINAL, SspError
 
-SHIPPED = ("cold", "degraded")  # variants, each a file among the models
+SHIPPED = ("cold", "degraded")  # variants with a file in the folder models
 EVERY_FIN = "every_fin"
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A named system: the parameter set of each fin."""
+    """A system with a name, and the parameter set of each fin."""
 
     name: str
     fins: tuple[ParameterSet, ...]
@@ -45,9 +45,10 @@ def variant_files(arguments: Sequence[str]) -> dict[str, Path]:
 
 
 def derived(files: Mapping[str, Path], origin: Variant) -> tuple[list[Variant], list[str]]:
-    """Return variants of the system `origin` by files such as models/cold.toml, and which are left out and why.
+    """Return variants of the system `origin` by files such as models/cold.toml, and the reasons for those left out.
 
-    Left out are shipped ones whose parameters the actuator lacks. Raises SspError or ParameterError.
+    A shipped variant is left out if the actuator lacks one of its parameters. Raises SspError or ParameterError for a
+    file's problems.
     """
     variants, left_out = [], []
     for name, file in files.items():
@@ -70,7 +71,7 @@ def derived(files: Mapping[str, Path], origin: Variant) -> tuple[list[Variant], 
 
 
 def _changed(base: ParameterSet, entries: Mapping[str, Any], where: str) -> ParameterSet:
-    """Return `base` overridden by entries; percentages are of its values. Raises ParameterError naming `where`."""
+    """Return `base` with changed entries; percentages refer to its values. Raises ParameterError naming `where`."""
     units = {e.variable.name: e.variable.unit for e in base.entries}
     changes = dict(entries)
     for name, entry in entries.items():

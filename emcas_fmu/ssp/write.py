@@ -1,8 +1,8 @@
 """An SSP archive from an FMU and parameters; the same inputs give the same bytes.
 
 By default the system has only components, each with the same FMU: libcosim and Ecos refuse a structure in which a
-connector of the system itself is wired. They look for the name ``ssd:Connections``, but so does OMSimulator, which
-refuses any other prefix, so that connections cannot be hidden from them. fmpy's simulate_ssp needs the connections.
+connector of the system itself is wired. Another prefix than ``ssd:`` would hide the connections from both, but
+OMSimulator refuses that. fmpy's simulate_ssp needs the connections.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Written:
 
 
 class Component(NamedTuple):
-    """A component: its name, that of its fin, its FMU and its connectors by name."""
+    """A component: its name, its fin's name, its FMU and its connectors by name."""
 
     name: str
     fin: str
@@ -54,7 +54,7 @@ class Component(NamedTuple):
     variables: Mapping[str, Variable]
 
     def reads(self, name: str) -> bool:
-        """Return whether it has an input of this name."""
+        """Return whether it has an input with this name."""
         return name in self.variables and self.variables[name].causality == "input"
 
 
@@ -62,19 +62,19 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
               layout: str = "cross", fin_files: Mapping[int, Path] | None = None,
               variant_files: Mapping[str, Path] | None = None, border: bool = False,
               model: str | None = None, progress: Progress | None = None, halves: bool = False) -> Written:
-    """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and check it.
+    """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and return it with its check.
 
     Without an `fmu`, the native FMU of the `model` (:mod:`emcas_fmu.actuators`) and the parameters is built. The fins'
     parameters are those of the files `parameters`, otherwise the FMU's start values. `fin_files` and `variant_files`
-    are parameter files by number of the fin and by name of the variant. With a `border` the fins are wired to
-    connectors of the system. With `halves`, which are built and wired so, each fin is two components, its controllers
-    and its plant, whose drive delays less by the step that a signal between components takes: the trajectory is that
-    of the whole if the drive's delay is not shorter. Raises EmcasError; SspError if the archive does not pass its own
-    check.
+    are parameter files by number of the fin, from 1, and by name of the variant. With a `border` the fins are wired to
+    connectors of the system. With `halves` each fin is two components, its controllers and its plant, which are built
+    and wired. A signal between components takes a step, by which the plant's drive delay is shortened: the trajectory
+    is that of the whole actuator if the delay is a step or more. Raises EmcasError for invalid arguments and files;
+    SspError if the archive does not pass its check.
     """
     check_target(output, ".ssp", SspError)
     if fmu is not None and halves:
-        raise SspError(f"{fmu}: halves are two FMUs, which are built: leave the FMU or halves out")
+        raise SspError(f"{fmu}: halves are two FMUs, which are built: leave out the FMU or halves")
     if fmu is not None:
         interface, content = read_interface(fmu, str(fmu)), fmu.read_bytes()
         model = chosen_model(str(fmu), interface.model, None if model is None else full_name(model), SspError)
@@ -82,12 +82,12 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     if fmu is not None:
         starts = _starts(interface, str(fmu), base.model)
         base = base if parameters else base.with_values({n: v for n, v in starts.items() if v != base.values[n]})
-    built = Variant(NOMINAL, fin_sets(base, fins, layout, fin_files or {}))
-    others, left_out = derived(variant_files or {}, built)
-    variants = [built, *others]
+    nominal = Variant(NOMINAL, fin_sets(base, fins, layout, fin_files or {}))
+    others, left_out = derived(variant_files or {}, nominal)
+    variants = [nominal, *others]
     kinds = {part: FmuInterface(1, with_extension(base.model, part)) for part in HALVES} if halves else {
         "": FmuInterface(1, base.model)}
-    if fmu is None:  # Compiling takes longest: all other mistakes are reported before.
+    if fmu is None:  # compiling takes longest, so all mistakes are reported before
         with TemporaryDirectory() as folder:
             files = {part: build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress, part=part or None
                                  ).path.read_bytes() for part in kinds}
@@ -98,21 +98,21 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     components = [
         Component("_".join(filter(None, (fin, part))), fin, fmus[part],
                   {v.name: v for v in (*kind.inputs, *kind.outputs) if v.name not in kind.actuator.hidden})
-        for fin in built.names for part, kind in kinds.items()]
+        for fin in nominal.names for part, kind in kinds.items()]
     inner = [(start, end, name) for start in components for end in components if start.fin == end.fin
              for name, v in start.variables.items() if v.causality == "output" and end.reads(name)]
-    fed = {(end.name, name) for _, end, name in inner}
+    wired = {(end.name, name) for _, end, name in inner}
     single = FmuInterface(1, base.model)
     shared = (*single.shared, ENABLE.name)
-    # OMSimulator accepts no dot in a connector of the system; fmpy distinguishes it from others by its path alone.
+    # OMSimulator accepts no dot in a connector of the system; fmpy distinguishes connectors only by their paths.
     wires = [(flat(name if name in shared else f"{component.name}.{name}"), component, v)
              for component in components if border or halves
-             for name, v in component.variables.items() if (component.name, name) not in fed]
+             for name, v in component.variables.items() if (component.name, name) not in wired]
     variables = {v.name: v for component in components for v in component.variables.values()}
     late = [warning for v in variants for fin in v.fins if halves and (warning := _too_late(fin))]
     for variant in variants:
-        for of, entries in _parameter_sets(variant, components, wires).items():
-            contents[f"resources/{variant.name}_{of}.ssv"] = render(
+        for component, entries in _parameter_sets(variant, components, wires).items():
+            contents[f"resources/{variant.name}_{component}.ssv"] = render(
                 "parameters.xml.j2", name=variant.name, entries=entries,
                 units=_units(e.variable for e in entries.values()))
         contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = render(
@@ -121,18 +121,18 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
             outer={connector: v for connector, _, v in wires}, units=_units(variables.values()), stop=STOP_TIME,
             step=STEP_SIZE, enumerations=[v for v in variables.values() if v.items])
     with TemporaryDirectory() as folder:
-        checked = Path(folder) / output.name
-        write_archive(contents, checked)
-        report = check(checked, None if halves else fmus[""].guid, model=base.model)
+        draft = Path(folder) / output.name
+        write_archive(contents, draft)
+        report = check(draft, None if halves else fmus[""].guid, model=base.model)
         if report.errors:
             raise SspError("\n".join(["the archive does not pass its check:", *map(str, report.errors)]))
-        write(output, checked.read_bytes())
+        write(output, draft.read_bytes())
     warnings = dict.fromkeys((*(warning for v in variants for fin in v.fins for warning in fin.warnings), *late))
     return Written(output, ", ".join(each.guid for each in fmus.values()), tuple(left_out), tuple(warnings), report)
 
 
 def _too_late(fin: ParameterSet) -> str:
-    """Return a warning where a signal between components takes longer than the drive's delay; otherwise ""."""
+    """Return a warning if a signal between components takes longer than the drive's delay; otherwise ""."""
     delay = float(fin.values.get(_DELAY, 0.0))
     return "" if delay >= STEP_SIZE * (1.0 - SLACK) else (
         f"{_DELAY} = {delay:g} s is below the step of {STEP_SIZE:g} s that the reference takes between components: the "
@@ -140,7 +140,7 @@ def _too_late(fin: ParameterSet) -> str:
 
 
 def _plant(fin: ParameterSet) -> ParameterSet:
-    """Return the parameters of the plant alone, whose drive delays less by a step, if it can."""
+    """Return the parameters of the plant alone: the drive's delay is a step shorter, if it is a step or more."""
     return fin if _too_late(fin) else fin.with_values({_DELAY: max(float(fin.values[_DELAY]) - STEP_SIZE, 0.0)})
 
 
@@ -169,10 +169,9 @@ def _parameter_sets(variant: Variant, components: Sequence[Component],
                     wires: Sequence[tuple[str, Component, Variable]]) -> dict[str, dict[str, Entry]]:
     """Return the parameter sets of a variant: for each component one with all parameters and start values of inputs.
 
-    None is split: libcosim and Ecos do not combine sets, and OMSimulator ignores prefixes. A Boolean with the FMU's
+    No set is split: libcosim and Ecos do not combine sets, and OMSimulator ignores prefixes. A Boolean with the FMU's
     start value is left out, as fmpy reads every Boolean of a set as true. With `wires` (connector of the system,
-    component and variable) the set ``system`` has the start values of the system's inputs; a host feeds 0 to those
-    without one.
+    component and variable) the set ``system`` has the start values of the system's inputs; a host sets the others to 0.
     """
     inputs = {v.key: v for v in get(variant.fins[0].model).inputs if v.key is not None}
     fins = dict(zip(variant.names, variant.fins))

@@ -55,7 +55,7 @@ def test_what_is_written_passes(ssp: Path, wired: Path) -> None:
      'name="attitude.roll" kind="input" description=""><ssc:Real unit="V"', "connector fin1.attitude.roll",
      "is in V, but the FMU's variable is in rad"),
     ('name="enable" kind="input"', 'name="enable" kind="output"', "connector fin1.enable",
-     'is declared output, but is input of the FMU; write kind="input"'),
+     'is declared output, but is input in the FMU; write kind="input"'),
     ('source="resources/EMCAS.fmu"', 'source="resources/EMCS.fmu"', "component fin1",
      "the archive has no .fmu file resources/EMCS.fmu; did you mean resources/EMCAS.fmu?"),
     ('source="resources/nominal_fin1.ssv"', 'source="cold.ssd"', "parameter binding fin1",
@@ -79,7 +79,7 @@ def test_errors(edited: Edit, old: str, new: str, place: str, expected: str) -> 
 @pytest.mark.parametrize(("old", "new", "expected"), [
     ('name="motor.resistance"', 'name="motor.resistence"', "parameter motor.resistence: the FMU has no such "
      "variable; did you mean motor.resistance?"),
-    ('name="motor.resistance"', 'name="fin_angle"', "parameter fin_angle: is output of the FMU and cannot be set"),
+    ('name="motor.resistance"', 'name="fin_angle"', "parameter fin_angle: is output in the FMU and cannot be set"),
     ('value="0.25" unit="Ohm"', 'value="-1" unit="Ohm"', "parameter motor.resistance: is -1 Ohm, outside 1e-06 .. "
      "10000; write a value within the limits"),
     ('value="0.25" unit="Ohm"', 'value="0.25" unit="V"', "is in V, but the FMU's variable is in Ohm; use a "
@@ -177,7 +177,7 @@ def test_another_fmu(ssp: Path, native: Path, fmu: Path, tmp_path: Path) -> None
     wanted = "{00000000-0000-0000-0000-000000000000}"
     error = check(ssp, guid=wanted).errors[0]
     assert error.place == "component fin1"
-    assert f"wanted is {wanted}; put that FMU there, or write the archive anew" in str(error)
+    assert f"required is {wanted}; replace it by that FMU, or write a new archive" in str(error)
     with pytest.raises(EmcasError, match="is not an FMU"):
         check(ssp, fmu=Path(__file__))
     contents = read_archive(ssp)
