@@ -1,1 +1,1 @@
-"""Stepping any traced actuator: in Python, in C, one or several fins on a line."""
+"""Stepping any traced actuator in Python and in C: one fin, or several fins on a supply line."""

@@ -1,7 +1,7 @@
-"""What samples and outputs of a user's actuator return for the port, where it contradicts the motion.
+"""Checks of the samples and outputs of a user's actuator against its motion.
 
-Measured angle, `limited` and power have no equation of the package: these are invariants, which no sound actuator
-breaks. A wrong power is seen if it is less than what the motor gets, or the fin has; one that is too high is not.
+The package has no equations of its measured angle, `limited` and power; the checks are invariants that every sound
+actuator keeps. A wrong power is detected if its energy is less than that of motor or fin, but not if it is too high.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from ..ops.located import LocatedFloats, located
 from .compiled import Array
 
 _MOTOR = ("motor_voltage", "motor_current")
-# Where the fin is when a command far away is sampled, and two of these, as shares of its limit; of it, errors in which
-# a reference that has no dead band differs.
-_BESIDE, _FAR, _NEAR = -0.9, (0.98, 1.0), (1e-5, 2e-5, 3e-5)
-_OFFSET = 100.0  # [counts] of an encoder
-_MEASURED = 0.25  # share of an angle by which its measurement may be off: resolution, delay, a loaded drive line
-_LEAST = 0.9  # share of an energy that the power adds up to at least, and a point's more: points are 1 ms apart
+# Shares of command.limit: the fin's angle at a sample; two distant commands; distances of commands near the angle, for
+# which a reference without dead band differs.
+_ANGLE, _FAR, _NEAR = -0.9, (0.98, 1.0), (1e-5, 2e-5, 3e-5)
+_OFFSET = 100.0  # counts of an encoder
+_MEASURED = 0.25  # share of an angle by which its measurement may differ: resolution, delay, a loaded drive line
+_LEAST = 0.9  # smallest share of an energy that the supply must deliver, less the peak power times one interval
 
 
 def outputs(actuator: Actuator) -> tuple[str, ...]:
-    """Return the names of the outputs that :func:`moving` needs, as far as an actuator has them."""
+    """Return the names of the outputs for :func:`moving` that an actuator has."""
     names = {v.name for v in actuator.outputs}
     return tuple(name for name in ("fin_angle", "fin_rate", "measured_fin_angle", "saturated", "supply_power", *_MOTOR)
                  if name in names)
 
 
-class Sampled:
-    """The samples of a user's actuator at rest, with parameters and inputs by name in SI; `supply` is one of these."""
+class Samples:
+    """The samples of a user's actuator at rest, with parameters and inputs by name in SI; `supply` is its supply."""
 
     def __init__(self, actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], supply: float
                  ) -> None:
@@ -70,7 +70,7 @@ class Sampled:
                                  "changes: return it, or leave it out of the states")
 
     def require_offset(self) -> None:
-        """Raise EmcasError for counts of an encoder to which no offset is added, by which homing shifts them."""
+        """Raise EmcasError for encoder counts that do not contain the offset by which homing shifts them."""
         p, start = self._started(**{"encoder.enabled": True})
 
         def counts(offset: float) -> tuple[float, float]:
@@ -85,70 +85,68 @@ class Sampled:
                                  f"by {after - before:g}: add encoder_offset, where it is not None, to the counts")
 
     def follows_beyond(self, share: float) -> bool:
-        """Return whether the reference at command.limit follows the command to a `share` of it beyond."""
+        """Return whether the reference of a fin at command.limit changes if the command is `share` times this limit."""
         limit = self._values["command.limit"]
         p, start = self._started(**{"fin.start_angle": limit})
         at, beyond = (self._actuator.sampled(self._ops, p, *self._sample(p, start, command=command))["reference"]
                       for command in (limit, share * limit))
         return bool(at != beyond)
 
-    def unsaid(self) -> Iterator[str]:
-        """Yield in words that a sample ignores its command; or clips its reference, which differs near the angle, and
-        is not `limited`.
-        """
+    def problems(self) -> Iterator[str]:
+        """Yield a message if a sample ignores its command, or limits its reference without `limited`."""
         limit = self._values["command.limit"]
         for side in (1.0, -1.0):
-            p, start = self._started(**{"fin.start_angle": side * _BESIDE * limit})
-            shares = (*(_BESIDE + near for near in _NEAR), *_FAR, -1.0)  # the last is on the other side
+            p, start = self._started(**{"fin.start_angle": side * _ANGLE * limit})
+            shares = (*(_ANGLE + near for near in _NEAR), *_FAR, -1.0)  # the last is in the other direction
             samples = [self._actuator.sampled(self._ops, p, *self._sample(p, start, command=side * share * limit))
                        for share in shares]
             near, far = samples[:len(_NEAR)], samples[len(_NEAR):-1]
             if all(each == samples[0] for each in samples):
-                yield f"{location(self._actuator.sample)} returns the same for every inputs.command; use it there"
+                yield f"{location(self._actuator.sample)} returns the same for every inputs.command; use this input"
                 return
             references = {each["reference"] for each in near}
             if len(references) == 3 and far[0]["reference"] == far[1]["reference"] and not far[0]["limited"] > 0.0:
-                yield (f"{location(self._actuator.sample)} returns limited = {far[0]['limited']:g} where the reference "
-                       f"{far[0]['reference']:.4g} follows the command no further; return limited = 1 at every limit")
+                yield (f"{location(self._actuator.sample)} returns limited = {far[0]['limited']:g}, but the reference "
+                       f"is limited to {far[0]['reference']:.4g}; return limited = 1 at every limit")
                 return
 
 
 def at_rest(actuator: Actuator, shown: Mapping[str, Any]) -> Iterator[str]:
-    """Yield in words that power comes from an actuator that is disabled and at rest, by its outputs."""
+    """Yield a message if the outputs of an actuator that is disabled and at rest have a supply power below 0."""
     power = 0.0 if actuator.supply is None else shown["supply_power"]
     if power < 0.0:
-        yield (f"{of_function(actuator, 'outputs')} returns supply_power = {power:.3g} W at rest while disabled; it is "
-               "what the actuator draws, negative only while it returns power")
+        yield (f"{of_function(actuator, 'outputs')} returns supply_power = {power:.3g} W at rest while disabled; "
+               "return the power that the actuator consumes, negative only while it returns power")
 
 
-def moving(actuator: Actuator, values: Mapping[str, Any], moved: Mapping[str, Array], interval: float, balanced: bool
-           ) -> Iterator[str]:
-    """Yield in words what contradicts the motion of a fin from rest, without load.
+def moving(actuator: Actuator, values: Mapping[str, Any], responses: Mapping[str, Array], interval: float,
+           balanced: bool) -> Iterator[str]:
+    """Yield messages about outputs that contradict the motion of a fin from rest, without load.
 
-    `moved` are :func:`outputs` [runs, points], `interval` [s] apart. Power is judged if the line's energy is
-    `balanced` by that of fin and motor: nothing else is known to store energy.
+    `responses` are :func:`outputs` [runs, points], `interval` [s] apart. Power is checked if energy is `balanced`: if
+    nothing but fin and motor is known to store it.
     """
-    measured, angle = moved["measured_fin_angle"][0, -1], moved["fin_angle"][0, -1]
+    measured, angle = responses["measured_fin_angle"][0, -1], responses["fin_angle"][0, -1]
     if not values.get("homing.required") and abs(measured - angle) > _MEASURED * abs(angle):
         yield (f"{actuator.source}: measured_fin_angle is {degrees(measured):.4g} deg where fin_angle is "
-               f"{degrees(angle):.4g} deg; sample() returns it in rad, of the fin, in the sense of fin_angle")
+               f"{degrees(angle):.4g} deg; sample() must return the fin's angle in rad, with the sign of fin_angle")
     if actuator.supply is None or not balanced:
         return
-    def added_up(power: Array) -> Array:
+    def integrated(power: Array) -> Array:
         """Return the energy [J] until each point."""
         return np.concatenate(([0.0], np.cumsum(0.5 * interval * (power[1:] + power[:-1]))))
 
-    power, electric = moved["supply_power"][0], actuator.supply.input.unit == "V"
-    drawn = added_up(power)
-    # Inwards a centring spring may drive the fin, and gas and oil in chambers store energy.
-    own = np.logical_and(electric, moved["fin_angle"][0] >= moved["fin_angle"][0, 0])
+    power, electric = responses["supply_power"][0], actuator.supply.input.unit == "V"
+    supplied = integrated(power)
+    # Towards the centre a spring may drive the fin; gas and oil in chambers store energy.
+    driven = np.logical_and(electric, responses["fin_angle"][0] >= responses["fin_angle"][0, 0])
     inertia = fin_port.hinge_inertia(actuator.namespace(values))
-    needs = {"the fin moves with": 0.5 * inertia * np.where(own, moved["fin_rate"][0], 0.0)**2}
-    if electric and all(name in moved for name in _MOTOR):
-        needs["the motor gets"] = added_up(np.prod([moved[name][0] for name in _MOTOR], axis=0))
+    needs = {"the fin's motion has": 0.5 * inertia * np.where(driven, responses["fin_rate"][0], 0.0)**2}
+    if electric and all(name in responses for name in _MOTOR):
+        needs["the motor consumes"] = integrated(np.prod([responses[name][0] for name in _MOTOR], axis=0))
     for words, energy in needs.items():
-        less = _LEAST * energy - drawn - interval * np.max(np.abs(power))
-        if less[at := int(np.argmax(less))] > 0.0:
-            yield (f"{of_function(actuator, 'outputs')} returns a supply_power that adds up to {drawn[at]:.3g} J in "
-                   f"{at * interval:.3g} s, in which {words} {energy[at]:.3g} J; it is supply times the current drawn")
+        lacking = _LEAST * energy - supplied - interval * np.max(np.abs(power))
+        if lacking[at := int(np.argmax(lacking))] > 0.0:
+            yield (f"{of_function(actuator, 'outputs')} returns a supply_power whose energy is {supplied[at]:.3g} J "
+                   f"after {at * interval:.3g} s, but {words} {energy[at]:.3g} J; return supply times supply current")
             return

@@ -1,4 +1,4 @@
-"""A user's actuator over floats, without its traced program: slow, but errors name the line of the file."""
+"""The functions of a user's actuator over floats, not traced: slow, but errors name the line of the file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from . import codegen
 from .core import ROUNDED, Functions
 
 _NEVER_0 = "divide by a value that is never 0, as in ops.where(ops.fabs(x) > 1e-9, x, 1e-9)"
-# Remedies, by a part of the operation whose result is not finite.
+# Remedies by a part of the text of the operation whose result is not finite.
 _REMEDIES = {
     " / 0 =": _NEVER_0,
     " / -0 =": _NEVER_0,
@@ -30,10 +30,11 @@ _REMEDIES = {
 
 def functions(values: Mapping[str, Any], model: str, several: bool = False, actuator: Actuator | None = None,
               follow: bool = True) -> Functions:
-    """Return the functions of a user's actuator, or of a changed copy, with these parameters.
+    """Return the functions of a user's actuator, or of the changed copy `actuator`, with these parameters.
 
-    They raise ArithmeticError with file, line and remedy where a value is not finite, or a step takes no time. Unless
-    they `follow` numbers they are faster, and raise ArithmeticError or ValueError also at an unused quotient by 0.
+    They raise ArithmeticError with file, line and remedy if a result is not finite or a step takes no time. With
+    `follow` each number knows the line of its operation. Without it the functions are faster, but also raise
+    ArithmeticError or ValueError at an operation such as 1/0 whose result is not used.
     """
     actuator = actuator or get(model)
     assert actuator.source is not None

@@ -1,4 +1,5 @@
-"""The trial of a user's actuator before its first simulation: mistakes that would give wrong numbers in silence."""
+"""The trial of a user's actuator before its first simulation; it finds mistakes that would silently give wrong numbers.
+"""
 
 from __future__ import annotations
 
@@ -31,39 +32,39 @@ from . import codegen, contradictions, diagnosis
 from .compiled import Array, Tables
 from .core import Functions
 
-_INTERVAL = 1e-3  # of points of time [s]
-_STEP = 50  # points of a step to half the largest command
-# Where the fin is released [share of the stop angle], and the ratio of distances from which on it moves away.
+_INTERVAL = 1e-3  # s between points of time
+_STEP = 50  # points of time of a short run
+# Angle at which the fin is released, as a share of the stop angle; multiple of this angle beyond which it moves away.
 _OFF, _AWAY = 0.02, 5.0
-_LEAVES = 0.5  # share of its angle by which a servo that is commanded to stay there hardly leaves it
-_ELSEWHERE = 0.01  # share of it by which it may start elsewhere: kinematics may be solved approximately
-# A margin that is below this at the start of so many steps in a row is not about to be lost: an event would be there.
+_LEAVES = 0.5  # share of its angle by which a fin that is commanded to stay may leave it
+_ELSEWHERE = 0.01  # share of its angle by which a fin may start elsewhere: kinematics may be solved approximately
+# An event margin below this value at the start of so many steps in a row is wrong: its event should have occurred.
 _BELOW, _IN_A_ROW = -1e-9, 10
-# Difference of a state, to find its effect on its derivative; and the latter's rounding, or that of outputs.
+# Relative differences: of a state for the Jacobian; by which rounding may change derivatives and outputs.
 _DIFFERENCE, _ROUNDING = 1e-6, 1e-8
-_NEAR, _BEYOND = 0.9, 1.2  # start and command of a trial of the command's limit, in shares of it
-_MOVING = 0.01  # [rad, rad/s] of a fin whose outputs are compared, or that a load accelerates
-_GROWTH = 0.05  # [1/s] of a mode; less is rounding of the Jacobian
-# Newton's steps to an equilibrium; and the smallest singular value, relative, that is none of rounding.
+_NEAR, _BEYOND = 0.9, 1.2  # start angle and command in the trial of command.limit, as shares of this limit
+_MOVING = 0.01  # rad, rad/s: offsets from rest at which outputs are compared and a load accelerates the fin
+_GROWTH = 0.05  # 1/s, of an unstable mode; a slower growth may be rounding of the Jacobian
+# Number of Newton's steps to an equilibrium; smallest relative singular value that is not due to rounding.
 _NEWTON, _SINGULAR = 10, 1e-9
 
 Run = Callable[..., Tables]
-_tried: set[str] = set()
+_tried: set[str] = set()  # models tried in this process
 
 
 def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, run: Run, by_floats: Run) -> None:
     """Warn, once in a process, of a user's actuator that is unstable at rest, starts elsewhere, or ignores an input.
 
-    `row` are its parameters. Of each of its `inputs`, SI, the first value is used if it is the supply's or a further
-    one. A fin off centre is released for `points` of time, 1 ms apart. `run` simulates as
-    :func:`.compiled.run_tables`, and so does `by_floats`, with a last argument that binds functions to parameters.
-    Raises EmcasError for equations that cannot be traced, misused discontinuities, a state that no sample sets, outputs
-    that contradict the port, and an event margin that is below 0 while its mode holds.
+    `row` contains its parameters; of its `inputs`, in SI, only the first values of the supply and of further inputs are
+    used. A fin is released off centre and observed at `points` of time, 1 ms apart. `run` simulates as
+    :func:`.compiled.run_tables`; `by_floats` does the same, and its last argument binds functions to parameters. Raises
+    EmcasError for equations that cannot be traced, misused discontinuities, a state that no sample sets, outputs that
+    contradict the port, and an event margin that is below 0 while its mode holds.
     """
     actuator = get(model)
     if actuator.source is None or model in _tried:
         return
-    codegen.traced(model=model)  # names the line of an equation that cannot be computed
+    codegen.traced(model=model)  # raises EmcasError with the line of an equation that cannot be computed
     values = dict(zip((v.name for v in actuator.parameters), row.tolist(), strict=True))
     if check_parameters(values, model):
         return
@@ -71,49 +72,50 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
     at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.MOTION)), 0.0)
     base, extensions = parts(model)
     try:
-        sampled = contradictions.Sampled(get(base), values, at_rest, _supply(actuator, at_rest))  # extensions set all
-        sampled.require_all_set()
+        # Without the extensions, which set all their states.
+        samples = contradictions.Samples(get(base), values, at_rest, _supply(actuator, at_rest))
+        samples.require_all_set()
         if "homing" in extensions:
-            sampled.require_offset()
+            samples.require_offset()
         x, rates, shown = _at_rest(actuator, values, at_rest)
         _require_of_port(actuator, x, shown)
         names = [s.name for s in actuator.states]
-        seen = _unstable(names, x, rates) if actuator.derivatives is not None else ""
+        unstable = _unstable(names, x, rates) if actuator.derivatives is not None else ""
     except TableError as error:
         raise _of_table(actuator, values, error) from error
-    if isinstance(actuator.step, SwitchedStep) and not seen:  # values that have grown are rounded
+    if isinstance(actuator.step, SwitchedStep) and not unstable:  # large values would be rounded
         stepping = {**at_rest, fin_port.COMMAND.name: 0.5 * values["command.limit"], fin_port.ENABLE.name: 1.0}
-        for floats in (False, True):  # steps over floats need ten times as long, but say where they fail
+        for floats in (False, True):  # steps over floats take ten times as long, but their errors name the line
             watched = _watched(actuator, actuator.step, floats)
             bind = partial(diagnosis.functions, actuator=watched) if floats else partial(_traced, watched)
             with nullcontext() if floats else suppress(EmcasError):
                 if not _run(by_floats, model, [values], stepping, _STEP, bind).failures:
                     break
-    in_time = partial(_run, run, model)
-    for wrong in (*_in_vain(model), *sampled.unsaid(), *contradictions.at_rest(actuator, shown(x))):
-        warn(wrong)
+    simulated = partial(_run, run, model)
+    for problem in (*_unused(model), *samples.problems(), *contradictions.at_rest(actuator, shown(x))):
+        warn(problem)
     _tried.add(model)
-    if actuator.derivatives is not None and (ignored := _unloaded(names, x, rates)):
-        warn(f"{actuator.source}: {ignored}")
+    if actuator.derivatives is not None and (problem := _load_problem(names, x, rates)):
+        warn(f"{actuator.source}: {problem}")
     limit = values["command.limit"]
-    near = {**values, "fin.start_angle": _NEAR * limit}  # where no drive is at its limit
+    near = {**values, "fin.start_angle": _NEAR * limit}  # near the limit, where a drive does not saturate
     sound = not check_parameters(near, model)
     if sound:
-        moved = _moved(near, {**at_rest, fin_port.ENABLE.name: 1.0}, in_time, limit, _BEYOND * limit)
-        if _differ(moved) or sampled.follows_beyond(_BEYOND):  # a slow fin does not get there
-            warn(f"{actuator.source}: fin_angle follows fin_command beyond command.limit; clip the command, by "
+        responses = _responses(near, {**at_rest, fin_port.ENABLE.name: 1.0}, simulated, limit, _BEYOND * limit)
+        if _differ(responses) or samples.follows_beyond(_BEYOND):  # a slow fin does not reach the limit
+            warn(f"{actuator.source}: fin_angle follows fin_command beyond command.limit; clip the command by "
                  "em.fin_port.clipped_command(ops, p, inputs.command)")
-    if _differ(_moved(values, {**at_rest, fin_port.ENABLE.name: 0.0}, in_time, 0.0, 0.5 * limit)):
+    if _differ(_responses(values, {**at_rest, fin_port.ENABLE.name: 0.0}, simulated, 0.0, 0.5 * limit)):
         warn(f"{actuator.source}: fin_angle follows fin_command while disabled; use inputs.enable in sample(), or "
              "u.enabled in the plant")
-    if seen := seen or _moves_away(values, at_rest, points, in_time):
-        warn(f"{actuator.source}: from rest, without command and load, {seen}; check the signs of stiffness, damping, "
-             "motor torque and control")
-    elif seen := _starts_elsewhere(actuator, values, at_rest, in_time):
-        warn(f"{actuator.source}: {seen}")
+    if problem := unstable or _moves_away(values, at_rest, points, simulated):
+        warn(f"{actuator.source}: from rest, without command and load, {problem}; check the signs of stiffness, "
+             "damping, motor torque and control")
+    elif problem := _starts_elsewhere(actuator, values, at_rest, simulated):
+        warn(f"{actuator.source}: {problem}")
     elif sound:
-        for wrong in contradictions.moving(actuator, near, moved, _INTERVAL, not extensions):
-            warn(wrong)
+        for problem in contradictions.moving(actuator, near, responses, _INTERVAL, not extensions):
+            warn(problem)
 
 
 def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mapping[str, float], points: int,
@@ -124,35 +126,35 @@ def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mappin
 
 
 def _off(values: Mapping[str, Any]) -> float:
-    """Return the angle [rad] beside the centre from which a fin is released."""
+    """Return the angle [rad] off centre at which a fin is released."""
     return float(min(_OFF * values["fin.stop_angle"], 0.5 * values["command.limit"]))
 
 
 def _released(values: Mapping[str, Any], inputs: Mapping[str, Any], points: int, run: Callable[..., Tables],
               command: float = 0.0, enable: float = 1.0) -> Mapping[str, Array]:
-    """Return outputs of two fins, released to either side of the centre; `command` is a share of their angles."""
+    """Return outputs of two fins, released on either side of the centre; `command` is a share of their angles."""
     sides = _off(values) * np.array([[1.0], [-1.0]])
     sets = [{**values, "fin.start_angle": angle, "command.resolution": 0.0} for angle in sides.flat]
     acting = {**inputs, fin_port.COMMAND.name: command * sides, fin_port.ENABLE.name: enable}
     return run(sets, acting, points).columns
 
 
-def _apart(released: Mapping[str, Array]) -> Array:
-    """Return half the distance [rad] of two fins, where it is finite: that both go to one side is a preload."""
+def _half_distance(released: Mapping[str, Array]) -> Array:
+    """Return half the distance [rad] between two fins, where it is finite; a preload, which moves both, is left out."""
     angles = released["fin_angle"]
     one, other = angles[:, np.isfinite(angles).all(axis=0)]
-    apart: Array = np.abs(one - other) / 2.0
-    return apart
+    half: Array = np.abs(one - other) / 2.0
+    return half
 
 
-def _in_vain(model: str) -> Iterator[str]:
-    """Yield in words what a file declares in vain: parameters and inputs on which nothing, or no motion, depends.
+def _unused(model: str) -> Iterator[str]:
+    """Yield messages about parameters and inputs of a file on which nothing, or no motion, depends.
 
-    The port, capabilities and the extensions that need these may use what the actuator's equations do not.
+    Variables of the port and of capabilities are left out: tools and extensions may use them.
     """
     base, _ = parts(model)
     actuator, used = get(base), codegen.used(base)
-    assert actuator.source is not None  # only a user's is tried
+    assert actuator.source is not None  # only users' actuators are tried
     anywhere = {v.name for v in fin_port.PARAMETERS}.union(*used.values(), *(
         (*capabilities.NEEDED_VARIABLES[each], *capabilities.NEEDED_PARAMETERS[each]) for each in actuator.provides))
     for v in (*actuator.parameters, *actuator.further_inputs):
@@ -163,7 +165,7 @@ def _in_vain(model: str) -> Iterator[str]:
         yield f"{actuator.source}: no motion depends on the reference of sample(); use u.reference in the plant"
     if actuator.supply and "supply" not in used["sample"] | used["step"]:
         yield (f"{actuator.source}: no motion depends on {actuator.supply.input.name}; limit the drive by "
-               "inputs.supply of sample(), or u.supply of the plant, or leave supply out")
+               "inputs.supply in sample() or u.supply in the plant, or leave supply out")
 
 
 def _require_of_port(actuator: Actuator, x: Array, shown: Callable[[Array], Mapping[str, Value]]) -> None:
@@ -173,28 +175,28 @@ def _require_of_port(actuator: Actuator, x: Array, shown: Callable[[Array], Mapp
     outputs, states = shown(x), dict(zip((s.name for s in actuator.states), x.tolist(), strict=True))
     expected = {name: states[name] for name in fin if name in states} | {"tracking_error": -outputs["fin_angle"]}
     for name, value in expected.items():
-        if abs(outputs[name] - value) > _ROUNDING * _MOVING:  # false for what is not finite
-            raise EmcasError(f"{of_function(actuator, 'outputs')} returns {name} = {outputs[name]:.4g} where it is "
+        if abs(outputs[name] - value) > _ROUNDING * _MOVING:  # false if a value is not finite
+            raise EmcasError(f"{of_function(actuator, 'outputs')} returns {name} = {outputs[name]:.4g} instead of "
                              f"{value:.4g}; leave it out: the fin port has it")
 
 
 def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], run: Run) -> str:
-    """Return in words that a fin does not start at its angle, or leaves it or is at a limit when commanded to stay;
-    "" otherwise.
+    """Return a message if a fin does not start at its angle, or if, commanded to stay, it leaves it or is at a limit;
+    otherwise "".
     """
-    held = _released(values, inputs, _STEP, run, command=1.0)
-    off, begun, apart = _off(values), held["fin_angle"][0, 0], _apart(held)
-    if abs(begun - off) > _ELSEWHERE * off:
-        return (f"fin_angle starts at {degrees(begun):.3g} deg for fin.start_angle = {degrees(off):.3g} deg; let "
+    staying = _released(values, inputs, _STEP, run, command=1.0)
+    off, start, half = _off(values), staying["fin_angle"][0, 0], _half_distance(staying)
+    if abs(start - off) > _ELSEWHERE * off:
+        return (f"fin_angle starts at {degrees(start):.3g} deg for fin.start_angle = {degrees(off):.3g} deg; let "
                 "initial() set the states from start.fin_angle")
-    farthest = float(np.max(np.abs(apart - off), initial=0.0))
+    farthest = float(np.max(np.abs(half - off), initial=0.0))
     driven = not values.get("homing.required") and (actuator.supply is None or _supply(actuator, inputs) > 0.0)
     if driven and farthest > _LEAVES * off:
         return (f"fin_angle leaves fin.start_angle = {degrees(off):.3g} deg by {degrees(farthest):.3g} deg, though "
                 "commanded to stay; let initial() set every angle, such as the motor's, from start.fin_angle")
-    if driven and (held["saturated"][:, 1:] == 1.0).all():  # no sample has acted at the first point
-        return ("saturated is true all the time, though fin_angle is commanded to stay; `limited` of sample() is above "
-                "0 at a limit, otherwise 0")
+    if driven and (staying["saturated"][:, 1:] == 1.0).all():  # no sample has acted at the first point
+        return ("saturated is always true, though fin_angle is commanded to stay; sample() must return limited = 0 "
+                "where no limit acts")
     return ""
 
 
@@ -203,8 +205,7 @@ def _supply(actuator: Actuator, inputs: Mapping[str, float]) -> float:
 
 
 def _of_table(actuator: Actuator, values: Mapping[str, Any], error: TableError) -> EmcasError:
-    """Return an error of a table whose points do not rise, with its line and, if its points are parameters, its name.
-    """
+    """Return the error for a table whose points do not rise, with its line and, if they are parameters, its name."""
     assert actuator.source is not None
     p, arrays = actuator.namespace(values), (v.name[:-3] for v in actuator.parameters if v.name.endswith("[0]"))
     name = next((name for name in arrays if value_of(p, name) == tuple(error.points)), None)
@@ -213,7 +214,7 @@ def _of_table(actuator: Actuator, values: Mapping[str, Any], error: TableError) 
 
 
 def _traced(watched: Actuator, values: Mapping[str, Any], model: str) -> Functions:
-    """Return the functions of the traced program; before each of its steps runs that of a `watched` copy."""
+    """Return the functions of the traced program; each of its steps first calls the step of the `watched` copy."""
     k = [name for name, _, _ in codegen.functions(watched)].index("step")
     watch = diagnosis.functions(values, model, actuator=watched, follow=False)[k]
     program = codegen.bound(values, model)
@@ -226,9 +227,9 @@ def _traced(watched: Actuator, values: Mapping[str, Any], model: str) -> Functio
 
 
 def _watched(actuator: Actuator, step: SwitchedStep, moves: bool) -> Actuator:
-    """Return a copy whose step raises EmcasError for an event margin that stays below 0.
+    """Return a copy whose step raises EmcasError for misused discontinuities or an event margin that stays below 0.
 
-    Unless it `moves`, the step changes no state.
+    Its step moves the states only if `moves`.
     """
     assert actuator.source is not None
     source = actuator.source
@@ -239,7 +240,8 @@ def _watched(actuator: Actuator, step: SwitchedStep, moves: bool) -> Actuator:
             built = step.as_built(ops, p)
             step.system.check(ops, built, step.system.begun(ops, built, x, u, h)[0], u)
         except EmcasError as error:
-            kind, name = re.match(r"(\w+)(?: of)? (\w+)", str(error)).groups()  # type: ignore[union-attr]  # of every one
+            # Every message matches.
+            kind, name = re.match(r"(\w+)(?: of)? (\w+)", str(error)).groups()  # type: ignore[union-attr]
             raise EmcasError(f"{declared_in(source, name, kind)}: {error}") from error
         for name, margin in step.margins(ops, p, x, u, h).items():
             below[name] = below[name] + 1 if margin < _BELOW else 0
@@ -254,11 +256,12 @@ def _watched(actuator: Actuator, step: SwitchedStep, moves: bool) -> Actuator:
 
 def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float]
              ) -> tuple[Array, Callable[..., Array], Callable[[Array], Mapping[str, Value]]]:
-    """Return the states at rest while disabled, and functions for d/dt and for outputs at a command of 0.
+    """Return the states at rest while disabled, and functions for their derivatives and for outputs at a command of 0.
 
-    Their arguments are states; those of d/dt also an aerodynamic moment [N.m], and whether the drive is enabled.
+    The arguments of the first are states, an aerodynamic moment [N.m] and whether the drive is enabled; the second has
+    the states alone.
     """
-    assert actuator.source is not None  # only a user's is tried
+    assert actuator.source is not None  # only users' actuators are tried
     ops, of_file = LocatedFloats(actuator.source), partial(located, path=actuator.source)
     p = actuator.namespace({name: of_file(value) for name, value in values.items()})
     start, names = actuator.start(ops, p, of_file(0.0), of_file(0.0)), [s.name for s in actuator.states]
@@ -274,18 +277,18 @@ def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str,
         return Record(**dict(zip(names, map(of_file, at.tolist()), strict=True)))
 
     def rates(at: Array, aero_torque: float = 0.0, enabled: bool = False) -> Array:
-        found = actuator.rates(ops, p, named(at), inputs_at(aero_torque, enabled))
-        return np.array([float(found[name]) for name in names])
+        by_name = actuator.rates(ops, p, named(at), inputs_at(aero_torque, enabled))
+        return np.array([float(by_name[name]) for name in names])
 
-    begun = vars(actuator.begun(ops, p, Record(**start), inputs_at(0.0, False)))
-    return np.array([float(begun[name]) for name in names]), rates, lambda at: actuator.plant_outputs(
+    states = vars(actuator.begun(ops, p, Record(**start), inputs_at(0.0, False)))
+    return np.array([float(states[name]) for name in names]), rates, lambda at: actuator.plant_outputs(
         ops, p, named(at), inputs_at(0.0, False))
 
 
-def _unloaded(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
-    """Return in words that the hinge moment does not accelerate a moving fin its way; "" if it does.
+def _load_problem(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
+    """Return a message if the hinge moment does not accelerate a moving fin in its direction; otherwise "".
 
-    Only a fin_rate that is a state is tried.
+    The message is "" also if fin_rate is not a state.
     """
     if "fin_rate" not in names:
         return ""
@@ -293,7 +296,7 @@ def _unloaded(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> st
     moving = x + _MOVING * np.eye(len(x))[fin]  # dry friction does not hold it
     up, down = (np.array([rates(moving, torque, enabled)[fin] for enabled in (False, True)]) for torque in (1.0, -1.0))
     if not np.isfinite([up, down]).all():
-        return ""  # the simulation says where
+        return ""  # the simulation names the value
     if (up == down).all():  # a brake may hold it while disabled
         return "d(fin_rate)/dt does not depend on aero_torque; add em.fin_port.hinge_torque to the torques on the fin"
     if (up < down).any():
@@ -302,9 +305,9 @@ def _unloaded(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> st
 
 
 def _unstable(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
-    """Return in words a state that grows by the derivatives at rest while disabled; "" if there is none.
+    """Return a message about a state that grows while disabled, by the derivatives; "" if there is none.
 
-    It grows where the actuator starts and at the equilibrium next to it, which Newton's steps approach.
+    It grows both at the start and at the nearest equilibrium, which Newton's method approaches.
     """
     if not _grows(names, _jacobian(x, rates)):
         return ""
@@ -312,54 +315,55 @@ def _unstable(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> st
     for _ in range(_NEWTON):
         jacobian, residual = _jacobian(x, rates), rates(x)
         if not np.isfinite(jacobian).all():
-            return ""  # the simulation says where
+            return ""  # the simulation names the value
         x = x - scale * np.linalg.lstsq(jacobian * scale / scale[:, np.newaxis], residual / scale, rcond=_SINGULAR)[0]
     return _grows(names, _jacobian(x, rates))
 
 
 def _jacobian(x: Array, rates: Callable[..., Array]) -> Array:
-    """Return the derivatives of `rates` by the states `x`, without rounding."""
+    """Return the derivatives of `rates` with respect to the states `x`; those within rounding are 0."""
     differences, before = np.diag(_DIFFERENCE * (1.0 + np.abs(x))), rates(x)[:, np.newaxis]
     after = np.stack([rates(x + difference) for difference in differences], axis=1)
-    with np.errstate(invalid="ignore"):  # where they are not finite
+    with np.errstate(invalid="ignore"):  # rates may be infinite
         changes: Array = after - before
     changes[np.abs(changes) <= _ROUNDING * (np.abs(after) + np.abs(before))] = 0.0
     return changes / np.diag(differences)
 
 
 def _grows(names: Sequence[str], jacobian: Array) -> str:
-    """Return in words a state that grows by the derivatives; "" if there is none, or they are not finite."""
+    """Return a message about a state that grows by the `jacobian`; "" if there is none, or if it is not finite."""
     if not np.isfinite(jacobian).all():
-        return ""  # the simulation says where
-    for name, own in zip(names, np.diag(jacobian), strict=True):
-        if own > 0.0:
-            return f"d({name})/dt rises with {name}, by {own:.3g} 1/s: it drives itself"
+        return ""  # the simulation names the value
+    for name, rise in zip(names, np.diag(jacobian), strict=True):
+        if rise > 0.0:
+            return f"d({name})/dt rises with {name}, by {rise:.3g} 1/s: it drives itself"
     growth, modes = np.linalg.eig(jacobian)
     fastest = int(np.argmax(growth.real))
     if growth[fastest].real <= _GROWTH:
         return ""
     most = names[int(np.argmax(np.abs(modes[:, fastest])))]
-    return f"the states grow without bound while disabled, e-fold in {1.0 / growth[fastest].real:.3g} s, most {most}"
+    return (f"the states grow without bound while disabled, by a factor of e in {1.0 / growth[fastest].real:.3g} s, "
+            f"{most} most of all")
 
 
-def _moved(values: Mapping[str, Any], inputs: Mapping[str, float], run: Callable[..., Tables], *commands: float
+def _responses(values: Mapping[str, Any], inputs: Mapping[str, float], run: Callable[..., Tables], *commands: float
            ) -> Mapping[str, Array]:
-    """Return how the fin moves under each of two commands [rad], from rest and without load."""
-    under = {**inputs, fin_port.COMMAND.name: np.array([commands]).T}
-    return run([values, values], under, _STEP).columns
+    """Return the outputs [commands, points] under two commands [rad], from rest and without load."""
+    commanded = {**inputs, fin_port.COMMAND.name: np.array([commands]).T}
+    return run([values, values], commanded, _STEP).columns
 
 
-def _differ(moved: Mapping[str, Array]) -> bool:
-    """Return whether the fin moves in two ways."""
-    one, other = moved["fin_angle"]
+def _differ(responses: Mapping[str, Array]) -> bool:
+    """Return whether the fin angles of two responses differ."""
+    one, other = responses["fin_angle"]
     return not np.array_equal(one, other, equal_nan=True)
 
 
 def _moves_away(values: Mapping[str, Any], inputs: Mapping[str, float], points: int, run: Run) -> str:
-    """Return in words that a fin that is released beside its centre does not stay near it; "" if it does."""
+    """Return a message if a fin that is released off centre does not stay near the centre; otherwise ""."""
     off = _off(values)
     for enable, drive in ((0.0, "disabled"), (1.0, "enabled")):
-        apart = _apart(_released(values, inputs, points, run, enable=enable))
-        if (farthest := float(np.max(apart, initial=0.0))) > _AWAY * off:
+        half = _half_distance(_released(values, inputs, points, run, enable=enable))
+        if (farthest := float(np.max(half, initial=0.0))) > _AWAY * off:
             return f"fin_angle grows from {degrees(off):.2g} to {degrees(farthest):.2g} deg while {drive}"
     return ""

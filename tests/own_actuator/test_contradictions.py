@@ -23,14 +23,14 @@ _MEASURED = '"measured_fin_angle": {}, "motor_current": x'
 
 @pytest.mark.parametrize(("before", "after", "says"), [
     ("ops.clip(u.reference, -u.supply, u.supply)", "0.1 * u.supply", "no motion depends on the reference of sample()"),
-    (_LIMITED, "1.0", "saturated is true all the time, though fin_angle is commanded to stay"),
-    (_LIMITED, "0.0", "returns limited = 0 where the reference 39 follows the command no further"),
-    (_LIMITED, "demand", "returns limited = -251.551 where the reference -39 follows"),
+    (_LIMITED, "1.0", "saturated is always true, though fin_angle is commanded to stay"),
+    (_LIMITED, "0.0", "returns limited = 0, but the reference is limited to 39; return limited"),
+    (_LIMITED, "demand", "returns limited = -251.551, but the reference is limited to -39"),
     ('"motor_current": x', _MEASURED.format("-u.measured_fin_angle"), "measured_fin_angle is -19.13 deg where fin_an"),
     ('"motor_current": x', _MEASURED.format("57.3 * u.measured_fin_angle"), "measured_fin_angle is 1096 deg where f"),
-    (_POWER, _POWER.replace("voltage", "-voltage"), "returns a supply_power that adds up to -0.218 J in 0.049 s, in "),
-    (_POWER, _POWER.replace("voltage", "0.5 * voltage"), "adds up to 0.109 J in 0.049 s, in which the motor gets 0.21"),
-    (_POWER, '"supply_power": 0.0 * x.current', "adds up to 0 J in 0.007 s, in which the fin moves with 0.0102 J"),
+    (_POWER, _POWER.replace("voltage", "-voltage"), "a supply_power whose energy is -0.218 J after 0.049 s, but the "),
+    (_POWER, _POWER.replace("voltage", "0.5 * voltage"), "is 0.109 J after 0.049 s, but the motor consumes 0.21"),
+    (_POWER, '"supply_power": 0.0 * x.current', "is 0 J after 0.007 s, but the fin's motion has 0.0102 J"),
     (_POWER, f"{_POWER} - 1e-9", "returns supply_power = -1e-09 W at rest while disabled"),
     (_POWER, f"{_POWER} + 3.0", ""),
 ])
@@ -44,7 +44,7 @@ def test_a_command_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixtu
     """It is named beside the fin that therefore leaves its angle."""
     path = changed(tmp_path, ("em.fin_port.clipped_command(ops, p, inputs.command)", "0.0"))
     simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
-    assert f"{path}, line 44: sample() returns the same for every inputs.command; use it there" in caplog.messages
+    assert f"{path}, line 44: sample() returns the same for every inputs.command; use this input" in caplog.messages
 
 
 def test_a_spring_that_drives(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -60,7 +60,7 @@ def test_a_line_that_is_fed(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
     path, text = tmp_path / "mine.py", (FOLDER / "hot_gas.py").read_text(encoding="utf-8")
     path.write_text(text.replace("drawn = p.gas", "drawn = -p.gas"), encoding="utf-8")
     simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
-    assert [message for message in caplog.messages if "returns a supply_power that adds up to -" in message]
+    assert [message for message in caplog.messages if "returns a supply_power whose energy is -" in message]
 
 
 def test_an_encoder_on_the_motor(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -157,9 +157,9 @@ def test_what_is_not_finite_elsewhere(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("before", "after", "says"), [
-    (_SPRING, _SPRING.replace("-", "+"), "the states grow without bound while disabled, e-fold in 1.61 s"),
+    (_SPRING, _SPRING.replace("-", "+"), "the states grow without bound while disabled, by a factor of e in 1.61 s"),
     ("p.motor.torque_constant * x.current + load", "-p.motor.torque_constant * x.current + load",
-     "the states grow without bound while disabled, e-fold in 0.00262 s"),
+     "the states grow without bound while disabled, by a factor of e in 0.00262 s"),
     (_DAMPING, _DAMPING.replace("-", "+"), "d(fin_rate)/dt rises with fin_rate, by 3.33 1/s: it drives itself"),
     ('"reference": ops.where(inputs.enable, voltage', '"reference": ops.where(inputs.enable, -voltage',
      "fin_angle grows from 0.5 to 25 deg while enabled"),
@@ -275,9 +275,9 @@ def test_a_supply_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixtur
 
 
 @pytest.mark.parametrize(("output", "says"), [
-    ('"fin_angle": 57.3 * x.fin_angle', "fin_angle = 0.573 where it is 0.01; leave it out: the fin port has it"),
-    ('"fin_rate": -x.fin_rate', "fin_rate = -0.01 where it is 0.01"),
-    ('"tracking_error": x.fin_angle - u.command', "tracking_error = 0.01 where it is -0.01"),
+    ('"fin_angle": 57.3 * x.fin_angle', "fin_angle = 0.573 instead of 0.01; leave it out: the fin port has it"),
+    ('"fin_rate": -x.fin_rate', "fin_rate = -0.01 instead of 0.01"),
+    ('"tracking_error": x.fin_angle - u.command', "tracking_error = 0.01 instead of -0.01"),
     ('"fin_angle": x.fin_angle, "tracking_error": em.fin_port.clipped_command(ops, p, u.command) - x.fin_angle', ""),
 ])
 def test_outputs_that_contradict_the_port(tmp_path: Path, output: str, says: str) -> None:
