@@ -59,7 +59,7 @@ def pytest_configure(config: pytest.Config) -> None:
         return called
 
     if "not slow" in config.option.markexpr:
-        library._described, library._compile = by_model(library._described), by_model(library._compile)
+        library._digest, library._compile = by_model(library._digest), by_model(library._compile)
 
 
 def leave_unoptimised(patch: pytest.MonkeyPatch) -> None:

@@ -18,18 +18,18 @@ from .codegen import MOTION
 from .compiled import REASONS, Array, address, by_schedule, doubles, longest_line, prepare, refusal
 from .library import WORTH_VECTORS, loaded, vectors
 
-STEPS = 100_000  # expected of a batch: 100 s in steps of 1 ms
+STEPS = 100_000  # expected number of steps of a batch: 100 s in steps of 1 ms
 _CACHE_LINE = 64  # bytes, also of the longest vectors
-_CHUNK = 4096  # actuators that are prepared at a time
-_PIECES = 50  # of a step, between which progress is reported
+_CHUNK = 4096  # number of actuators that are prepared at a time
+_PIECES = 50  # number of parts of a step, after each of which progress is reported
 
-# Advances groups of a batch, from the first to before the last: to an end [s], with inputs (columns, strides, number of
-# the motion) and outputs (address, stride, results). Returns how many actuators did not get there.
+# A function that advances groups `first` to `last` - 1 of a batch to an end [s], with inputs (columns, strides, number
+# of the motion) and outputs (address, stride, results). It returns the number of actuators that did not reach the end.
 _Move = Callable[..., int]
 
 
 class _Groups(ct.Structure):
-    """batch in many.h."""
+    """The struct batch of many.h."""
 
     _fields_ = (("count", ct.c_size_t), ("order", ct.c_void_p), ("common", ct.c_void_p), ("indices_count", ct.c_size_t),
                 ("indices", ct.c_void_p), ("varying", ct.c_void_p), ("groups", ct.c_void_p),
@@ -39,30 +39,30 @@ class _Groups(ct.Structure):
 class Batch:
     """Many actuators side by side, at rest at their start, each with its parameters; their inputs are 0 at first.
 
-    `parameters` is an array in the model's order, SI (:func:`emcas_fmu.runtime.compiled.parameter_row`), of shape
-    [count, parameters], or [1, parameters] for `count` equal actuators. `threads` share the work of a step. `lanes`
-    (1, 4 or 8; by default as many as the processor's vectors hold) is the number of actuators that are moved at once;
-    the results are the same. Raises ParameterError naming an actuator with unsound parameters, CompilerError if there
-    is no compiled kernel, ValueError for wrong shapes.
+    `parameters` is an array [count, parameters], or [1, parameters] for `count` equal actuators, with rows of
+    :func:`emcas_fmu.runtime.compiled.parameter_row`. `threads` is the number of threads that share a step. `lanes` (1,
+    4 or 8; by default as many as the processor's vectors hold) is the number of actuators that are advanced at once; it
+    does not change the results. Raises ParameterError naming an actuator with unsound parameters, CompilerError if
+    there is no compiled kernel, ValueError for a wrong shape, `count` or `lanes`.
     """
 
     def __init__(self, parameters: Array, count: int, model: str = NONLINEAR, threads: int = 1,
                  progress: Progress = silent, lanes: int | None = None) -> None:
         if count < 1:
-            raise ValueError("a batch has at least one actuator")
+            raise ValueError(f"a batch of {count} actuators: at least one is necessary")
         actuator = get(model)
         self.count, self._model = count, model
         self._parameters: Array = np.ascontiguousarray(parameters, dtype=np.float64)
         if self._parameters.shape not in ((count, len(actuator.parameters)), (1, len(actuator.parameters))):
             raise ValueError(f"parameters have shape {self._parameters.shape}, not ({count}, "
-                             f"{len(actuator.parameters)})")
+                             f"{len(actuator.parameters)}) or (1, {len(actuator.parameters)})")
         self._threads = threads
         self._pools: dict[int, ThreadPoolExecutor] = {}  # by process
-        # Columns whose starts are a multiple of a page apart would compete for the same lines of the cache.
+        # Columns that begin at multiples of a page would compete for the same lines of the cache.
         stride = -(-count // 8) * 8 + 8
         self._table = np.zeros((len(actuator.outputs), stride))
         self.outputs: Array = self._table[:, :count]
-        """Outputs at the time that was reached [outputs, count], in the interface's order, SI."""
+        """Outputs [outputs, count] at the end of the last step, in the interface's order and in SI."""
         self._results = np.zeros(count, dtype=np.intc)
         self._out = address(self._table), stride, address(self._results)
         self._motion = range(len(actuator.inputs))[MOTION]
@@ -74,7 +74,7 @@ class Batch:
         self._groups, self._move = self._prepared(many or loaded(model), progress)
 
     def _prepared(self, library: ct.CDLL, progress: Progress) -> tuple[int, _Move]:
-        """Return the number of groups and what advances them."""
+        """Return the number of groups and the function that advances them."""
         lanes, sets = library.batch_lanes(), self._parameters
         groups = -(-self.count // lanes)
         common = prepare(library, sets[:1]).values[0]
@@ -92,7 +92,7 @@ class Batch:
         same = bool((all_schedules == all_schedules[0]).all())
         order = np.arange(self.count, dtype=np.uintp) if same else by_schedule(all_schedules)
         order = np.concatenate([order, np.full(groups * lanes - self.count, order[-1])])
-        # A single actuator reads its values where they are stored, if they are all there.
+        # With one lane all values are stored if any of them varies, so that they need no copy.
         indices = np.flatnonzero(varies & reads if lanes > 1 else varies | varies.any()).astype(np.uintp)
         varying = _aligned(groups * lanes * len(indices) * 8).view(np.float64).reshape(groups, len(indices), lanes)
         for chunk in _chunks(groups, _CHUNK // lanes) if len(indices) else ():
@@ -103,7 +103,7 @@ class Batch:
         size = library.batch_group_size(longest_line(all_schedules))
         size = -(-size // _CACHE_LINE) * _CACHE_LINE
         memory = _aligned(size * groups)
-        self._kept = order, common, indices, varying, memory  # the library has their addresses
+        self._arrays = order, common, indices, varying, memory  # not freed, since the library has their addresses
         batch = _Groups(self.count, address(order), address(common), len(indices), address(indices), address(varying),
                         address(memory), size, same, same)
         library.batch_start(ct.byref(batch), 0, groups)
@@ -115,15 +115,15 @@ class Batch:
         return groups, move
 
     def _refuse(self, index: int) -> NoReturn:
-        """Raise ParameterError for the parameters of an actuator."""
+        """Raise ParameterError with the problems of an actuator's parameters."""
         row = self._parameters[min(index, len(self._parameters) - 1)]
         raise ParameterError([f"actuator {index}: {problem}" for problem in refusal(row, self._model)])
 
     def hold(self, index: int, value: float | Array) -> None:
         """Set an input, by its index in the interface, SI: a number for all, or an array [count], which is not copied.
 
-        It is held until it is set again. An array that repeats one value in memory counts as a number. The caller has
-        checked that the values are finite and the shape is right.
+        It is held until it is set again. An array that repeats one value in memory is copied as a number. The caller
+        must have checked that the values are finite and the shape is right.
         """
         column = doubles(value)
         stride = 0 if not column.shape else 1 if self.count == 1 else column.strides[0] // column.itemsize
@@ -142,10 +142,10 @@ class Batch:
         """Advance every actuator to `end` [s] from the start with its inputs held; return :attr:`outputs`.
 
         Raises ValueError for an end that is not finite, ArithmeticError naming the actuators whose equations cannot be
-        followed; these do not move.
+        computed; these do not move.
         """
         if not isfinite(end):
-            raise ValueError(f"the time to move on to is {end} s")
+            raise ValueError(f"the end of the step, {end} s, is not finite")
         if self._move_all(end, progress):
             failed = np.flatnonzero(self._results)
             listed = ", ".join(map(str, failed[:10])) + (", ..." if len(failed) > 10 else "")
@@ -160,7 +160,7 @@ class Batch:
         return self._pools[process]
 
     def _move_all(self, end: float, progress: Progress) -> int:
-        """Advance all actuators with the available threads; return how many did not get there."""
+        """Advance all actuators with the available threads; return the number of those that did not reach the end."""
         arguments = (self._addresses, self._strides, self._motions, *self._out)
         if progress is silent and self._threads <= 1:
             return self._move(0, self._groups, end, *arguments)
@@ -184,7 +184,7 @@ def _chunks(count: int, size: int) -> list[slice]:
 
 
 def _aligned(size: int) -> Array:
-    """Return memory of `size` bytes that begins at a line of the cache."""
+    """Return an array of `size` bytes that begins at a line of the cache."""
     memory = np.empty(size + _CACHE_LINE, dtype=np.uint8)
     begin = -address(memory) % _CACHE_LINE
     return memory[begin:begin + size]

@@ -1,4 +1,4 @@
-"""C sources of an actuator: the files written by hand, beside this one, and the generated headers."""
+"""C sources of an actuator: the handwritten files in this folder, and the generated headers."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from ..trace.vector_source import vector_elementary, vector_source
 from . import codegen, core
 from .schedule import Schedule
 
-MOST_NUMBERS = 12  # in a rule's message: as many as instance.h passes to printf
+MOST_NUMBERS = 12  # numbers in a rule's message: as many as instance.h passes to printf
 
-# gcc does not know the pragma, and does not contract with -std=c11; the flag -ffp-contract=off tells every compiler.
+# gcc does not know the pragma, but does not contract with -std=c11; -ffp-contract=off does the same for all compilers.
 _NO_CONTRACTION = "#if !defined __GNUC__ || defined __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif\n"
 
 
 def handwritten(name: str, package: str = "emcas_fmu.runtime") -> str:
-    """Return a source written by hand."""
+    """Return the text of a handwritten source."""
     return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def header(name: str, content: str, body: str) -> str:
-    """Return NAME.h with a note of its content around `body`."""
+    """Return the text of NAME.h: an include guard around `body`, and a comment with its `content`."""
     guard = f"EMCAS_{name.upper()}_H"
     return f"/* {content}; generated, do not edit. */\n#ifndef {guard}\n#define {guard}\n\n{body}\n#endif\n"
 
@@ -51,12 +51,12 @@ def elementary_header() -> str:
 
 
 def batch_sources(model: str = NONLINEAR) -> dict[str, str]:
-    """Return the sources of an actuator's library for Python, the main file first."""
+    """Return the sources of an actuator's library for Python by file name, the file to compile first."""
     return {**{name: handwritten(name) for name in ("batch.c", "many.h", "tables.h")}, **core_sources(model=model)}
 
 
 def vector_sources(model: str = NONLINEAR) -> dict[str, str]:
-    """Return the sources of an actuator's library of vectors, the main file first."""
+    """Return the sources of an actuator's library of vectors by file name, the file to compile first."""
     equations = f"{vector_elementary(elementary.traced())}\n{vector_source(codegen.traced(False, model), 'vector')}"
     return {**{name: handwritten(name) for name in ("vectors.c", "vector.h", "many.h", "tables.h")},
             "vector_kernel.h": header("vector_kernel", "The actuator's equations for many at once",
@@ -70,53 +70,54 @@ def enumerator(name: str) -> str:
 
 
 def model_header(actuator: Actuator) -> str:
-    """Return model.h: sizes, limits and the indices of the inputs."""
+    """Return model.h: sizes, limits, the indices of the inputs, and macros for the arguments of the equations."""
     def listed(array: str, count: int, first: int = 0) -> str:
         # Follows other arguments; may be empty.
         return "".join(f", {array}[{i}]" for i in range(first, first + count))
 
-    plant, kept, motion, loads, acting = codegen.sizes(actuator)
-    held, further = len(actuator.sampled_states), actuator.further_inputs
+    plant, controller, motion, loads, acting = codegen.sizes(actuator)
+    sampled, further = len(actuator.sampled_states), actuator.further_inputs
     inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(actuator.inputs))
     names = [v.name for v in actuator.inputs]
     supply = names.index(actuator.supply.input.name) if actuator.supply else -1
-    charged = actuator.supply is not None and actuator.supply.course is not None
-    stores = "#define MODEL_CHARGED /* the fins store charge */\n" if charged else ""
+    stores_charge = actuator.supply is not None and actuator.supply.course is not None
+    charged = "#define MODEL_CHARGED /* the fins store charge */\n" if stores_charge else ""
     power, line = codegen.power_index(actuator), actuator.supply.line if actuator.supply else None
     line_parameters, line_states = (len(line.parameters), len(line.states)) if line else (0, 0)
-    states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
+    states, controller_states, sampled_states = (", ".join(s.name for s in group) or "none" for group in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
     return header(
         "model", "Sizes, limits and the order of the inputs", "enum {\n"
         f"    CORE_LINE = {LONGEST_DELAY + 2 + bus.LONGEST},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
         f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
         f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
-        f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
-        f"    CORE_SAMPLED = {kept + 2 + held},\n    CORE_LOADS = {loads},\n    CORE_MOTION_LOADS = {loads - 1},\n"
+        f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {controller},\n"
+        f"    CORE_SAMPLED = {controller + 2 + sampled},\n"
+        f"    CORE_LOADS = {loads},\n    CORE_MOTION_LOADS = {loads - 1},\n"
         f"    MODEL_MOTION = {motion}\n}};\n\n"
         f"#define CORE_ENDLESS {c_text(core.TOO_MANY_EVENTS)}\n"
-        "/* Inputs beyond the fin port's, and how many of them, the first ones, act on the plant. */\n"
+        "/* Numbers of inputs beyond the fin port's, and of those that act on the plant, which come first. */\n"
         f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
         "/* Index of the supply among the inputs, and of its power among the outputs; -1 if there is none. */\n"
         f"#define MODEL_SUPPLY ({supply})\n#define MODEL_SUPPLY_POWER ({-1 if power is None else power})\n"
-        "/* The line that feeds several fins: its parameters and states, whether the first of these is a sag. */\n"
+        "/* The line that feeds several fins: its parameters and states, and whether the first state is a sag. */\n"
         f"#define MODEL_LINE_PARAMETERS {line_parameters}\n"
         f"#define MODEL_LINE_OF(line) {listed('(line)', line_parameters)}\n"
         f"#define MODEL_LINE_STATES {max(line_states, 1)}\n"
         f"#define MODEL_LINE_STATES_OF(states) {listed('(states)', line_states)}\n"
         f"#define MODEL_LINE_SAGS {int(line is not None and line.sags)}\n"
-        f"{stores}/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
-        f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"
+        f"{charged}/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
+        f"/* {controller_states} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', controller)}\n"
         "/* measured fin angle, whether a limit was met */\n"
-        f"#define CORE_SHOWN_OF(state) {listed('(state)->sampled', 2, kept)[2:]}\n"
-        f"/* {sampled} */\n#define CORE_HELD_OF(state) {listed('(state)->sampled', held, kept + 2)}\n"
+        f"#define CORE_SHOWN_OF(state) {listed('(state)->sampled', 2, controller)[2:]}\n"
+        f"/* {sampled_states} */\n#define CORE_HELD_OF(state) {listed('(state)->sampled', sampled, controller + 2)}\n"
         f"/* {', '.join(v.name for v in fin_port.MOTION)} */\n"
         f"#define MODEL_MOTION_OF(motion) {listed('(motion)', motion)[2:]}\n"
         f"/* {', '.join(LOADS)} */\n#define CORE_LOADS_OF(inputs) {listed('(inputs)->loads', loads)}\n"
         f"#define CORE_FURTHER_OF(inputs) {listed('(inputs)->further', len(further))}\n"
         f"#define CORE_ACTING_OF(inputs) {listed('(inputs)->further', acting)}\n\n"
         f"#define CORE_SCHEDULE {', '.join(Schedule._fields)}\n"
-        "/* Ticks from zero to the latest start. */\n"
+        "/* Number of ticks from zero to the latest start. */\n"
         f"#define CORE_LATEST {c_number(core.LATEST)}\n\n"
         f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n")
 
@@ -131,16 +132,16 @@ def _rule_rows(some: Sequence[rules.Rule], tracer: Tracer, prefix: str, worded: 
     rows = []
     for i, (rule, function) in enumerate(zip(some, tracer.functions, strict=True)):
         if len(function.results) - 1 > MOST_NUMBERS:
-            raise ValueError(f"instance.h prints {MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
+            raise ValueError(f"the message of a rule has more than {MOST_NUMBERS} numbers: {rule.message!r}")
         message = c_text(worded(rule.message))
         rows.append(f"    {{{prefix}_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {message}}}")
     return ",\n".join(rows)
 
 
 def rules_header(model: str, worded: Callable[[str], str] = str, several: bool = False) -> str:
-    """Return rules.h: limits of single parameters, and rules for sets of them, their messages changed by `worded`.
+    """Return rules.h: limits of parameters, and rules for their combinations, with messages changed by `worded`.
 
-    With those of the line of `several` fins.
+    For `several` fins it also has the rules of their line.
     """
     actuator, tracer = get(model), codegen.traced_rules(model)
     of_line = actuator.supply.line.rules if several and actuator.supply else ()
@@ -160,9 +161,9 @@ def rules_header(model: str, worded: Callable[[str], str] = str, several: bool =
 
 
 def core_sources(several: bool = False, model: str = NONLINEAR, worded: Callable[[str], str] = str) -> dict[str, str]:
-    """Return the headers of an actuator, or of each of `several` fins: file name to text.
+    """Return the headers of an actuator, or of each of `several` fins, by file name.
 
-    `worded` changes the parameters' names in messages to those that a user sees.
+    `worded` changes the parameters' names in messages to the names that a user sees.
     """
     return {"elementary.h": elementary_header(), "kernel.h": kernel_header(several, model),
             "model.h": model_header(get(model)), "rules.h": rules_header(model, worded, several),

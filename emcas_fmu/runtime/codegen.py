@@ -1,4 +1,4 @@
-"""An actuator as a program: its functions (:mod:`emcas_fmu.actuators`) and its schedule, traced for Python or C."""
+"""The program of an actuator: its functions (:mod:`emcas_fmu.actuators`) and its schedule, traced for Python or C."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
 def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
     """Return the functions of the line that several fins share."""
     line, names = supply.line, [v.name for v in supply.line.parameters]
-    plant, charged = tuple(s.name for s in actuator.states), supply.course
+    plant, supply_course = tuple(s.name for s in actuator.states), supply.course
     states, count = [f"line_{name}" for name in line.states], len(names)
     parameters = tuple(map(positional.identifier, names))
 
@@ -64,8 +64,8 @@ def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
         return line.following(ops, of_line(arguments[:count]), source, state, current, mean, inverse_inductance)
 
     def course(ops: Ops, p: Any, interval: Value, current: Value, before: Value, *states: Value) -> tuple[Value, ...]:
-        assert charged is not None
-        return charged(ops, p, Record(**dict(zip(plant, states, strict=True))), current, before, interval)
+        assert supply_course is not None
+        return supply_course(ops, p, Record(**dict(zip(plant, states, strict=True))), current, before, interval)
 
     return (
         ("line_level", ("source", *states), lambda ops, p, source, *state: (line.level(ops, source, *state),)),
@@ -74,14 +74,14 @@ def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
         ("line_start", parameters, lambda ops, p, *values: line.start(ops, of_line(values))),
         ("inverse_inductance", ("interval",),
          lambda ops, p, interval: (supply.within(ops, p, interval),)),
-        *((("line_course", ("interval", "current", "before", *plant), course),) if charged else ()))
+        *((("line_course", ("interval", "current", "before", *plant), course),) if supply_course else ()))
 
 
 def traced_functions(model: str, functions: Collection[Traced]) -> Tracer:
     """Return functions of an actuator, traced over its parameters in their order.
 
-    Those in a user's file are traced twice. Raises EmcasError naming file and line if they cannot be traced, or if the
-    results differ.
+    Functions in a user's file are traced twice. Raises EmcasError naming file and line if they cannot be traced, or if
+    the results differ.
     """
     actuator = get(model)
     tracer = _filled(Tracer(), actuator, functions)
@@ -92,7 +92,7 @@ def traced_functions(model: str, functions: Collection[Traced]) -> Tracer:
 
 
 def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[Traced]) -> _Kind:
-    """Return a tracer after it has traced functions."""
+    """Trace functions of an actuator by a tracer, and return the tracer."""
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
     for name, arguments, function in functions:
         try:
@@ -105,7 +105,7 @@ def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[Traced]) -> _
     return tracer
 
 
-@lru_cache(maxsize=4)  # several printers use one actuator in turn; traces of all would be millions of objects
+@lru_cache(maxsize=4)  # several printers use one actuator in turn; the traces of all would be millions of objects
 def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
     """Return the traced functions of an actuator, or of `several` fins."""
     return traced_functions(model, functions(get(model), several))
@@ -120,7 +120,8 @@ def traced_rules(model: str = NONLINEAR) -> Tracer:
 
 @cache
 def traced_line_rules(model: str = NONLINEAR) -> Tracer:
-    """Return the same of the line that several fins share, over the line's parameters; no functions without rules."""
+    """Return the traced checks of the rules of the line that several fins share, over its parameters, if it has rules.
+    """
     supply, tracer = get(model).supply, Tracer()
     if supply is not None:
         p = namespace({v.name: tracer.parameter(v.name) for v in supply.line.parameters})
@@ -132,7 +133,7 @@ def traced_line_rules(model: str = NONLINEAR) -> Tracer:
 def used(model: str) -> dict[str, frozenset[str]]:
     """Return the parameters and arguments on which the results of each function of an actuator depend, by its name.
 
-    Rules, faults of its kind, and the 1/L of its supply are among the functions.
+    Rules, the faults of its kind, and 1/L and charge of its supply are among the functions.
     """
     actuator = get(model)
 
@@ -173,14 +174,14 @@ def initial_values(model: str) -> Mapping[str, Known]:
     actuator = get(model)
     tracer = traced(False, model)
     initial = dependencies(tracer, "initial", (), of_parameters(tracer, _known(actuator.parameters)))
-    plant, kept = len(actuator.states), len(actuator.controller_states)
-    # A core (core.py) starts without a reference on its way and without an active limit.
-    measured, *held = initial[plant + kept:]
-    return _outputs(model, [*initial[:plant], ZERO, ZERO, measured, ZERO, *held])
+    plant, controller = len(actuator.states), len(actuator.controller_states)
+    # A core (core.py) starts with references of 0 and without an active limit.
+    measured, *sampled = initial[plant + controller:]
+    return _outputs(model, [*initial[:plant], ZERO, ZERO, measured, ZERO, *sampled])
 
 
 def line_started_by(model: str) -> frozenset[str]:
-    """Return the parameters of the line of several fins on which its initial states depend."""
+    """Return the parameters on which the initial states of the line of several fins depend."""
     actuator, tracer = get(model), traced(True, model)
     if actuator.supply is None:
         return frozenset()
@@ -210,12 +211,12 @@ def _known(variables: Iterable[Variable]) -> dict[str, Known]:
     return known
 
 
-@lru_cache(maxsize=4)  # of a unit's GUID and of its files; of each campaign over an actuator
+@lru_cache(maxsize=4)  # an FMU's GUID and its files need the same source, as do campaigns over one actuator
 def source(several: bool = False, model: str = NONLINEAR, spelt: Callable[[str], str] = str) -> str:
     """Return the Python source of a module with ``make(parameters)``.
 
-    `make` has one argument, a mapping of parameters whose names are `spelt`, and returns the functions bound to it, in
-    their order.
+    `make` has one argument, a mapping of parameters by their names as `spelt` returns them, and returns the functions
+    bound to it, in the order of :func:`functions`.
     """
     return python_source(traced(several, model),
                          "The actuator's equations as straight-line code; generated, do not edit.", spelt)
@@ -227,15 +228,15 @@ def bound(values: Mapping[str, Any], model: str = NONLINEAR, several: bool = Fal
 
 
 def core(values: Mapping[str, Any], model: str = NONLINEAR, bind: Callable[..., Functions] = bound) -> Core:
-    """Return a core of an actuator with these parameters, in Python; `bind` returns its functions, as `bound`."""
+    """Return a core of an actuator with these parameters, in Python; `bind` returns its functions as `bound` does."""
     return Core(bind(values, model), sizes(get(model)))
 
 
 def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: str = NONLINEAR,
               bind: Callable[..., Functions] = bound) -> MultiFin:
-    """Return the cores of several fins, a parameter mapping each, on one line with its parameters, in Python.
+    """Return the cores of several fins with these parameters, on one line with the parameters `line`, in Python.
 
-    `bind` returns the functions of a fin, as `bound`.
+    `bind` returns the functions of a fin as `bound` does.
     """
     actuator, each = get(model), [bind(values, model, True) for values in sets]
     return MultiFin(each, line, power_index(actuator), sizes(actuator))
@@ -247,7 +248,7 @@ def core_inputs(core: Core, row: Sequence[Any], actuator: Actuator) -> Inputs:
 
 
 def inputs_at_rest(command: float, aero_torque: float, supply: float, enable: bool = True, *further: float) -> Inputs:
-    """Return a core's inputs [rad, N.m, V] without motion loads: the vehicle is in free fall and does not rotate."""
+    """Return a core's inputs without motion loads; `command` in rad, `aero_torque` in N.m, `supply` in V or Pa."""
     return (command, aero_torque, *(0.0 for _ in MotionLoads._fields), supply, enable, *further)
 
 
@@ -264,7 +265,7 @@ def sizes(actuator: Actuator) -> Sizes:
 
 @cache
 def make(several: bool = False, model: str = NONLINEAR) -> Make:
-    """Return the compiled program's `make`."""
+    """Return the function `make` of the program in Python."""
     program: dict[str, Any] = {}
     exec(compile(source(several, model), "<emcas kernel>", "exec"), program)
     result: Make = program["make"]

@@ -20,25 +20,25 @@ from .schedule import Schedule
 
 REASONS = ("", "the state is no longer finite", core.TOO_MANY_EVENTS,
            f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
-"""Messages of core_result in core.h and, behind them, of the further reasons in tables.h."""
+"""Messages of the results in core_state.h (core_result), followed by those of the additional results in tables.h."""
 _REFUSED, _INPUT_NOT_FINITE, _ALONE = range(len(REASONS) - 2, len(REASONS) + 1)
 Array = NDArray[Any]
 
 
 class _InputColumn(ct.Structure):
-    """input_column of tables.h."""
+    """The struct input_column of tables.h."""
 
     _fields_ = (("first", ct.c_void_p), ("run", ct.c_ssize_t), ("row", ct.c_ssize_t))
 
 
 class _OutputColumn(ct.Structure):
-    """output_column of tables.h."""
+    """The struct output_column of tables.h."""
 
     _fields_ = (*_InputColumn._fields_, ("index", ct.c_size_t), ("every", ct.c_size_t))
 
 
 class _RunTables(ct.Structure):
-    """run_tables of tables.h."""
+    """The struct run_tables of tables.h."""
 
     _fields_ = (*((name, ct.c_size_t) for name in ("points", "held", "angle", "columns")), ("step", ct.c_double),
                 *((name, ct.c_void_p) for name in ("in", "out", "spring", "reached", "result")))
@@ -46,9 +46,10 @@ class _RunTables(ct.Structure):
 
 @dataclass(frozen=True)
 class Tables:
-    """Results of many runs: `columns` by output, arrays [runs, rows] with NaN in rows that a run did not reach.
+    """Results of many runs: `columns` by output, in SI, with NaN where a run did not get.
 
-    `reached` is the number of points of time that each run reached, the start included. `failures` maps the index of
+    A column is an array [runs, rows], or [runs, points of time] for an output in `fine` of :func:`run_tables`.
+    `reached` is the number of points of time that each run reached, including the start. `failures` maps the index of
     an incomplete run to the error that the run would raise alone.
     """
 
@@ -57,7 +58,7 @@ class Tables:
     failures: dict[int, ValueError | ArithmeticError]
 
     def finished(self) -> dict[str, Array]:
-        """Return the columns. Raises the error of the first run that is incomplete."""
+        """Return the columns. Raises the error of the first incomplete run, a ValueError or ArithmeticError."""
         for failure in self.failures.values():
             raise failure
         return self.columns
@@ -85,7 +86,7 @@ def parameter_row(values: Mapping[str, Any], model: str = NONLINEAR) -> Array:
 
 
 def refusal(row: Array, model: str) -> list[str]:
-    """Return the problems of parameters that the C side has refused, from an actuator's row of them."""
+    """Return the problems of a `row` of parameters that the library has refused."""
     values = dict(zip(_names(model)[0], row.tolist(), strict=True))
     return check_parameters(values, model) or [REASONS[_REFUSED]]
 
@@ -95,12 +96,12 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
                spring: Array | float = 0.0) -> Tables:
     """Return the outputs of many actuators at the rows of their inputs; each row is held until the next.
 
-    `parameters` is an array [runs, parameters] in their order (:func:`parameter_row`). `inputs` contains for each
-    input, in the interface's order, an array in SI that broadcasts to [runs, rows]; no input is copied. From one row to
-    the next a run makes `held` steps of `step` [s]. `outputs` are returned at the rows, those in `fine` at every step.
-    A run that fails does not affect the others. The stiffness of a `spring` [N.m/rad], a number or an array [runs],
-    times the fin angle at a row is subtracted from the row's hinge moment. Raises ValueError for shapes that do not
-    match, CompilerError if there is no compiled kernel.
+    `parameters` is an array [runs, parameters] with rows of :func:`parameter_row`, or [1, parameters] for all runs.
+    `inputs` contains for each input, in the interface's order, an array in SI that broadcasts to [runs, rows]; arrays
+    of doubles are not copied. From one row to the next a run makes `held` steps of `step` [s]. `outputs` are returned
+    at the rows, those in `fine` at every step. A run that fails does not affect the others. The stiffness of a `spring`
+    [N.m/rad], a number or an array [runs], times the fin angle at a row is subtracted from the row's hinge moment.
+    Raises ValueError for shapes that do not match, CompilerError if there is no compiled kernel.
     """
     actuator = get(model)
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
@@ -120,7 +121,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     results[np.broadcast_to(prepared.refused, count)] = _REFUSED
     order = by_schedule(prepared.schedules) if len(sets) > 1 else np.arange(count, dtype=np.uintp)
     for library in (vectors(model, milliseconds(count * points, step)) if count > 1 else None, one):
-        runs = order[results[order] == _ALONE]  # of vectors, those that leave the others remain
+        runs = order[results[order] == _ALONE]  # after the vectors: runs that did not stay with the others
         if library is not None and len(runs):
             library.batch_simulate(len(runs), address(runs), address(prepared.values),
                                    prepared.values.shape[1] if len(sets) > 1 else 0, ct.byref(tables))
@@ -130,7 +131,8 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
 
 
 def table_shape(parameters: Array, inputs: Sequence[Array], model: str, held: int) -> tuple[int, int, int]:
-    """Return the numbers of runs, of rows and of points of time of :func:`run_tables`. Raises the same ValueError."""
+    """Return the numbers of runs, rows and points of time of :func:`run_tables`. Raises ValueError for its arguments.
+    """
     actuator = get(model)
     if parameters.ndim != 2 or parameters.shape[1] != len(actuator.parameters):
         raise ValueError(f"parameters have shape {parameters.shape}, not (runs, {len(actuator.parameters)})")
@@ -141,10 +143,11 @@ def table_shape(parameters: Array, inputs: Sequence[Array], model: str, held: in
 
 
 class Prepared(NamedTuple):
-    """Parameters of many actuators with the constants computed from them, `values` [actuators, values].
+    """Many actuators in the form that the library needs.
 
-    `schedules` [actuators, numbers of a :class:`emcas_fmu.runtime.schedule.Schedule`] are their sample periods;
-    `refused` [actuators] marks those whose parameters break a limit or rule.
+    `values` [actuators, values] are their parameters and the constants computed from these, `schedules` [actuators,
+    numbers of a :class:`emcas_fmu.runtime.schedule.Schedule`] their sample periods; `refused` [actuators] is true for
+    actuators whose parameters break a limit or rule.
     """
 
     values: Array
@@ -163,7 +166,8 @@ def prepare(library: ct.CDLL, parameters: Array) -> Prepared:
 
 
 def by_schedule(schedules: Array) -> Array:
-    """Return an order in which actuators with the same numbers of ticks and of delayed samples are neighbours."""
+    """Return indices in an order where actuators with the same numbers of ticks and of delayed samples are neighbours.
+    """
     plan = Schedule(*schedules.T)
     return np.lexsort((plan.late_commands, plan.delay_samples, plan.after, plan.before)).astype(np.uintp)
 
@@ -180,15 +184,15 @@ def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int,
     if result == _REFUSED:
         return ParameterError(refusal(parameters, model))
     if result == _INPUT_NOT_FINITE:
-        now = [column[min(run, len(column) - 1)] if column.ndim == 2 else column for column in inputs]
-        at = [float(column[min(reached // held, len(column) - 1)] if column.ndim else column) for column in now]
-        name, value = next((v.name, x) for v, x in zip(get(model).inputs, at, strict=True) if not isfinite(x))
+        columns = [column[min(run, len(column) - 1)] if column.ndim == 2 else column for column in inputs]
+        row = [float(column[min(reached // held, len(column) - 1)] if column.ndim else column) for column in columns]
+        name, value = next((v.name, x) for v, x in zip(get(model).inputs, row, strict=True) if not isfinite(x))
         return ValueError(f"input {name} is {value} at {reached * step:.6g} s")
     return ArithmeticError(f"at {reached * step:.6g} s: {REASONS[result]}")
 
 
 def doubles(values: Any) -> Array:
-    """Return values as an array of doubles whose strides are whole doubles; not copied if they already are one."""
+    """Return values as an array of doubles whose strides are whole doubles; such an array is not copied."""
     array: Array = np.asarray(values, dtype=np.float64)
     flags = array.flags
     if not (flags.aligned and (flags.c_contiguous or not any(stride % array.itemsize for stride in array.strides))):
@@ -197,18 +201,18 @@ def doubles(values: Any) -> Array:
 
 
 def all_finite(array: Array) -> bool:
-    """Return whether every value is finite; for some thousand values twice as fast as ``isfinite(...).all()``."""
+    """Return whether every value is finite; for some thousands of values twice as fast as ``isfinite(...).all()``."""
     return bool(np.count_nonzero(np.isfinite(array)) == array.size)
 
 
 def address(array: Array) -> int:
     """Return the address of an array's first value."""
-    at: int = array.__array_interface__["data"][0]
-    return at
+    result: int = array.__array_interface__["data"][0]
+    return result
 
 
 def _layout(column: Array) -> tuple[int, int, int]:
-    """Return the address of the first value and the strides [doubles] of runs and rows, 0 where constant."""
+    """Return the address of the first value and the strides [doubles] of runs and rows, 0 for a constant."""
     strides = [0 if n == 1 else stride // column.itemsize
                for n, stride in zip(column.shape, column.strides, strict=True)]
     run, row = [0, 0, *strides][-2:]

@@ -21,15 +21,15 @@ from ..errors import EmcasError
 from ..support.files import cache_directory
 
 # No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculative operation
-# that may raise a floating-point exception: hosts run with traps on. No reading in pairs of numbers that were just
-# written one by one: processors then wait until both are in the cache.
+# that may raise a floating-point exception: hosts may trap these. No reading of pairs of numbers that were just written
+# one by one: a processor then waits until both are in the cache.
 FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off", "-ftrapping-math",
          "-fno-math-errno", "-fno-tree-slp-vectorize", "-fomit-frame-pointer", "-fvisibility=hidden", "-g0")
 _ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
-# With its first compilation zig also builds its C library: a minute on a slow machine.
+# s: longest compilation. Zig's first one also builds its C library, which takes a minute on a slow machine.
 _PATIENCE = 600
 _NO_SPACE = re.compile("No space left|NoSpaceLeft|disk quota", re.IGNORECASE)
-# Apple's processors have pages of 2 to the power of this, in bytes.
+# Pages of Apple's processors have 2 to the power of this number of bytes.
 _PAGE = 14
 _MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 
@@ -61,7 +61,7 @@ PLATFORMS = {p.name: p for p in (
     Platform("aarch64-linux", ".so", {"aarch64-linux": "aarch64-linux-gnu.2.17"}, _LINUX),
 )}
 
-# For a browser. It has no traps, about which clang warns; musl needs no function of the page.
+# For a browser. It has no traps, about which clang warns; the C library musl needs no function of the page.
 WEB = Platform("wasm", ".wasm", {"wasm32-wasi": "wasm32-wasi"}, (
     "-Wno-unsupported-floating-point-opt", "-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,--export=__heap_base"))
 
@@ -78,12 +78,11 @@ def local_platform() -> Platform | None:
 
 
 def universal(libraries: Sequence[bytes]) -> bytes:
-    """Return one Mach-O file of libraries for several machines, unless there is only one library.
+    """Return one Mach-O file of libraries for several machines; a single library is returned unchanged.
 
-    Each is whole, so that its signature stays valid.
-
-    The layout is that of Apple's mach-o/fat.h: big-endian magic and count, then for each library its CPU type and
-    subtype (as in its header), offset, size and alignment as a power of two.
+    Each library is contained whole, so that its signature stays valid. The layout is that of Apple's mach-o/fat.h:
+    big-endian magic and count, then for each library its CPU type and subtype (as in its header), offset, size and
+    alignment as a power of two.
     """
     if len(libraries) == 1:
         return libraries[0]
@@ -98,7 +97,7 @@ def universal(libraries: Sequence[bytes]) -> bytes:
 
 @dataclass(frozen=True)
 class Compiler:
-    """A command that compiles C, and its version."""
+    """A command that compiles C, its version, and whether it is zig."""
 
     command: tuple[str, ...]
     version: str
@@ -131,14 +130,14 @@ class Compiler:
         flags = [*FLAGS, *further, *(("-target", triple, *_ZIG_FLAGS) if self.zig else ("-s",))]
         command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
         # Zig's default cache may be in a home that cannot be written; it would then wait for ever.
-        environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_kept(folder) / "zig"),
+        environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_cache_folder(folder) / "zig"),
                        "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
                        "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
         try:
             done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False,
                                   timeout=_PATIENCE)
         except subprocess.TimeoutExpired as error:
-            raise CompilerError(f"{' '.join(self.command)}: no answer within {_PATIENCE} s") from error
+            raise CompilerError(f"{' '.join(self.command)}: not finished within {_PATIENCE} s") from error
         if done.returncode != 0:
             raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {triple or target.name}: "
                                 f"{_reason(done.stderr or done.stdout)}")
@@ -151,12 +150,12 @@ class Compiler:
         loading = [sys.executable, "-I", "-S", "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])", str(library)]
         done = subprocess.run(loading, capture_output=True, text=True, check=False, timeout=_PATIENCE)
         if done.returncode != 0:
-            why = "it made no file" if not library.is_file() else _reason(done.stderr).rpartition(": ")[2]
-            raise CompilerError(f"{' '.join(self.command)} made no library that this machine can load ({why}); name "
-                                "another compiler, or leave it to zig:  pip install 'emcas-fmu[native]'")
+            why = "it wrote no file" if not library.is_file() else _reason(done.stderr).rpartition(": ")[2]
+            raise CompilerError(f"{' '.join(self.command)} made no library that this machine can load ({why}); choose "
+                                "another compiler, or install zig:  pip install 'emcas-fmu[native]'")
 
 
-def _kept(otherwise: Path) -> Path:
+def _cache_folder(otherwise: Path) -> Path:
     """Return the folder of compiled libraries, or the folder `otherwise` if that cannot be used."""
     try:
         return cache_directory()
@@ -164,18 +163,18 @@ def _kept(otherwise: Path) -> Path:
         return otherwise
 
 
-def _reason(said: str) -> str:
-    """Return the line of a compiler's output that has the reason of its failure, with the remedy for a full disk."""
-    if _NO_SPACE.search(said):
-        return (f"the disk is full; free some space in {_kept(Path(gettempdir()))} and {gettempdir()}, or have TMPDIR "
-                "name another folder")
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
+def _reason(output: str) -> str:
+    """Return the line of a compiler's output with the reason for its failure, or the remedy for a full disk."""
+    if _NO_SPACE.search(output):
+        return (f"the disk is full; free some space in {_cache_folder(Path(gettempdir()))} and {gettempdir()}, or set "
+                "TMPDIR to another folder")
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
     return next((line for line in lines if "error" in line and "warning" not in line), lines[-1] if lines else "")
 
 
 @cache
 def zig() -> Compiler | None:
-    """Return the compiler of the package ziglang, if installed."""
+    """Return the compiler of the package ziglang; None if it is not installed or does not run."""
     if importlib.util.find_spec("ziglang") is None:
         return None
     command = (sys.executable, "-m", "ziglang", "cc")
@@ -197,7 +196,7 @@ def system(name: str) -> Compiler:
 
 
 def find(cc: str | None = None) -> Compiler:
-    """Return the system compiler `cc`, or zig by default. Raises CompilerError with the remedy if there is none."""
+    """Return the system compiler `cc`, or zig by default. Raises CompilerError if there is none."""
     if cc is not None:
         try:
             return system(cc)
@@ -211,7 +210,7 @@ def find(cc: str | None = None) -> Compiler:
 
 
 def local_compilers() -> Iterator[Compiler]:
-    """Yield the compilers that run on this machine and build for it: $CC, then zig (the quickest), cc, gcc, clang."""
+    """Yield the compilers that build for this machine: $CC, then zig (the fastest), cc, gcc, clang."""
     chosen = os.environ.get("CC")
     yield from _working([chosen] if chosen else [])
     if compiler := zig():

@@ -20,11 +20,11 @@ from ..support.writing import write
 from .c_sources import batch_sources, vector_sources
 from .compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 
-# By the number of actuators in a vector. Unlike a host of an FMU, Python never traps floating-point exceptions.
+# Flags by the number of actuators in a vector. Unlike a host of an FMU, Python never traps floating-point exceptions.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
-# Steps of 1 ms that need about the time of compiling: in Python, and the steps in which vectors save as much.
+# Steps of 1 ms that take about the time of compiling in Python; steps in which vectors save about this time.
 WORTH_COMPILING, WORTH_VECTORS = 10_000, 20_000_000
-# Looking for a compiled library needs the time of this many steps, since its source is printed first.
+# Steps that take the time of looking for a compiled library, since its source is printed first.
 _WORTH_LOOKING = {WORTH_COMPILING: 1000, WORTH_VECTORS: 200_000}
 
 # Prototypes of exported functions in a library's sources: result, name and arguments.
@@ -39,7 +39,7 @@ def _sources(model: str, lanes: int) -> Mapping[str, str]:
     return vector_sources(model) if lanes > 1 else batch_sources(model)
 
 
-def _described(compiler: Compiler, target: Platform, model: str, lanes: int) -> str:
+def _digest(compiler: Compiler, target: Platform, model: str, lanes: int) -> str:
     """Return a hash of everything that a library depends on."""
     sources = sorted(_sources(model, lanes).items())
     text = "\0".join([target.name, *FLAGS, *_VECTOR_FLAGS.get(lanes, ()), *(f"{n}\0{t}" for n, t in sources)])
@@ -50,7 +50,7 @@ def _described(compiler: Compiler, target: Platform, model: str, lanes: int) -> 
 def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
     """Return the compiled library of a model, for vectors if `lanes` is above 1, or the reason why there is none.
 
-    The reason is announced if a compiler was tried.
+    If a compiler was tried, a warning has the reason.
     """
     target = local_platform()
     if target is None:
@@ -59,10 +59,10 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
     for compiler in local_compilers():
         if lanes > 1 and target.name == "win64" and not compiler.zig:
             continue  # gcc does not align the stack for vectors there
-        described = _described(compiler, target, model, lanes)
+        digest = _digest(compiler, target, model, lanes)
         try:
-            path = _cached(described, model) or _compile(compiler, target, described, model, lanes)
-            return _declared(ct.CDLL(str(path)), "\n".join(_sources(model, lanes).values()))
+            path = _cached(digest, model) or _compile(compiler, target, digest, model, lanes)
+            return _with_types(ct.CDLL(str(path)), "\n".join(_sources(model, lanes).values()))
         except (OSError, CompilerError) as error:
             problem = str(error)
         except EmcasError as error:  # the cache cannot be written, whichever compiler is used
@@ -74,47 +74,47 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
 
 
 def worth(model: str, steps: float, lanes: int = 1) -> bool:
-    """Return whether compiling a model saves time over `steps` further steps of 1 ms.
+    """Return whether compiling a model saves time over `steps` additional steps of 1 ms.
 
-    It is compiled for vectors if `lanes` is above 1. It saves time after enough steps in this process, and earlier if a
+    It is compiled for vectors if `lanes` is above 1. It saves time after enough steps in this process, or earlier if a
     compiled library is in the cache. A user's actuator is always compiled: it may divide by zero in an unused result,
-    which Python refuses.
+    which raises an error in Python.
     """
     if lanes == 1 and not is_shipped(model):
         return True
-    key, least = (model, lanes), WORTH_VECTORS if lanes > 1 else WORTH_COMPILING
+    key, threshold = (model, lanes), WORTH_VECTORS if lanes > 1 else WORTH_COMPILING
     _steps[key] += steps
-    if _WORTH_LOOKING[least] <= _steps[key] < least and _kept(model, lanes):
-        _steps[key] += least  # no need to look again
-    return _steps[key] >= least
+    if _WORTH_LOOKING[threshold] <= _steps[key] < threshold and _is_cached(model, lanes):
+        _steps[key] += threshold  # no need to look again
+    return _steps[key] >= threshold
 
 
 def milliseconds(points: float, step: float) -> float:
-    """Return the number of steps of 1 ms that need the time of `points` steps of `step` [s], or of 1 ms if shorter."""
+    """Return the number of steps of 1 ms that take as long as `points` steps of `step` [s], at least `points`."""
     return points * max(step / 1e-3, 1.0)
 
 
-_steps: dict[tuple[str, int], float] = defaultdict(float)
+_steps: dict[tuple[str, int], float] = defaultdict(float)  # in this process, by model and lanes
 
 
-def _kept(model: str, lanes: int) -> bool:
+def _is_cached(model: str, lanes: int) -> bool:
     """Return whether a library has been compiled on this machine before."""
     target = local_platform()
     if target is None or next(_files(model), None) is None:  # only the sources show whether it is of this version
         return False
-    return any(_cached(_described(compiler, target, model, lanes), model) for compiler in local_compilers())
+    return any(_cached(_digest(compiler, target, model, lanes), model) for compiler in local_compilers())
 
 
-def _files(model: str, described: str = "*") -> Iterator[Path]:
-    """Yield a model's libraries in the user's cache, of all versions or of one description; none without a cache."""
+def _files(model: str, digest: str = "*") -> Iterator[Path]:
+    """Yield a model's libraries in the user's cache, all or those with a digest; none without a cache."""
     try:
-        yield from cache_directory().glob(f"kernel_{_label(model)}_{described}_*")
+        yield from cache_directory().glob(f"kernel_{_label(model)}_{digest}_*")
     except OSError:
         return
 
 
 def _label(model: str) -> str:
-    """Return a model's name for a file; models from different users' files may share it."""
+    """Return a model's label in file names; models from several users' files may have the same label."""
     actuator, extensions = parts(model)
     return re.sub(r"[^\w+-]", "", "+".join((Path(actuator).stem, *extensions)))[:60]
 
@@ -131,9 +131,9 @@ def loaded(model: str) -> ct.CDLL:
 def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | None:
     """Return the library that steps several actuators of a model at once, if compiling saves time over `steps` of 1 ms.
 
-    Returns None if it does not, and on a processor without vectors of four numbers. `lanes` is the number of
-    actuators in a vector, by default as many as the processor allows. Raises ValueError for more than that,
-    CompilerError if nothing can be compiled at all.
+    Returns None if it does not, or if the processor has no vectors of four numbers. `lanes` is the number of actuators
+    in a vector, by default as many as the processor allows. Raises ValueError for more, CompilerError if nothing can be
+    compiled.
     """
     most = loaded(model).actuator_lanes()
     lanes = most if lanes is None else lanes
@@ -161,21 +161,21 @@ def available(model: str = NONLINEAR) -> bool:
     return True
 
 
-def _cached(described: str, model: str) -> Path | None:
-    """Return a library compiled before if it is undamaged: its name contains a hash of its content."""
-    for path in _files(model, described):
+def _cached(digest: str, model: str) -> Path | None:
+    """Return the library in the cache if it is undamaged: its name contains a hash of its content; None otherwise."""
+    for path in _files(model, digest):
         if path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:16]):
             return path
         path.unlink(missing_ok=True)
     return None
 
 
-def _compile(compiler: Compiler, target: Platform, described: str, model: str, lanes: int) -> Path:
+def _compile(compiler: Compiler, target: Platform, digest: str, model: str, lanes: int) -> Path:
     LOG.info(f"compiling the actuator {model}{' for many at once' if lanes > 1 else ''} (once, up to a minute) ...")
     sources = _sources(model, lanes)
     content = compiler.library(sources, next(iter(sources)), target, "kernel", _VECTOR_FLAGS.get(lanes, ()))
-    # A rebuilt library needs another path: a process that has the old one loaded would get that again.
-    name = f"kernel_{_label(model)}_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
+    # A rebuilt library needs another path: a process that has loaded the old one would get the old one again.
+    name = f"kernel_{_label(model)}_{digest}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
     try:
         path = cache_directory() / name
     except OSError as error:
@@ -184,8 +184,8 @@ def _compile(compiler: Compiler, target: Platform, described: str, model: str, l
     return path
 
 
-def _declared(library: ct.CDLL, sources: str) -> ct.CDLL:
-    """Return a library whose functions have the types of their prototypes in its sources; pointers are void."""
+def _with_types(library: ct.CDLL, sources: str) -> ct.CDLL:
+    """Return the library, its functions with the types of the prototypes in its sources; pointers are void."""
     for result, name, arguments in _PROTOTYPE.findall(sources):
         function = getattr(library, name)
         function.restype = _C_TYPES[result]

@@ -253,7 +253,7 @@ def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytes
 def test_what_has_been_compiled_is_looked_for_before_that(lanes: int, enough: int,
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
     """For a second, or two actuators of a batch."""
-    monkeypatch.setattr(library, "_kept", lambda *_: True)
+    monkeypatch.setattr(library, "_is_cached", lambda *_: True)
     monkeypatch.setattr(library, "_steps", defaultdict(float))
     assert not library.worth(SMALL, enough - 1, lanes)
     assert library.worth(SMALL, 1, lanes)
