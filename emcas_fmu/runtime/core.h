@@ -4,7 +4,7 @@
  * inputs_of; the other functions serve ramps of the inputs, lanes and memory. states.h checks stored states as
  * Core.unsound does.
  *
- * Lanes (core_state.h) move together while their samples and ticks coincide; `which` are the lanes that do, values of
+ * Lanes (core_state.h) move together while their samples and ticks coincide; `which` are the lanes that move, values of
  * the others have no meaning. The state is that at the beginning of a tick. At a communication point inside a tick the
  * outputs come from a tentative step, so that the trajectory does not depend on the host's step sizes.
  */
@@ -13,7 +13,7 @@
 
 #include "core_state.h"
 
-/* Tests the bits: comparing a NaN would raise a floating-point exception. */
+/* Return whether a number is finite, by its bits: comparing a NaN would raise a floating-point exception. */
 static inline bool core_finite(double x)
 {
     uint64_t bits;
@@ -21,7 +21,7 @@ static inline bool core_finite(double x)
     return (bits & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
 }
 
-/* The same for many numbers: an exponent of all ones plus one carries into the sign bit. */
+/* Return the same for many numbers: an exponent of all ones plus one carries into the sign bit. */
 static inline bool core_all_finite(const double *x, size_t count)
 {
     uint64_t carries = 0;
@@ -33,8 +33,8 @@ static inline bool core_all_finite(const double *x, size_t count)
     return !(carries >> 63);
 }
 
-/* The sum is finite if all terms are, and if they are small enough to be added. That of vectors is made of four parts,
- * which a processor adds in parallel. */
+/* Return a sum, which is finite if all terms are and it does not overflow. The sum of vectors has four parts, which a
+ * processor adds in parallel. */
 static inline lanes core_sum(const lanes *x, int count)
 {
     enum { PARTS = LANES > 1 ? 4 : 1 };
@@ -54,13 +54,13 @@ static inline core_schedule core_scheduled(const lanes *p, const lanes *c)
     return plan;
 }
 
-/* A whole number of the schedule; the conversion to a signed integer is one instruction. */
+/* Return a whole number of the schedule; the conversion to a signed integer is one instruction. */
 static inline int32_t core_count(lanes number)
 {
     return (int32_t)lanes_of(number, 0);
 }
 
-/* Number of DAC values in the line. */
+/* Return the number of DAC values in the delay buffer. */
 static inline size_t core_values(const core_schedule *plan)
 {
     return (size_t)core_count(plan->delay_samples) + 2;
@@ -71,7 +71,7 @@ static inline size_t core_line_length(const core_schedule *plan)
     return core_values(plan) + (size_t)core_count(plan->late_commands);
 }
 
-/* The state at rest at the start, in memory that is all 0. */
+/* Set the state at rest at the start, in memory that is all 0. */
 static inline void core_start(const lanes *p, const lanes *c, core_state *s)
 {
     const size_t limited = CORE_CONTROLLER + 1; /* the flag for a limit, which is not among the initial values */
@@ -83,13 +83,13 @@ static inline void core_start(const lanes *p, const lanes *c, core_state *s)
     for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
 }
 
-/* The loads that the vehicle's motion causes, which are all but the first, from the inputs of the motion. */
+/* Compute the motion loads, which are all loads but the first, from the inputs of the vehicle's motion. */
 static inline void core_motion_loads(const lanes *p, const lanes *c, const lanes *motion, lanes *out)
 {
     EQUATIONS(motion_loads, EVERY_LANE, p, c, MODEL_MOTION_OF(motion), out);
 }
 
-/* A core's inputs from an actuator's inputs, in the interface's order, and its motion loads. */
+/* Compute a core's inputs from an actuator's inputs, in the interface's order, and its motion loads. */
 static inline void core_inputs_of(const lanes *in, const lanes *motion_loads, core_inputs *out)
 {
     out->command = in[INPUT_FIN_COMMAND];
@@ -104,7 +104,7 @@ static inline void core_inputs_of(const lanes *in, const lanes *motion_loads, co
     out->further[CORE_FURTHER] = lanes_set(0.0);
 }
 
-/* The outputs with one of the plants of `s`. */
+/* Compute the outputs of `s` with `x`, which is its plant or its tentative one. */
 static inline void core_outputs(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
                                 const core_plant *x, const core_schedule *plan, const core_inputs *in, lanes *out)
 {
@@ -113,7 +113,7 @@ static inline void core_outputs(const lanes *p, const lanes *c, lanes_mask which
               in->enable CORE_ACTING_OF(in), out);
 }
 
-/* The inputs at a time of a ramp, stored in `then`; without a ramp (null) the inputs are held. */
+/* Return the inputs at a time [s] of a ramp, stored in `then`; without a ramp (null) return the held inputs. */
 static inline const core_inputs *core_at(const core_inputs *in, const core_ramp *ramp, lanes time, core_inputs *then)
 {
     if (!ramp) return in;
@@ -137,7 +137,7 @@ static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask 
         EQUATIONS(step, moving, p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply,
                   in->enable CORE_ACTING_OF(in), left, moved);
         for (int k = 0; LANES > 1 && k < CORE_PLANT; ++k) x->x[k] = lanes_where(moving, moved[k], x->x[k]);
-        const lanes used = moved[CORE_PLANT], most = left * lanes_set(1.0 + 1e-9); /* more than what is left: rounding */
+        const lanes used = moved[CORE_PLANT], most = left * lanes_set(1.0 + 1e-9); /* the rest, with its rounding */
         moving = lanes_but(moving, lanes_both(lanes_greater_equal(used, left), lanes_less_equal(used, most)));
         left = left - used;
     }
@@ -169,8 +169,8 @@ static inline core_inputs core_mean(const core_part *part)
     return mean;
 }
 
-/* A tick is split where inputs change that act through limits, or in a way that is not known here: the plant advances
- * to the time up to which inputs are known, and a new part begins there. Returns the lanes that got there. */
+/* Split a tick where inputs change that act through limits, or in a way that is not known here: the plant advances to
+ * the time up to which inputs are known, and a new part begins there. Returns the lanes that reached it. */
 static inline lanes_mask core_split(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                     const core_inputs *in)
 {
@@ -188,7 +188,7 @@ static inline lanes_mask core_split(const lanes *p, const lanes *c, lanes_mask w
     return lanes_but(which, lanes_but(differ, reached));
 }
 
-/* Move values to the front by one, and put one behind them. */
+/* Move values to the front by one, and append one. */
 static inline void core_push(lanes *values, size_t count, lanes last)
 {
     memmove(values, values + 1, (count - 1) * sizeof *values);
@@ -211,8 +211,8 @@ static inline void core_sample(const lanes *p, const lanes *c, lanes_mask which,
     memcpy(s->sampled, out + 1, sizeof s->sampled);
 }
 
-/* The time at which the present tick begins [s]. */
-static inline lanes core_begun(const core_state *s, const core_schedule *plan)
+/* Return the time at which the present tick begins [s]. */
+static inline lanes core_begin(const core_state *s, const core_schedule *plan)
 {
     const lanes position = lanes_set(s->time.position);
     lanes within = position * plan->h_before;
@@ -221,18 +221,18 @@ static inline lanes core_begun(const core_state *s, const core_schedule *plan)
     return lanes_set((double)s->time.period) * plan->sample_time + within;
 }
 
-/* Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part. Returns the lanes
- * that got there. */
+/* Advance to `until` [s] within a tick; `whole` is whether the tick ends there, after which there is no part. Returns
+ * the lanes that reached it. */
 static inline lanes_mask core_tick(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                    const core_schedule *plan, const core_inputs *in, const core_ramp *ramp, lanes until,
                                    bool whole)
 {
-    const lanes begun = ramp ? core_begun(s, plan) : lanes_set(0.0);
+    const lanes begin = ramp ? core_begin(s, plan) : lanes_set(0.0);
     const lanes covered = s->time.partial ? s->part.covered : lanes_set(0.0);
     core_inputs sampled, middle, mean;
-    const core_inputs *acting = core_at(in, ramp, begun + lanes_set(0.5) * (until + covered), &middle);
+    const core_inputs *acting = core_at(in, ramp, begin + lanes_set(0.5) * (until + covered), &middle);
     if (s->time.position == 0 && !s->time.partial)
-        core_sample(p, c, which, s, plan, core_at(in, ramp, begun, &sampled));
+        core_sample(p, c, which, s, plan, core_at(in, ramp, begin, &sampled));
     s->active = s->line[s->time.position < core_count(plan->before) ? 0 : 1];
     lanes origin = lanes_set(0.0);
     if (s->time.partial) {
@@ -254,7 +254,7 @@ static inline lanes_mask core_tick(const lanes *p, const lanes *c, lanes_mask wh
 }
 
 /* Advance the lanes `which` (at least one) as core_run does, as far as they move together, but without restoring the
- * state. Returns the lanes that reached `end`, and sets `why` the others did not. */
+ * state. Returns the lanes that reached `end`, and sets `why` to the reason of the others. */
 static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                    const core_schedule *plan, double end, const core_inputs *in, const core_ramp *ramp,
                                    lanes *out, core_result *why)
@@ -273,7 +273,7 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
     *why = CORE_TOO_MANY_TICKS;
     if (!((periods - (double)s->time.period) * ticks <= CORE_MOST_TICKS)) return NO_LANE;
     lanes_mask moving = lanes_both(which, lanes_both(lanes_alike(at[0], lead), lanes_alike(at[1], lead)));
-    int64_t period = (int64_t)(periods > -1.0 ? periods : -1.0); /* any time before the start is like the start */
+    int64_t period = (int64_t)(periods > -1.0 ? periods : -1.0); /* any time before the start counts as the start */
     int32_t position = (int32_t)lanes_of(at[1], lead);
     lanes rest = at[2];
     /* Time never goes back. */
@@ -295,7 +295,7 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
             ++s->time.period;
         }
     }
-    const core_plant *reached = &s->plant; /* not the copy, for which the processor would wait */
+    const core_plant *reached = &s->plant; /* not s->tentative: the processor would wait for the copy */
     s->tentative = s->plant;
     const lanes_mask inside = lanes_both(moving, lanes_greater(rest, lanes_set(0.0)));
     if (lanes_any(inside)) {
@@ -310,7 +310,7 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
                                              + core_sum(out, MODEL_OUTPUTS)));
 }
 
-/* Copy a state as far as it is in use: `line` values of the delay buffer, and the part of a tick if `partial`. */
+/* Copy the used values of a state: `line` values of the delay buffer, and the part of a tick only if `partial`. */
 static inline void core_keep(const core_state *s, core_state *to, size_t line, bool partial)
 {
     const size_t begin = offsetof(core_state, time), end = offsetof(core_state, line) + line * sizeof *s->line;
@@ -318,8 +318,8 @@ static inline void core_keep(const core_state *s, core_state *to, size_t line, b
     if (partial) to->part = s->part;
 }
 
-/* Advance to `end` [s] from the start, all or nothing, with the inputs held or changing by a `ramp` (null: held). The
- * outputs there are written to `out`; they have no meaning if the end was not reached. */
+/* Advance to `end` [s] from the start, all or nothing, with inputs that change by a `ramp` (null: held). The outputs
+ * there are written to `out`; they have no meaning if the end was not reached. */
 static inline core_result core_run(const lanes *p, const lanes *c, core_state *s, double end, const core_inputs *in,
                                    const core_ramp *ramp, lanes *out)
 {

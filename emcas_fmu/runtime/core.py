@@ -1,6 +1,6 @@
-"""Samples, delay buffers and ticks of one actuator. Standard library only: this file is embedded in the FMU.
+"""Samples, delay buffers and ticks of one actuator. The file is embedded in the FMU: it uses the standard library only.
 
-core.h is the same in C; inputs may ramp there only. The state is that at the beginning of a tick
+core.h is the same in C; only there inputs may ramp. The state is that at the beginning of a tick
 (:mod:`emcas_fmu.runtime.schedule`). At a communication point inside a tick the outputs come from a tentative step, so
 that the trajectory does not depend on the host's step sizes.
 """
@@ -12,16 +12,16 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-# A tick has a handful of events at most; with far more the equations cannot be followed.
+# Events in a tick: usually a handful at most; with far more the step does not advance.
 MOST_EVENTS = 500
-# The time that a step takes is more than what is left of the tick by rounding only.
+# Largest ratio of the time that a step takes to the rest of the tick: above 1 only by rounding.
 ROUNDED = 1.0 + 1e-9
-TOO_MANY_EVENTS = (f"more than {MOST_EVENTS} events in a tick: step() of the actuator does not get to its end; the "
-                   "time that it returns is above 0, and at most h")
-# In one communication step. More is a mistake of the host and would seem to hang.
+TOO_MANY_EVENTS = (f"more than {MOST_EVENTS} events in a tick: step() of the actuator does not reach the tick's end; "
+                   "it must return a time above 0 and at most h")
+# Ticks in one communication step. More are a mistake of the host, whose step would seem to hang.
 MOST_TICKS = 100_000_000
-# Ticks from zero to the latest start. A clock counts there in eighths of a tick or less; the allowance for its
-# rounding, four times that, and the slack, a quarter of a tick, are together less than a tick.
+# Ticks from zero to the latest start. The resolution of a host's time is there an eighth of a tick; its tolerance for
+# rounding, four times that, and the slack, at most a quarter of a tick, are together less than a tick.
 LATEST = 2.0**49
 
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]
@@ -30,7 +30,7 @@ Inputs = tuple[Any, ...]
 # known [s], the inputs at the beginning, and the integrals of the loads' differences from these.
 Part = tuple[float, float, Inputs, tuple[float, ...]]
 
-FIRST = 2  # inputs of an actuator before the vehicle's motion: command and aero_torque
+FIRST = 2  # number of inputs of an actuator before the vehicle's motion: command and aero_torque
 
 
 class Sizes(NamedTuple):
@@ -50,7 +50,7 @@ class Sizes(NamedTuple):
 def inputs_of(row: Sequence[Any], motion_loads: Sequence[float], motion: int, supplied: bool) -> Inputs:
     """Return a core's inputs from a `row` of the actuator's inputs, in the interface's order, and its motion loads.
 
-    `motion` is the number of inputs of the vehicle's motion. The supply of an actuator that is not `supplied` is 0.
+    `motion` is the number of inputs of the vehicle's motion. Unless the actuator is `supplied`, its supply is 0.
     """
     supply = () if supplied else (0.0,)
     return (*row[:FIRST], *motion_loads, *supply, *row[FIRST + motion:])
@@ -62,7 +62,7 @@ def finite(value: Any) -> bool:
 
 
 def alike(value: Any, template: Any) -> bool:
-    """Return whether a value consists of finite numbers, nested in tuples as the template."""
+    """Return whether a value consists of finite numbers, nested in tuples like the template."""
     if not isinstance(template, tuple):
         return finite(value)
     return isinstance(value, tuple) and len(value) == len(template) and all(map(alike, value, template))
@@ -71,8 +71,8 @@ def alike(value: Any, template: Any) -> bool:
 class Core:
     """One actuator: its state and the functions that advance it.
 
-    `functions` are the kernel's, bound to the parameters; `sizes` are the actuator's.
-    The inputs are the command, the loads, ``supply, enable`` and the further inputs.
+    `functions` are those of the kernel, bound to the parameters; `sizes` are those of the actuator. The inputs are
+    command, loads, ``supply``, ``enable`` and the further inputs.
     """
 
     __slots__ = ("_acting", "_active", "_commands", "_controller", "_kernel_initial", "_kernel_locate",
@@ -87,7 +87,7 @@ class Core:
         self.start()
 
     def bind(self, functions: Functions) -> None:
-        """Use these functions of the kernel, for instance after a tunable parameter has changed."""
+        """Replace the functions of the kernel, for instance after a tunable parameter has changed."""
         (kernel_schedule, self._kernel_locate, self._kernel_initial, self._kernel_sample, self._kernel_motion_loads,
          self._kernel_step, self._kernel_outputs) = functions
         period, before, after, *rest = kernel_schedule()
@@ -117,9 +117,9 @@ class Core:
          self._part, self._tentative) = state
 
     def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
-        """Return the problem of a state that was stored at `now` [s] from the start, "" if it is sound.
+        """Return the problem of a state that was stored at `now` [s] from the start; "" if it is sound.
 
-        The state may come from anywhere. This core is at its start; `inputs` have the shape of its inputs.
+        The state may be any value. This core must be at its start; `inputs` have the shape of its inputs.
         """
         length, before, ticks, _, h_before, h_after, *_, slack = self.schedule
         if not (isinstance(state, tuple) and len(state) == len(self.state)):
@@ -132,7 +132,7 @@ class Core:
                 and -slack <= now - period * length <= length + slack and now * sys.float_info.epsilon <= slack):
             return "impossible position in time"
         within = h_before if position < before else h_after
-        if part is not None and not (alike(part, (0.0, 0.0, inputs, self._nothing))
+        if part is not None and not (alike(part, (0.0, 0.0, inputs, self._zero_loads))
                                      and 0.0 <= part[0] <= part[1] <= within):
             return "impossible part of a tick"
         return ""
@@ -143,11 +143,11 @@ class Core:
         return loads
 
     def start(self) -> None:
-        """Put the actuator at rest at its start."""
+        """Set the state at rest at the start."""
         initial = self._kernel_initial()
         plant, rest = initial[:self._states], initial[self._states:]
-        limited = self._controller + 1  # position of the flag for a limit, which is not among the initial values
-        # The delay buffer: the reference in the drive before and after the arrival, and those on their way.
+        limited = self._controller + 1  # index of the flag for a limit, which is not among the initial values
+        # The delay buffer: the references in the drive before and after the arrival, then those still delayed.
         line = (0.0,) * (int(self.schedule[-3]) + 2)
         commands = (0.0,) * int(self.schedule[-2])
         self.state = (0, 0, plant, (*rest[:limited], 0.0, *rest[limited:]), line, commands, 0.0, None, plant)
@@ -160,13 +160,13 @@ class Core:
     def run(self, end: float, inputs: Inputs) -> tuple[Any, ...]:
         """Advance to `end` [s] from the start with the inputs held, all or nothing; return the outputs there.
 
-        Raises ArithmeticError if the equations cannot be followed.
+        Raises ArithmeticError if the equations cannot be computed.
         """
-        before = self.state
+        state = self.state
         try:
             return self._run(end, inputs)
         except BaseException:
-            self.state = before
+            self.state = state
             raise
 
     def _run(self, end: float, inputs: Inputs) -> tuple[Any, ...]:
@@ -225,13 +225,13 @@ class Core:
         self._sampled, self._line = tuple(sampled), (*self._line[1:], reference)
 
     def _split(self, part: Part, inputs: Inputs) -> Part:
-        """Return the part; if inputs that act through limits change, advance the plant and begin another part there."""
+        """Return the part; if inputs that act through limits change, advance the plant and return a new part there."""
         origin, covered, first, _ = part
         switched = slice(self._supply, self._acting.stop)
         if first[switched] == inputs[switched]:
             return part
         self._plant = self._finish(self._mean(part), covered - origin)
-        return covered, covered, inputs, self._nothing
+        return covered, covered, inputs, self._zero_loads
 
     def _finish(self, inputs: Inputs, left: float) -> tuple[float, ...]:
         """Return the plant's state after the rest of a tick, `left` [s], stepped from event to event."""
@@ -250,9 +250,9 @@ class Core:
 
     def _extend(self, part: Part | None, until: float, inputs: Inputs) -> Part:
         if part is None:
-            return 0.0, until, inputs, self._nothing
-        origin, done, first, sums = part
-        gained = until - done
+            return 0.0, until, inputs, self._zero_loads
+        origin, covered, first, sums = part
+        gained = until - covered
         changes = zip(sums, inputs[self._loads], first[self._loads], strict=True)
         return origin, until, first, tuple(s + gained * (x - b) for s, x, b in changes)
 
@@ -264,5 +264,5 @@ class Core:
         return (first[0], *loads, *first[self._supply:])
 
     @property
-    def _nothing(self) -> tuple[float, ...]:
+    def _zero_loads(self) -> tuple[float, ...]:
         return (0.0,) * (self._supply - 1)

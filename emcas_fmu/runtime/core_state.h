@@ -1,7 +1,7 @@
-/* What changes while actuators that are stepped together run, and what acts on them.
+/* The state and the inputs of actuators that are stepped together.
  *
- * `lanes` are a number for each of them: one number by scalar.h, several if vector.h comes first. model.h holds the
- * sizes; it is generated, and so are the equations.
+ * `lanes` has a number for each of them: one number by scalar.h, several if vector.h is included first. model.h has the
+ * sizes; it is generated, as are the equations.
  */
 #ifndef EMCAS_CORE_STATE_H
 #define EMCAS_CORE_STATE_H
@@ -16,22 +16,22 @@
 #endif
 #include "model.h"
 
-/* A condition without which it does not compile; C99 has no static assertions. */
+/* Stop the compilation if a condition is false; C99 has no static assertions. */
 #define CORE_REQUIRE(what, condition) typedef char core_required_##what[(condition) ? 1 : -1]
 
-/* The plant's states. Those of one lane are followed by the duration of the last step, which writes both in place: a copy
- * would be read in wider words than those just written, for which a processor waits. */
+/* The plant's states. With one lane the duration of the last step follows them; the step writes both in place: a copy
+ * would read wider words than those just written, for which a processor waits. */
 typedef struct {
     lanes x[CORE_PLANT + (LANES == 1)];
 } core_plant;
 
-/* Command, loads (aero_torque and the motion loads, which have a mean over a tick), inputs that act through limits, and
- * the actuator's further inputs. Their array has an unused element, since there may be no further input. */
+/* Command, loads (aero_torque and the motion loads, of which a tick uses the mean), inputs that act through limits, and
+ * the actuator's further inputs. The array of these has an unused element, since C has no empty arrays. */
 typedef struct {
     lanes command, loads[CORE_LOADS], supply, enable, further[CORE_FURTHER + 1];
 } core_inputs;
 
-/* How the inputs change from those at `begin` [s]; enable and other Booleans do not. */
+/* Derivatives of the inputs from `begin` [s] on; enable and other Booleans are held. */
 typedef struct {
     lanes begin, command, loads[CORE_LOADS], supply, further[CORE_ACTING + 1];
 } core_ramp;
@@ -50,24 +50,24 @@ typedef struct {
     int32_t position, partial;
 } core_time;
 
-/* Everything that changes while running. The line is the delay buffer: the DAC's
- * values up to the present one and, behind them, the commands on their way, the oldest first. */
+/* Everything that changes while running. The line is the delay buffer: the DAC's values up to the present one, then the
+ * commands that are still delayed, the oldest first. */
 typedef struct {
     core_part part;
     core_time time;
     lanes sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, states that steps see */
-    lanes active;
+    lanes active; /* the reference in the drive */
     core_plant plant, tentative;
     lanes line[CORE_LINE];
 } core_state;
 
-/* A state begins with the part and ends with the line, of which core_keep copies what is in use. */
+/* A state begins with the part and ends with the line; core_keep copies the used values of both. */
 CORE_REQUIRE(order_of_state, offsetof(core_state, time) == sizeof(core_part)
                              && offsetof(core_state, line) == sizeof(core_state) - CORE_LINE * sizeof(lanes));
 
 typedef enum { CORE_DONE, CORE_NOT_FINITE, CORE_TOO_MANY_EVENTS, CORE_TOO_MANY_TICKS } core_result;
 
-/* The Schedule of schedule.py. Lanes that move have as many ticks, samples and late commands as the first. */
+/* The Schedule of schedule.py. Lanes that move have as many ticks, delayed samples and late commands as the first. */
 typedef struct {
     lanes CORE_SCHEDULE;
 } core_schedule;

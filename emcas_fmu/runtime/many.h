@@ -17,29 +17,29 @@ enum {
     INPUTS = sizeof(core_inputs) / sizeof(lanes)
 };
 
-/* LANES actuators. `motion_loads` are those of `motion`; `common_motion` is its number if all groups have the same
- * motion, else 0. The lanes have the `times` if they are `apart`, otherwise that of the state. */
+/* LANES actuators. `motion_loads` are those of `motion`; `common_motion` is the number of the motion if all groups have
+ * the same, otherwise 0. The times of the lanes are `times` if they are `apart`, otherwise that of the state. */
 typedef struct {
     lanes motion[MODEL_MOTION];
     core_time times[LANES];
-    uint64_t common_motion; /* what steps need in the usual case begins here */
+    uint64_t common_motion; /* from here on, steps need the values in the usual case */
     bool apart;
     lanes motion_loads[CORE_MOTION_LOADS];
-    core_state state; /* with a line as long as the longest of the batch */
+    core_state state; /* with a delay buffer as long as the longest of the batch */
 } group;
 
-/* A step of a group to `end` [s]. */
+/* The step of a group to `end` [s]. */
 typedef struct {
     const lanes *p, *c;
     core_schedule plan;
     double end;
-    size_t line;         /* length of the longest line of a lane */
+    size_t line;         /* length of the longest delay buffer of a lane */
     lanes_mask together; /* lanes whose schedule has the same numbers as that of lane 0 */
 } group_step;
 
 /* Many actuators, in groups of LANES. `order` lists the actuators of the groups; the last one is repeated to fill a
- * group. `common` are the values of one actuator; `indices` are the indices of those that differ between actuators,
- * and `varying` has lanes for each of these, group after group. */
+ * group. `common` are the values of one actuator; `indices` are the indices of the values that differ between
+ * actuators, and `varying` has lanes for each of these values, group after group. */
 typedef struct {
     size_t count;
     const size_t *order;
@@ -57,14 +57,14 @@ API int batch_lanes(void)
     return LANES;
 }
 
-/* The number of values of an actuator, and the number of values of its schedule. */
+/* Return the number of values of an actuator; set the number of values of its schedule. */
 API size_t batch_values(size_t *schedule)
 {
     *schedule = PLAN;
     return VALUES;
 }
 
-/* Mark the values that steps, samples and outputs read; the others are needed only to compute these. */
+/* Mark the values that steps, samples and outputs read; other values are needed only to compute these. */
 API void batch_reads(unsigned char *reads)
 {
     memset(reads, 1, VALUES);
@@ -73,14 +73,14 @@ API void batch_reads(unsigned char *reads)
 #endif
 }
 
-/* Bytes of a group whose delay buffers have `line` values at most. */
+/* Return the size [bytes] of a group whose delay buffers have `line` values at most. */
 API size_t batch_group_size(size_t line)
 {
     return offsetof(group, state.line) + line * sizeof(lanes);
 }
 
-/* Compute the values and schedules of actuators from their `parameters`, `stride` [doubles] from one to the next. The
- * period of an actuator whose parameters break a limit or rule is NaN. */
+/* Compute the values and schedules of actuators from their `parameters`, which are `stride` [doubles] apart. The sample
+ * time of an actuator whose parameters break a limit or rule is NaN. */
 API void batch_prepare(size_t count, const double *parameters, size_t stride, double *values, double *schedules)
 {
     for (size_t i = 0; i < count; ++i) {
@@ -124,7 +124,7 @@ static void spread_lane(lanes *to, int lane, const lanes *from, size_t count)
     for (size_t i = 0; i < count; ++i) to[i] = lanes_set(lanes_of(from[i], lane));
 }
 
-/* Copy a state by one of both, but for its time: `line` values of the delay buffer, and the part if `partial`. */
+/* Copy a state except its time by one of these functions: `line` values of the delay buffer, the part if `partial`. */
 static void copy_state(void (*copy)(lanes *, int, const lanes *, size_t), core_state *to, int lane,
                        const core_state *from, size_t line, bool partial)
 {
@@ -133,7 +133,7 @@ static void copy_state(void (*copy)(lanes *, int, const lanes *, size_t), core_s
     copy(to->sampled, lane, from->sampled, ALWAYS + line);
 }
 
-/* The lanes that have reached the same time as `lane`. */
+/* Return the lanes that have reached the same time as `lane`. */
 static unsigned beside(const core_time *t, int lane)
 {
     unsigned with = 0;
@@ -142,7 +142,7 @@ static unsigned beside(const core_time *t, int lane)
     return with;
 }
 
-/* The lane of `which` (at least one) that has reached the latest time. */
+/* Return the lane of `which` (at least one) that has reached the latest time. */
 static int latest(const core_time *t, unsigned which)
 {
     int lead = __builtin_ctz(which);
@@ -152,7 +152,7 @@ static int latest(const core_time *t, unsigned which)
     return lead;
 }
 
-/* Move one lane from the state `before`, at its time, as if all lanes were like it. */
+/* Advance one lane from the state `before` at its time, as if all lanes were equal to it. */
 static core_result alone(const group_step *g, const core_state *before, group *at, int lane, const core_inputs *in,
                          lanes *out)
 {
@@ -170,7 +170,7 @@ static core_result alone(const group_step *g, const core_state *before, group *a
     return result;
 }
 
-/* Advance a group, each lane all or nothing; returns the lanes that did not get there, their reasons in `result`. */
+/* Advance a group, each lane all or nothing; returns the lanes that did not reach the end, and sets their `result`. */
 static unsigned move(const group_step *g, group *at, const core_inputs *in, lanes *out, core_result *result)
 {
     core_state before, *s = &at->state;
@@ -202,8 +202,8 @@ static unsigned move(const group_step *g, group *at, const core_inputs *in, lane
     return stopped;
 }
 
-/* Compute the motion loads of a group if the vehicle's motion has changed. A motion that all groups have in common has
- * a number above 0, which changes with it. */
+/* Compute the motion loads of a group if the vehicle's motion has changed. A motion that is `common` to all groups has
+ * a number above 0, which changes with the motion. */
 static void update_motion_loads(group *at, const group_step *g, const lanes *motion, uint64_t common)
 {
     if (common && at->common_motion == common) return;
@@ -220,7 +220,7 @@ static void prefetch_from(const void *first, const void *last)
     for (const char *line = first; line < (const char *)last; line += 64) __builtin_prefetch(line);
 }
 
-/* Fetch from memory what a step of a group needs in the usual case. */
+/* Fetch the values that a step of a group needs in the usual case from memory. */
 static void prefetch(const group *at, size_t bytes)
 {
     prefetch_from(&at->common_motion, &at->state);
@@ -232,7 +232,7 @@ static void fill(lanes *values, const double *common)
     for (int i = 0; i < VALUES; ++i) values[i] = lanes_set(common[i]);
 }
 
-/* The values of a group, which are put into `values` unless all of them differ between actuators. */
+/* Return the values of a group; they are stored in `values` unless all of them differ between actuators. */
 static const lanes *values_of(const batch *b, size_t k, lanes *values)
 {
     const lanes *from = b->varying + k * b->indices_count;
@@ -248,7 +248,7 @@ static void start(group *at, const lanes *values, size_t size)
     core_start(values, values + MODEL_PARAMETERS, &at->state);
 }
 
-/* Put groups first to last - 1 at rest at their start. */
+/* Set groups first to last - 1 at rest at their start. */
 API void batch_start(const batch *b, size_t first, size_t last)
 {
     lanes values[VALUES];
@@ -257,10 +257,10 @@ API void batch_start(const batch *b, size_t first, size_t last)
         start((group *)(b->groups + k * b->group_size), values_of(b, k, values), b->group_size);
 }
 
-/* Advance groups first to last - 1 to `end` [s] with the interface's inputs held. The columns of inputs have a value
- * for each actuator, `stride` [doubles] apart, 0 if one is for all; `motion` is the number of the vehicle's motion.
- * The columns of outputs are `out_stride` [doubles] apart. Writes a result for each actuator; returns how many did not
- * get there. */
+/* Advance groups first to last - 1 to `end` [s] with the interface's inputs held. A column of inputs has a value for
+ * each actuator, `stride` [doubles] apart, or one value for all if that is 0; `motion` is the number of the vehicle's
+ * motion. The columns of outputs are `out_stride` [doubles] apart. Writes a result for each actuator; returns the
+ * number of actuators that did not reach the end. */
 API size_t batch_run(const batch *b, size_t first, size_t last, double end, const double *const *columns,
                      const ptrdiff_t *stride, uint64_t motion, double *out, size_t out_stride, int *result)
 {
@@ -279,10 +279,10 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
     for (size_t k = first; k < last; ++k) {
         group *at = (group *)(b->groups + k * b->group_size);
         if (k + 1 < last) prefetch((const group *)(b->groups + (k + 1) * b->group_size), b->group_size);
-        const lanes *of = values_of(b, k, values);
-        if (!g.p || !b->same_schedule) g = prepared(of, end);
-        g.p = of;
-        g.c = of + MODEL_PARAMETERS;
+        const lanes *p = values_of(b, k, values);
+        if (!g.p || !b->same_schedule) g = prepared(p, end);
+        g.p = p;
+        g.c = p + MODEL_PARAMETERS;
         const size_t *actuator = b->order + k * LANES;
         const size_t full = b->count - k * LANES < LANES ? b->count - k * LANES : LANES;
         const bool contiguous = b->in_order && full == LANES; /* in the columns */

@@ -3,8 +3,8 @@
  * `multi_fin_x` is the method x of MultiFin, `line_x` its _x. states.h checks stored states as MultiFin.unsound does.
  *
  * The line is stiff if the first of its parameters is 0; each fin then runs as it would alone. A single fin, and fins
- * without a supply, always do. Otherwise all fins stop at the instants of the line, which are multiples of its update
- * time, the last parameter. There its state is updated from the fins' consumption; in between it is held.
+ * without a supply, always run alone. Otherwise all fins stop at the instants of the line, which are multiples of its
+ * update time, the last parameter. There its state is updated from the fins' consumption; in between it is held.
  */
 #ifndef EMCAS_MULTI_FIN_H
 #define EMCAS_MULTI_FIN_H
@@ -13,20 +13,21 @@
 
 #define MULTI_FIN_LINE (FINS > 1 && MODEL_SUPPLY >= 0)
 
-/* The line's level at the fins, their consumption and their power precede their outputs. */
+/* The outputs of the line precede those of the fins: the level (voltage or pressure) at the fins, their consumption
+ * (current or flow) and their power. */
 enum { LINE_OUTPUTS = MULTI_FIN_LINE ? 3 : 0, MULTI_FIN_OUTPUTS = LINE_OUTPUTS + FINS * MODEL_OUTPUTS };
 
-/* Parameters of the line and of each fin, the constants computed from these; tolerance of communication points [s], and
- * the latest start [s]. */
+/* Parameters of the line and of each fin, and the constants computed from these; the tolerance of communication points
+ * and the latest time of a host's clock [s]. */
 typedef struct {
     const double *line, *p[FINS];
     double c[FINS][KERNEL_CONSTANTS];
     double slack, latest;
 } multi_fin;
 
-/* Everything that changes while running: the fins, the line's states, what the fins consumed on average before the last
- * instant, the charge that each had drawn by then and its mean power [W], if they store charge, and the number of the
- * next instant. */
+/* Everything that changes while running: the fins, the line's states, the mean consumption of the fins before the last
+ * instant, for fins that store charge the charge that each had consumed by then and its mean power [W], and the number
+ * of the next instant. */
 typedef struct {
     core_state core[FINS];
     double line[MODEL_LINE_STATES];
@@ -36,13 +37,13 @@ typedef struct {
     int64_t instant;
 } multi_fin_state;
 
-/* fmin is not used: a host may not have it. */
+/* Return the lesser number. fmin is not used, since some hosts do not have it. */
 static double lesser(double a, double b)
 {
     return a < b ? a : b;
 }
 
-/* Use these parameters: those of the line, and those of the fins one after the other. */
+/* Use these parameters of the line, and `p` of the fins one after the other. */
 static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 {
     m->line = line;
@@ -77,7 +78,8 @@ static double multi_fin_interval(const multi_fin *m)
 }
 #endif
 
-/* A fin's core inputs, without the line, from its actuator's inputs and the mixing commands: linear but for the loads. */
+/* Compute a fin's core inputs, without the line, from its actuator's inputs, the mixing commands and its motion loads.
+ * The result is linear in these. */
 static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
                              const double *motion_loads, core_inputs *out)
 {
@@ -90,7 +92,7 @@ static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, c
 #endif
 }
 
-/* The level at the fins with this source and these states of the line. */
+/* Return the level at the fins with this source and these states of the line. */
 static double line_level(const multi_fin *m, double source, const double *states)
 {
     double level = source;
@@ -102,7 +104,7 @@ static double line_level(const multi_fin *m, double source, const double *states
     return level;
 }
 
-/* The outputs of the line, from those of the fins behind them. */
+/* Compute the outputs of the line from the outputs of the fins, which follow them in `out`. */
 static void line_shared(const multi_fin *m, double source, const double *states, double *out)
 {
 #if MULTI_FIN_LINE
@@ -115,8 +117,9 @@ static void line_shared(const multi_fin *m, double source, const double *states,
 #endif
 }
 
-/* The same, at a communication point: current and powers of fins that store charge are means over the last interval. */
-static void line_put_out(const multi_fin *m, const multi_fin_state *s, double source, double *out)
+/* Do the same at a communication point, where current and powers of fins that store charge are means over the last
+ * interval. */
+static void line_all_outputs(const multi_fin *m, const multi_fin_state *s, double source, double *out)
 {
 #if MULTI_FIN_LINE && defined MODEL_CHARGED
     const bool averaged = !multi_fin_stiff(m);
@@ -138,13 +141,13 @@ static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, cons
         core_outputs(m->p[fin], m->c[fin], EVERY_LANE, &s->core[fin], &s->core[fin].tentative, &plan, &acting,
                      out + LINE_OUTPUTS + fin * MODEL_OUTPUTS);
     }
-    line_put_out(m, s, in->supply, out);
+    line_all_outputs(m, s, in->supply, out);
 }
 
 #if FINS == 1
 
-/* Advance to `end` [s] after the start, all or nothing; the outputs there are written to `out`. One core does that by
- * itself, and copies only the part of its delay buffer that is in use. */
+/* Advance to `end` [s] from the start, all or nothing; the outputs there are written to `out`. core_run restores the
+ * state itself, and copies only the used part of the delay buffer. */
 static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, double from, double end,
                                  const core_inputs *in, const core_ramp *ramp, double *out)
 {
@@ -162,8 +165,8 @@ static double source_at(const core_inputs *in, const core_ramp *ramp, double tim
     return in->supply + (ramp ? ramp->supply * (time - ramp->begin) : 0.0);
 }
 
-/* Advance all fins to `until`. A sag is subtracted from the ramp of the supply; if the line does not follow the ramp at
- * both ends, its level in the middle is held. */
+/* Advance all fins to `until` [s]. A sag is subtracted from the ramp of the supply; if the level does not follow the
+ * ramp at both ends, the level in the middle is held. */
 static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from, double until, const core_inputs *in,
                             const core_ramp *ramp, double *out)
 {
@@ -189,14 +192,14 @@ static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from,
 }
 
 #if MULTI_FIN_LINE
-/* What the fins consume from now on, from their outputs; its mean since the last instant is stored, with the charges
- * and mean powers of fins that store charge. */
-static double line_drawn(const multi_fin *m, multi_fin_state *s, double source, double *out)
+/* Return the consumption of the fins from now on, from their outputs; its mean since the last instant is stored, with
+ * the charges and mean powers of fins that store charge. */
+static double line_consumed_next(const multi_fin *m, multi_fin_state *s, double source, double *out)
 {
     line_shared(m, source, s->line, out);
     s->mean = out[1];
 #ifdef MODEL_CHARGED
-    double drawn = 0.0;
+    double consumption = 0.0;
     const double interval = multi_fin_interval(m);
     s->mean = 0.0;
     for (size_t fin = 0; fin < FINS; ++fin) {
@@ -206,32 +209,33 @@ static double line_drawn(const multi_fin *m, multi_fin_state *s, double source, 
                           &current);
         kernel_line_course(m->p[fin], m->c[fin], interval, current, s->charge[fin], CORE_PLANT_OF(x), course);
         const double mean = (course[0] - s->charge[fin]) / interval;
-        drawn += course[1];
+        consumption += course[1];
         s->mean += mean;
         s->charge[fin] = course[0];
         s->power[fin] = out[0] * mean;
     }
-    return drawn;
+    return consumption;
 #else
     return out[1];
 #endif
 }
 
-/* Write the line's states after an instant at which the fins consume `drawn` to `next`. */
-static void line_following(const multi_fin *m, const multi_fin_state *s, double source, double drawn, double *next)
+/* Compute the line's `next` states after an instant, from which on the fins consume `consumption`. */
+static void line_following(const multi_fin *m, const multi_fin_state *s, double source, double consumption,
+                           double *next)
 {
-    double inductances = 0.0;
+    double total = 0.0; /* of the inverse inductances */
     for (size_t fin = 0; fin < FINS; ++fin) {
         double inverse;
         kernel_inverse_inductance(m->p[fin], m->c[fin], multi_fin_interval(m), &inverse);
-        inductances += inverse;
+        total += inverse;
     }
-    kernel_line_following(m->p[0], m->c[0] MODEL_LINE_OF(m->line), source MODEL_LINE_STATES_OF(s->line), drawn,
-                          s->mean, inductances, next);
+    kernel_line_following(m->p[0], m->c[0] MODEL_LINE_OF(m->line), source MODEL_LINE_STATES_OF(s->line),
+                          consumption, s->mean, total, next);
 }
 #endif
 
-/* Advance from `from` to `end` [s] after the start, all or nothing; the outputs there are written to `out`. */
+/* Advance from `from` to `end` [s from the start], all or nothing; the outputs there are written to `out`. */
 static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, double from, double end,
                                  const core_inputs *in, const core_ramp *ramp, double *out)
 {
@@ -241,14 +245,14 @@ static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, dou
     const bool stiff = multi_fin_stiff(m);
     const double interval = multi_fin_interval(m);
     if (!stiff && !(end / interval - (double)s.instant <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
-    /* A host's clock may be slightly before an instant that it means to have reached. */
+    /* By rounding, a host's time may be slightly before an instant at which its step ends. */
     for (double next; !stiff && (next = (double)s.instant * interval) <= end + m->slack; ++s.instant) {
         const double until = next < end ? next : end;
         const core_result reached = run_fins(m, &s, from, until, in, ramp, outputs);
         if (reached != CORE_DONE) return reached;
-        const double source = source_at(in, ramp, until), drawn = line_drawn(m, &s, source, outputs);
+        const double source = source_at(in, ramp, until), consumption = line_consumed_next(m, &s, source, outputs);
         double following[MODEL_LINE_STATES];
-        line_following(m, &s, source, drawn, following);
+        line_following(m, &s, source, consumption, following);
         if (!core_all_finite(following, MODEL_LINE_STATES)) return CORE_NOT_FINITE;
         memcpy(s.line, following, sizeof following);
         from = until;
@@ -256,7 +260,7 @@ static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, dou
 #endif
     const core_result result = run_fins(m, &s, from, end, in, ramp, outputs);
     if (result != CORE_DONE) return result;
-    line_put_out(m, &s, source_at(in, ramp, end), outputs);
+    line_all_outputs(m, &s, source_at(in, ramp, end), outputs);
     *state = s;
     memcpy(out, outputs, sizeof outputs);
     return CORE_DONE;

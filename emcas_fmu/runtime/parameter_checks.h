@@ -1,11 +1,11 @@
-/* Checks of a set of parameters, by the limits and rules of rules.h, which is generated. */
+/* Checks of parameters by the limits and rules of rules.h, which is generated. */
 #ifndef EMCAS_PARAMETER_CHECKS_H
 #define EMCAS_PARAMETER_CHECKS_H
 
 #include "core.h"
 #include "rules.h"
 
-/* Whether the parameters break a rule; numbers[1] and following are the numbers of its message, at the worst share. */
+/* Return whether the parameters break a rule; from numbers[1] on are the numbers of its message at the worst share. */
 static inline bool rules_broken(const rule *one, const double *p, const double *constants, double *numbers)
 {
     const int scan = one->scanned ? RULE_SCAN : 0;
@@ -20,7 +20,7 @@ static inline bool rules_broken(const rule *one, const double *p, const double *
     return worst > 0.0;
 }
 
-/* Whether the parameters are within their limits and keep the rules, which apply to values within them only. */
+/* Return whether the parameters are within their limits and keep the rules, which apply only within the limits. */
 static inline bool rules_hold(const double *p)
 {
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];

@@ -1,4 +1,4 @@
-/* One actuator as the single lane of vector.h: its lanes are a number. */
+/* The types and functions of vector.h for a single lane: `lanes` is one number. */
 #ifndef EMCAS_SCALAR_H
 #define EMCAS_SCALAR_H
 
@@ -12,7 +12,7 @@ enum { LANES = 1, LANES_ALL = 1 };
 typedef double lanes;
 typedef bool lanes_mask;
 
-/* A function of the equations; that of one lane computes it whatever `which` is. */
+/* Call a function of the equations; a single lane computes it whatever `which` is. */
 #define EQUATIONS(name, which, ...) ((void)(which), kernel_##name(__VA_ARGS__))
 #define EVERY_LANE true
 #define NO_LANE false

@@ -13,11 +13,11 @@ from ..actuators.declaration import Actuator
 from ..control import command as bus
 from ..ops.base import Ops, Value
 
-# Communication points this close to a tick, as a share of the sample time, count as being on it, but not more than a
-# quarter of the shortest tick: hosts add up their steps in floating point, and a point slightly before a sample would
-# delay the command by a whole sample.
+# Communication points within this share of the sample time before or after a tick, but at most a quarter of the
+# shortest tick, count as being on it: the rounding of a host's time may put a point slightly before a sample, which
+# would delay the command by a whole sample.
 TOLERANCE = 1e-3
-# A tick may be longer than the longest by this relative amount, so that rounding does not add a tick.
+# Relative amount by which a tick may exceed the longest allowed tick, so that rounding does not add a tick.
 _ROUNDING = 1e-9
 
 
@@ -41,12 +41,12 @@ class Schedule(NamedTuple):
 
 
 def schedule(ops: Ops, p: Any, actuator: Actuator) -> Schedule:
-    """Return the sample period of an actuator with parameters `p`."""
+    """Return the schedule of a sample period of an actuator with parameters `p`."""
     period = p.controller.sample_time
     delay = 0.0 if actuator.transport_delay is None else actuator.transport_delay(ops, p) / period
     delay_samples = ops.floor(delay + TOLERANCE)
     late = delay - delay_samples
-    fraction = ops.where(late < TOLERANCE, 0.0, late)  # the last tick of a sample is no shorter either
+    fraction = ops.where(late < TOLERANCE, 0.0, late)  # both parts are at least the tolerance, or 0
     longest = actuator.longest_tick(ops, p)
 
     def ticks(width: Value) -> Value:
@@ -62,9 +62,9 @@ def schedule(ops: Ops, p: Any, actuator: Actuator) -> Schedule:
 
 
 def locate(ops: Ops, p: Any, actuator: Actuator, time: Value) -> tuple[Value, ...]:
-    """Return the whole periods in a time [s] from the start, the whole ticks after them, and the rest [s].
+    """Return the numbers of whole periods and of whole ticks after them in a time [s] from the start, and the rest [s].
 
-    The rest is 0 within the slack.
+    A rest within the slack is 0.
     """
     s = schedule(ops, p, actuator)
     periods = ops.floor((time + s.slack) / s.sample_time)

@@ -4,40 +4,40 @@
 
 #include "many.h"
 
-/* An input of many runs: its first value, and the strides [doubles] to the next run and to the next row; 0 if the value
- * is the same. */
+/* An input of many runs: its first value, and the strides [doubles] to the next run and to the next row; 0 if they have
+ * the same value. */
 typedef struct {
     const double *first;
     ptrdiff_t run, row;
 } input_column;
 
-/* An output of many runs, likewise; `index` is its position among the outputs; it is kept at every `every`th point. */
+/* An output of many runs, with the same strides; `index` is its index among the outputs. It is stored at every
+ * `every`th point of time. */
 typedef struct {
     double *first;
     ptrdiff_t run, row;
     size_t index, every;
 } output_column;
 
-/* Further results of a run, behind those of core_result; RUN_ALONE: it did not stay with its group. */
+/* Additional results of a run, after those of core_result; RUN_ALONE: it did not stay with its group. */
 enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE, RUN_ALONE };
 
-/* Whether an output is kept at a point of time; without a division in the usual case, since divisions are slow. */
-static inline bool kept_at(const output_column *column, size_t k)
+/* Return whether an output is stored at point `k`; in the usual case without a division, which is slow. */
+static inline bool is_stored_at(const output_column *column, size_t k)
 {
     return column->every == 1 || k % column->every == 0;
 }
 
-/* Where the first run's output at a point is written. */
+/* Return the address of the first run's output at point `k`. */
 static inline double *value_at(const output_column *column, size_t k)
 {
     return column->first + (ptrdiff_t)(column->every == 1 ? k : k / column->every) * column->row;
 }
 
-/* Many whole runs, whose outputs are those at `points` points of time, `step` [s] apart and the first at 0. Each row
- * of the inputs, of which there are MODEL_INPUTS columns, is held for `held` steps. The stiffness of each run's
- * `spring`, unless NULL, times the output `angle` at a row is subtracted from the row's moment. `reached` is the
- * number of points that each run reached, and `result` why it went no further; outputs at further points are not
- * written. */
+/* Many whole runs: their outputs at `points` points of time, `step` [s] apart and the first at 0. Each row of the
+ * inputs, which have MODEL_INPUTS columns, is held for `held` steps. The stiffness [N.m/rad] of each run's `spring`,
+ * unless NULL, times the output `angle` at a row is subtracted from the row's moment. `reached` is the number of points
+ * that each run reached, and `result` the reason why it ended; outputs at later points are not written. */
 typedef struct {
     size_t points, held, angle, columns;
     double step;
@@ -48,7 +48,7 @@ typedef struct {
     int *result;
 } run_tables;
 
-/* Read a row of inputs of a group's runs; returns the lanes whose inputs are finite. */
+/* Read row `k` of the inputs of a group's runs; returns the lanes whose inputs are finite. */
 static unsigned table_row(const input_column *in, const size_t *run, size_t k, lanes *row)
 {
     lanes sum = lanes_set(0.0);
@@ -62,7 +62,7 @@ static unsigned table_row(const input_column *in, const size_t *run, size_t k, l
     return lanes_bits(lanes_finite(sum));
 }
 
-/* End the runs of the lanes `which` but not `going` at point k for a reason; returns the others. */
+/* End the runs of the lanes in `which` but not in `going` at point `k` for a reason; returns the others. */
 static unsigned end_runs(const run_tables *t, const size_t *run, unsigned which, unsigned going, size_t k, int reason)
 {
     for (int l = 0; l < LANES; ++l) {
@@ -73,8 +73,8 @@ static unsigned end_runs(const run_tables *t, const size_t *run, unsigned which,
     return which & going;
 }
 
-/* The runs `run`, in the lanes `which` of a group. Of several lanes, those that do not stay with the others, or whose
- * equations cannot be followed, are left RUN_ALONE. */
+/* Simulate the runs `run`, in the lanes `which` of a group. With several lanes, the result of a run that does not stay
+ * with the others, or whose equations cannot be computed, is RUN_ALONE. */
 static void simulate(const lanes *values, unsigned which, const size_t *run, const run_tables *t)
 {
     group at;
@@ -102,7 +102,7 @@ static void simulate(const lanes *values, unsigned which, const size_t *run, con
         if (t->spring && k % t->held == 0) inputs.loads[0] = inputs.loads[0] - stiffness * now[t->angle];
         for (size_t j = 0; j < t->columns; ++j) {
             const output_column *out = &t->out[j];
-            if (!kept_at(out, k)) continue;
+            if (!is_stored_at(out, k)) continue;
             double *to = value_at(out, k);
             for (int l = 0; l < LANES; ++l)
                 if (which >> l & 1u) to[(ptrdiff_t)run[l] * out->run] = lanes_of(now[out->index], l);
@@ -111,21 +111,21 @@ static void simulate(const lanes *values, unsigned which, const size_t *run, con
     end_runs(t, run, which, 0, t->points, CORE_DONE);
 }
 
-/* Simulate whole runs from the start, those listed in `order`, in which neighbours have like schedules. The `values`
- * of the runs are `stride` [doubles] from one run to the next (0: one set for all). Runs with the result RUN_ALONE have
- * to be simulated by a library with one lane. */
+/* Simulate the runs listed in `order`, in which neighbours have similar schedules, from the start. The `values` of the
+ * runs are `stride` [doubles] apart (0: one set for all). Runs with the result RUN_ALONE must be simulated by a library
+ * with one lane. */
 API void batch_simulate(size_t count, const size_t *order, const double *values, size_t stride, const run_tables *t)
 {
-    lanes of[VALUES];
-    fill(of, values);
+    lanes each[VALUES];
+    fill(each, values);
     for (size_t first = 0; first < count; first += LANES) {
         size_t run[LANES];
         const size_t full = count - first < LANES ? count - first : LANES;
         for (size_t l = 0; l < LANES; ++l) {
             run[l] = order[first + (l < full ? l : full - 1)];
-            for (size_t i = 0; stride && i < VALUES; ++i) set_lane(&of[i], (int)l, values[run[l] * stride + i]);
+            for (size_t i = 0; stride && i < VALUES; ++i) set_lane(&each[i], (int)l, values[run[l] * stride + i]);
         }
-        simulate(of, (1u << full) - 1u, run, t);
+        simulate(each, (1u << full) - 1u, run, t);
     }
 }
 

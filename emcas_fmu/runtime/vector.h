@@ -1,5 +1,5 @@
-/* LANES numbers side by side, and conditions of them, in the widest vectors that the compiler's flags allow. In each
- * lane every operation has the bits of the same operation on one number in C. */
+/* Vectors of LANES numbers, and their conditions, in the widest registers that the compiler's flags allow. In each lane
+ * every operation gives the same bits as this operation on one number in C. */
 #ifndef EMCAS_VECTOR_H
 #define EMCAS_VECTOR_H
 
@@ -70,7 +70,7 @@ static inline lanes_mask lanes_of_bits(unsigned b)
 enum { LANES_ALL = (1 << LANES) - 1 };
 typedef uint64_t lanes_words __attribute__((vector_size(sizeof(lanes)))); /* the bits of each number */
 
-/* A function of the equations, for the lanes `which`. */
+/* Call a function of the equations for the lanes `which`. */
 #define EQUATIONS(name, which, ...) vector_##name(lanes_bits(which), __VA_ARGS__)
 #define EVERY_LANE lanes_of_bits(LANES_ALL)
 #define NO_LANE lanes_of_bits(0)
@@ -95,8 +95,8 @@ static inline lanes lanes_clip(lanes x, lanes low, lanes high)
     return lanes_where(lanes_less(x, low), low, lanes_minimum(high, x));
 }
 
-/* The two operations on bits in ops/elementary.py. In a double between 2 to the power of 52 and of 53 the last bit
- * counts ones: a whole number that is added to it is in its last bits, and bits set there add a whole number. */
+/* The two operations on bits in ops/elementary.py. In a double between 2^52 and 2^53 the last bit has the value 1: a
+ * whole number that is added to it appears in its last bits, and bits that are set there add a whole number. */
 static inline lanes lanes_power_of_two(lanes k)
 {
     return (lanes)((lanes_words)(k + lanes_set(0x1.8p52 + 1023.0)) << 52);

@@ -1,4 +1,4 @@
-/* Many actuators as a library for the Python API, by vectors. */
+/* Many actuators, in vectors, as a library for the Python API. */
 #include "kernel.h"
 #include "vector.h"
 #include "vector_kernel.h"

@@ -35,7 +35,7 @@ static double next_look(const instance *m, double *shortest)
         const core_state *core = &m->s.fins.core[fin];
         const core_schedule plan = core_scheduled(m->fins.p[fin], m->fins.c[fin]);
         const double h = core->time.position < (int32_t)plan.before ? plan.h_before : plan.h_after;
-        const double begin = core_begun(core, &plan), end = begin + h;
+        const double begin = core_begin(core, &plan), end = begin + h;
         next = lesser(next, m->s.now <= begin + slack ? begin + just_after
                             : m->s.now < end - slack  ? end
                                                       : end + just_after);
