@@ -113,7 +113,7 @@ def test_enumerations_under_the_usual_prefix(archive: Path, expected: dict[str, 
             contents[name] = contents[name].replace(b"enumeration:Connector", b"ssd:Connector")
     write_archive(contents, tmp_path / "usual.ssp")
     told = [f for f in check(tmp_path / "usual.ssp").warnings if f.place == "connector fin1.status"]
-    assert "over which libcosim ends the process" in told[0].message
+    assert "at which libcosim ends the process" in told[0].message
     found = run("libcosimpy", tmp_path / "usual.ssp", "jammed")
     assert found["fin2.fin_angle"] == expected["fin2.fin_angle"]
 
