@@ -92,8 +92,8 @@ def of_fin(name: str) -> str:
 def type_name(v: Variable) -> str | None:
     """Return the name of a variable's type, which is the same for all fins; None for a variable without a type.
 
-    A number has the type of its quantity, an enumeration its own. No variable may have the name of a type (FMI 2.0.5,
-    section 2.2.3).
+    A Real has the type of its quantity, if any, an enumeration its own. No variable may have the name of a type (FMI
+    2.0.5, section 2.2.3).
     """
     if v.items:
         return of_fin(v.name) + "_type"
@@ -151,7 +151,7 @@ def _for_all_fins(interface: FmuInterface, of_one: Mapping[str, Collection[str]]
 
 
 def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
-    """Yield the terminals of fin port, actuator and supply; of several fins one for each fin, or one with `arrays`."""
+    """Yield the terminals of fin port, actuator and supply; those of fins for each fin, or once with `arrays`."""
     actuator, several = interface.actuator, interface.fins > 1
     if several and all(map(interface.is_input, _MIXED)):
         yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)

@@ -221,12 +221,12 @@ class FmuInterface:
 
     @cached_property
     def reference(self) -> Mapping[str, int]:
-        """Value reference of each name."""
+        """Index of each name in `variables`."""
         return {v.name: i for i, v in enumerate(self.variables)}
 
     @property
     def fin_inputs(self) -> tuple[tuple[int, ...], ...]:
-        """For each fin, the value references of its actuator's inputs."""
+        """For each fin, the indices in `variables` of its actuator's inputs."""
         return tuple(tuple(self.reference[self.name(v.name, fin)] for v in self.actuator.inputs)
                      for fin in range(self.fins))
 

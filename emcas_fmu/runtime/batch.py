@@ -58,7 +58,7 @@ class Batch:
                              f"{len(actuator.parameters)}) or (1, {len(actuator.parameters)})")
         self._threads = threads
         self._pools: dict[int, ThreadPoolExecutor] = {}  # by process
-        # Columns that begin at multiples of a page would compete for the same lines of the cache.
+        # Columns that begin a multiple of a page apart would compete for the same lines of the cache.
         stride = -(-count // 8) * 8 + 8
         self._table = np.zeros((len(actuator.outputs), stride))
         self.outputs: Array = self._table[:, :count]

@@ -131,7 +131,7 @@ def traced_line_rules(model: str = NONLINEAR) -> Tracer:
 
 
 def used(model: str) -> dict[str, frozenset[str]]:
-    """Return the parameters and arguments on which the results of each function of an actuator depend, by its name.
+    """Return by the name of each function of an actuator the parameters and arguments on which its results depend.
 
     Rules, the faults of its kind, and 1/L and charge of its supply are among the functions.
     """

@@ -46,7 +46,7 @@ class _RunTables(ct.Structure):
 
 @dataclass(frozen=True)
 class Tables:
-    """Results of many runs: `columns` by output, in SI, with NaN where a run did not get.
+    """Results of many runs: `columns` by output, in SI, with NaN at points that a run did not reach.
 
     A column is an array [runs, rows], or [runs, points of time] for an output in `fine` of :func:`run_tables`.
     `reached` is the number of points of time that each run reached, including the start. `failures` maps the index of

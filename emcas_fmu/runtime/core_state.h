@@ -26,7 +26,7 @@ typedef struct {
 } core_plant;
 
 /* Command, loads (aero_torque and the motion loads, of which a tick uses the mean), inputs that act through limits, and
- * the actuator's further inputs. The array of these has an unused element, since C has no empty arrays. */
+ * the actuator's further inputs. The array `further` has an unused element, since C has no empty arrays. */
 typedef struct {
     lanes command, loads[CORE_LOADS], supply, enable, further[CORE_FURTHER + 1];
 } core_inputs;

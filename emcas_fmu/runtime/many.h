@@ -22,7 +22,7 @@ enum {
 typedef struct {
     lanes motion[MODEL_MOTION];
     core_time times[LANES];
-    uint64_t common_motion; /* from here on, steps need the values in the usual case */
+    uint64_t common_motion; /* usual steps need only the values from here on */
     bool apart;
     lanes motion_loads[CORE_MOTION_LOADS];
     core_state state; /* with a delay buffer as long as the longest of the batch */

@@ -85,7 +85,7 @@ class MultiFin:
             return "impossible state of the supply's line"
         possible = type(instant) is int and instant >= 1 and finite(instant)
         if possible and self._line and self._line[0] > 0.0:
-            # The next instant of a line that is not stiff is later, by an interval and its rounding at most.
+            # The next instant of a line that is not stiff is at most an interval ahead, apart from rounding.
             ahead, interval = instant * self._line[-1] - now, self._line[-1]
             possible = 0.0 <= ahead <= interval + 1e-9
         return "" if possible else "impossible time of the supply's line"

@@ -103,7 +103,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Interface:
-    """An FMU: name, GUID and variables by name."""
+    """The interface of an FMU: model name, GUID and variables by name."""
 
     model: str
     guid: str

@@ -32,7 +32,10 @@ class Variant:
 
 
 def variant_files(arguments: Sequence[str]) -> dict[str, Path]:
-    """Return the files of shipped variants and of arguments ``NAME=FILE``, which may replace one. Raises SspError."""
+    """Return the files of shipped variants, and of arguments ``NAME=FILE``, which may replace a shipped one, by name.
+
+    Raises SspError for an argument of another form.
+    """
     files = {name: models_directory() / f"{name}.toml" for name in SHIPPED}
     for text in arguments:
         name, separator, file = text.partition("=")
@@ -52,7 +55,7 @@ def derived(files: Mapping[str, Path], origin: Variant) -> tuple[list[Variant], 
     """
     variants, left_out = [], []
     for name, file in files.items():
-        tables = document(file, SspError, number=str)[1]  # numbers stay text, as parameter files are read
+        tables = document(file, SspError, number=str)[1]  # numbers stay text, as in parameter files
         for scope, table in tables.items():
             if not isinstance(table, dict) or not re.fullmatch(rf"{EVERY_FIN}|fin[1-9]", scope):
                 raise SspError(f"{file}: {scope}: expected tables {EVERY_FIN}, fin1, fin2 ... of parameters, such as "

@@ -36,7 +36,7 @@ _DELAY = "drive.transport_delay"
 
 @dataclass(frozen=True)
 class Written:
-    """A written archive: file, GUID of the FMU, variants left out and why, warnings about parameters, and its check."""
+    """A written archive: file, GUIDs of its FMUs, reasons for variants left out, parameter warnings, and its check."""
 
     path: Path
     guid: str

@@ -172,7 +172,7 @@ def test_a_step_past_the_stop_time_is_refused(scenario: Any, backend: str) -> No
     assert found["reset"][0] == OK
     for wrong in ("before", "nan"):
         assert found[wrong][0] == REFUSED[backend]
-        assert "is not after the start time 1000" in found[wrong][1]
+        assert "is not at or after the start time 1000" in found[wrong][1]
 
 
 def test_reset(scenario: Any) -> None:

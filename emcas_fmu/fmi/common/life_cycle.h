@@ -50,7 +50,7 @@ static int begin_initialization(instance *m, double start, bool stops, double st
 {
     if (!core_finite(start)) return report(m, FMI(Error), "start time %.9g is not finite", start);
     if (stops && !(stop >= start))
-        return report(m, FMI(Error), "stop time %.9g s is not after the start time %.9g s", stop, start);
+        return report(m, FMI(Error), "stop time %.9g s is not at or after the start time %.9g s", stop, start);
     m->s.start = start;
     m->s.stop = stops ? stop : HUGE_VAL;
     return FMI(OK);

@@ -46,7 +46,7 @@ static const char *unsound_line(const multi_fin *m, const model_state *s)
 #if MULTI_FIN_LINE
     if (!core_finite(s->fins.mean) || !core_all_finite(s->fins.charge, FINS) || !core_all_finite(s->fins.power, FINS))
         return "impossible state of the supply's line";
-    /* The next instant of a line that is not stiff is later, by an interval and its rounding at most. */
+    /* The next instant of a line that is not stiff is at most an interval ahead, apart from rounding. */
     const double interval = multi_fin_interval(m), ahead = (double)s->fins.instant * interval - s->now;
     if (!multi_fin_stiff(m) && (ahead < 0.0 || ahead > interval + 1e-9))
         return "impossible time of the supply's line";

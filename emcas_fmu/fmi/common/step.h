@@ -58,7 +58,7 @@ static int step_end(instance *m, double time, double size, double *end)
                       m->s.start + m->s.now, begin - m->s.now);
     /* A host that sums its steps misses the stop time by up to 1e-9 of it. */
     if (time + size > m->s.stop + m->fins.slack + 1e-9 * fabs(m->s.stop))
-        return report(m, FMI(Error), "step from %.17g s of %.17g s ends after the stop time, %.17g s", time, size,
+        return report(m, FMI(Error), "step of %.17g s from %.17g s ends after the stop time, %.17g s", size, time,
                       m->s.stop);
     *end = begin + size;
     if (*end < m->s.now) *end = m->s.now; /* a host's clock may go back within the slack, the trajectory does not */
@@ -73,12 +73,12 @@ static int step_end(instance *m, double time, double size, double *end)
 static int step_done(instance *m, core_result result, double time, double size, double end)
 {
     if (result == CORE_TOO_MANY_TICKS)
-        return report(m, FMI(Discard), "step from %.17g s of %.17g s has more than %d ticks", time, size,
+        return report(m, FMI(Discard), "step of %.17g s from %.17g s has more than %d ticks", size, time,
                       CORE_MOST_TICKS);
     if (result == CORE_TOO_MANY_EVENTS)
-        return report(m, FMI(Discard), "step from %.17g s of %.17g s: " CORE_ENDLESS, time, size);
+        return report(m, FMI(Discard), "step of %.17g s from %.17g s: " CORE_ENDLESS, size, time);
     if (result != CORE_DONE)
-        return report(m, FMI(Discard), "step from %.17g s of %.17g s: the state is no longer finite", time, size);
+        return report(m, FMI(Discard), "step of %.17g s from %.17g s: the state is no longer finite", size, time);
     m->s.fresh = 1;
     m->s.now = end;
     return FMI(OK);

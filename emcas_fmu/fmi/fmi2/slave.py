@@ -67,7 +67,7 @@ class Slave(DeclaredSlave):
         if not isfinite(self._start):
             problems.append(f"start time {self._start!r} is not finite")
         elif not self._stop >= self._start:
-            problems.append(f"stop time {self._stop!r} s is not after the start time {self._start!r} s")
+            problems.append(f"stop time {self._stop!r} s is not at or after the start time {self._start!r} s")
         elif not problems:
             problems += filter(None, [_too_late(self._start, self._bind(anew=True))])
         if problems:
@@ -87,7 +87,7 @@ class Slave(DeclaredSlave):
                 core: Any = self._core
                 end = begin + step_size
                 if current_time + step_size > self._latest:
-                    raise RefusedError(f"step from {current_time!r} s of {step_size!r} s ends after the stop time, "
+                    raise RefusedError(f"step of {step_size!r} s from {current_time!r} s ends after the stop time, "
                                        f"{self._stop!r} s")
                 if end < now:  # a host's time may go back within the tolerance, the trajectory does not
                     end = now
@@ -105,7 +105,7 @@ class Slave(DeclaredSlave):
         except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see reporting.py
             if state is not None:
                 core.state, self._now, self._fresh = state, now, False
-            reason = f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}"
+            reason = f"step of {step_size!r} s from {current_time!r} s: {type(error).__name__}: {error}"
         self._log(reason, "discard")
         return False
 
