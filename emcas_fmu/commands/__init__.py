@@ -1,1 +1,1 @@
-"""The commands of `emcas`, a file each: a function with its options, and its EPILOG of examples."""
+"""The commands of `emcas`, one file each: a function whose arguments are the options, and an EPILOG of examples."""

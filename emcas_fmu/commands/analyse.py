@@ -1,4 +1,4 @@
-"""`emcas analyse`: linear and describing-function analysis: bandwidth, margins, limits, capability."""
+"""`emcas analyse`: compute bandwidth, margins, limits and capability by linear models and describing functions."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ def analyse(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     at: Annotated[float, common.value("Fin angle of the operating point, in degrees.", "ANGLE")] = 0.0,
-    torque: Annotated[float, common.value("Constant hinge moment there, in N.m.", "MOMENT")] = 0.0,
+    torque: Annotated[float, common.value("Constant hinge moment at the operating point, in N.m.", "MOMENT")] = 0.0,
     locus: Annotated[str | None, common.value("Parameter of the root locus. Default: the first gain of the controller.",
                                               "NAME")] = None,
-    rod: Annotated[Path | None, common.value("Shaft and screw for the natural frequencies (TOML); overrides any subset "
-                                             "of models/rod.toml.", "FILE")] = None,
+    rod: Annotated[Path | None, common.value("Shaft and screw for the natural frequencies (TOML). Its values override "
+                                             "models/rod.toml.", "FILE")] = None,
     as_json: common.JsonOption = None,
     report: common.ReportOption = None,
 ) -> None:
-    """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
+    """Linearise at an operating point; print bandwidth, margins, final values, limits, natural frequencies, capability.
+    """
     from ..api import analyse as run
 
     common.check_outputs(as_json, report, inputs=(parameters, rod))
@@ -49,10 +50,10 @@ def analyse(
     common.out.print(f"at {number(point['fin_angle_deg'])} deg, {number(point['aero_torque_nm'])} N.m")
     for caption, columns, rows in tables(figures, analysis.actuator.reference_name).values():
         common.out.print(common.table(columns, rows, caption))
-    for why in analysis.left_out.values():
-        common.say(escape(f"{why}."))
+    for reason in analysis.left_out.values():
+        common.say(escape(f"{reason}."))
     if rod := figures["modes"]:
-        common.say("The thesis's natural frequencies of {axial_rad_per_s_over_hz:.1f} and "
-                   "{torsional_rad_per_s_over_hz:.1f} times the bandwidth divide rad/s by Hz; the factors are "
-                   "{axial_over_bandwidth:.1f} and {torsional_over_bandwidth:.1f}.".format(**rod["thesis"]))
+        common.say("The thesis states natural frequencies of {axial_rad_per_s_over_hz:.1f} and "
+                   "{torsional_rad_per_s_over_hz:.1f} times the bandwidth, but divides rad/s by Hz; the factors "
+                   "are {axial_over_bandwidth:.1f} and {torsional_over_bandwidth:.1f}.".format(**rod["thesis"]))
     common.print_written(as_json, report)

@@ -1,4 +1,4 @@
-"""`emcas baseline`: record the approved response of an actuator, and check that a change does not move it."""
+"""`emcas baseline`: record the approved response of an actuator, and check later responses against it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LOG_WIDTH = 110
 app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help=True,
                   epilog=common.examples("baseline", "record my_actuator.toml --output baseline",
                                          "check EMCAS.fmu --baseline baseline --junit drift.xml"),
-                  help="Record the approved response of an actuator, or fail where another drifts from it.")
+                  help="Record the approved response of an actuator, or check that a response does not drift from it.")
 
 
 @app.command(epilog=common.examples(
@@ -28,25 +28,26 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help
 @common.failures()
 def record(
     subject: common.SubjectArgument = None,
-    output: Annotated[Path, common.value("Folder to write; limits and cases of a baseline that is there are kept.",
+    output: Annotated[Path, common.value("Folder for the baseline. Limits and cases in it are kept.",
                                          "DIR", "--output", "-o")] = Path("baseline"),
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     parameters: common.ParametersOption = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Use the shipped limits and cases instead of those in "
+                                                            "the folder.")] = False,
 ) -> None:
-    """Approve the present response: write its figures and trajectories as text to commit."""
+    """Approve the present response: write its figures and trajectories as text files to commit."""
     from ..studies.baseline import comparison, files
     from ..studies.baseline.model import FILE
 
     file = output / FILE
     common.check_outputs(file, folders=(output,), inputs=(subject, parameters))
     with common.work("record") as step, common.open_subject(subject, model, fin, parameters) as opened:
-        kept = file.exists() and not fresh
-        plan, left_out = (files.read_plan(file, opened.model), []) if kept else comparison.first(opened)
+        keeps = file.exists() and not fresh
+        plan, left_out = (files.read_plan(file, opened.model), []) if keeps else comparison.first(opened)
         common.check_outputs(*(output / f"{name}.csv" for name, case in plan.case.items() if not case.sweeps),
                              folders=(output,))
-        # Without folders: the same response gives the same bytes wherever the baseline is kept.
+        # File names without folders: the same response gives the same bytes in any folder.
         command = ["emcas", "baseline", "record",
                    *_arguments(subject, model, fin, parameters, lambda path: Path(path).name)]
         made = comparison.record(plan, opened, output, shlex.join(command), step)
@@ -54,12 +55,12 @@ def record(
     size = sum(path.stat().st_size for path in written)
     common.warn(f"left out: {what}" for what in left_out)
     common.say(f"written {escape(str(output))}  {len(written)} files, {size / 1024:.0f} KiB; "
-               f"{len(made.case)} cases, limits and cases {'kept' if kept else 'as shipped'}")
+               f"{len(made.case)} cases, limits and cases {'kept' if keeps else 'as shipped'}")
 
 
 def _arguments(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None,
                shown: Callable[[str], str] = str) -> list[str]:
-    """Return the arguments that name an actuator, for a command that is written into a result."""
+    """Return the arguments that name an actuator, for the command line in a result."""
     return [*([shown(as_given(subject))] if subject else []), *common.option("--model", model and shown(model)),
             *common.option("--fin", fin), *common.parameter_arguments(parameters, shown)]
 
@@ -70,16 +71,16 @@ def _arguments(subject: Path | None, model: str | None, fin: int | None, paramet
 @common.failures()
 def check(
     subject: common.SubjectArgument = None,
-    baseline: Annotated[Path, common.value("Folder `emcas baseline record` wrote.", "DIR", "--baseline",
+    baseline: Annotated[Path, common.value("Folder that `emcas baseline record` wrote.", "DIR", "--baseline",
                                            "-b")] = Path("baseline"),
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     parameters: common.ParametersOption = None,
-    everything: Annotated[bool, typer.Option("--all", help="Show every comparison, not only what drifted and, of "
-                                                           "other cases, what comes nearest.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Show every comparison. Otherwise: those that drifted, and "
+                                                           "of each other case the one nearest to its limit.")] = False,
     as_json: Annotated[Path | None, common.json_option("Write all comparisons to this file.")] = None,
     junit: common.JunitOption = None,
-    markdown: Annotated[Path | None, common.value("Append the table to this file, as to $GITHUB_STEP_SUMMARY.",
+    markdown: Annotated[Path | None, common.value("Append the table to this file, such as $GITHUB_STEP_SUMMARY.",
                                                   "FILE.md")] = None,
     report: common.ReportOption = None,
 ) -> None:
@@ -97,7 +98,7 @@ def check(
     common.write_results(result, (junit, output.write_junit),
                          (markdown, lambda each, path: output.append_markdown(each, advice, path, everything)),
                          (report, lambda each, path: output.write_report(each, advice, path)))
-    # A log has no width, and a folded table is hard to read there.
+    # A log file has no width, and a table with wrapped lines is hard to read in it.
     console = common.out if common.out.is_terminal else Console(width=_LOG_WIDTH)
     for part in output.summary(result, everything):
         console.print(part, highlight=False)

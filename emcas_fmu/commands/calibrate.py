@@ -1,4 +1,4 @@
-"""`emcas calibrate`: find parameters of any actuator with which it follows records."""
+"""`emcas calibrate`: fit the parameters of any actuator to measured records."""
 
 from __future__ import annotations
 
@@ -21,35 +21,34 @@ EPILOG = common.examples(
 
 def calibrate(
     files: Annotated[list[Path], typer.Argument(
-        help="CSV files of measurements, to which is fitted. Columns are time and inputs and outputs of the actuator, "
-             "with their unit in the header, as in motor_current [A].", metavar="FILE...")],
+        help="CSV files of measurements to fit. The columns are time and the actuator's inputs and outputs, each with "
+             "its unit in the header, as in motor_current [A].", metavar="FILE...")],
     free: Annotated[list[str], common.value(
-        "Parameters to find, with commas between them, as NAME or NAME=LOWER..UPPER UNIT. Default bounds: a fifth of "
-        "the value to five times the value. Repeatable.", "NAME[=BOUNDS]", "--free")],
+        "Parameters to fit, separated by commas, as NAME or NAME=LOWER..UPPER UNIT. Default bounds: a fifth of the "
+        "value and five times the value. Repeatable.", "NAME[=BOUNDS]", "--free")],
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     prior: Annotated[list[str] | None, common.value(
-        "What is known of a free parameter: NAME=VALUE+-SIGMA UNIT. Repeatable.", "NAME=VALUE+-SIGMA")] = None,
+        "Prior knowledge of a free parameter: NAME=VALUE+-SIGMA UNIT. Repeatable.", "NAME=VALUE+-SIGMA")] = None,
     hold_out: Annotated[list[Path] | None, common.value(
-        "CSV file that is not fitted but judged. Repeatable.", "FILE")] = None,
+        "CSV file that only judges the fit and is not fitted. Repeatable.", "FILE")] = None,
     compare: Annotated[list[str] | None, common.value(
-        "Output to compare. Repeatable. Default: every output that all files have.", "OUTPUT")] = None,
-    delays: Annotated[bool, typer.Option("--delays", help="Find the delay of each measured output, too.")] = False,
+        "Output to compare. Default: every output that all fitted files have. Repeatable.", "OUTPUT")] = None,
+    delays: Annotated[bool, typer.Option("--delays", help="Also fit the delay of each measured output.")] = False,
     robust: Annotated[bool, typer.Option(
-        "--robust", help="Let large errors count in proportion, not by their square: for records with stick and slip "
-                         "or outliers.")] = False,
+        "--robust", help="Weight large errors in proportion to their size, not to its square: for records with "
+                         "stick and slip or outliers.")] = False,
     seed: Annotated[int, common.value("Seed of the starting points.", "N", min=0)] = 1,
     output: Annotated[Path | None, common.output_option(
-        "Write a parameter file: the values found, and what --parameters already changed.")] = None,
+        "Write a parameter file: the fitted values and the changes in --parameters.")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
 ) -> None:
-    """Find parameters of an actuator with which its simulation follows measurements, and their uncertainty.
+    """Fit parameters of an actuator so that its simulation follows measurements; compute their uncertainties.
 
-    The measured inputs drive the actuator; its outputs are compared with the measured ones. Exit code 1: the records do
-    not determine a parameter, the fit is poor or has not settled, a value is at its bound or far from its prior, or a
-    record has a fault. Ctrl-C ends the fit; the best
-    values are shown and written, and the exit code is 130.
+    The measured inputs drive the actuator, and its outputs are compared with the measured outputs. Exit code 1: the
+    records do not determine a parameter, the fit is poor or has not settled, a value is at its bound or far from its
+    prior, or a record has a fault. Ctrl-C ends the fit: the best values are shown and written, with exit code 130.
     """
     from ..api import calibrate as run
 

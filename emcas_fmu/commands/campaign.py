@@ -19,50 +19,50 @@ EPILOG = common.examples(
     "mine.toml --model my_actuator.py", "mine.toml --requirements my_requirements.toml",
     "mine.toml --fmu EMCAS.fmu --workers 8", "mine.toml --fmu EMCAS4.fmu --fin 2",
     "mine.toml --scheduler tcp://head:8786", "mine.toml --only 17 --plot history.html --output history.csv", last=[
-        "A run that was stopped, goes on with the same command. Exit codes: 0 done (failed samples are results too), "
-        "1 every sample failed or some are missing, 2 the request cannot be carried out, 130 stopped by Ctrl-C."])
+        "The same command continues a campaign that was stopped. Exit codes: 0 done (failed samples are results too), "
+        "1 every sample failed or some are missing, 2 the request cannot be executed, 130 stopped by Ctrl-C."])
 
 
 def campaign(
-    file: Annotated[Path, typer.Argument(help="What varies, what is done, how often (TOML); see "
+    file: Annotated[Path, typer.Argument(help="Campaign: factors, experiments, number of samples (TOML); see "
                                               "models/campaign.toml.", metavar="FILE")],
     output: Annotated[Path | None, common.value(
-        "Folder of the results. Default: FILE_results here. With --only, a CSV file of the sample's signals.",
+        "Folder for the results. Default: FILE_results in this folder. With --only: CSV file for the sample's signals.",
         "FOLDER", "--output", "-o")] = None,
-    fmu: Annotated[Path | None, common.value("Run this FMU instead of the kernel: slower, same figures.",
+    fmu: Annotated[Path | None, common.value("Simulate this FMU instead of the package's kernel: slower, same figures.",
                                              "FILE.fmu")] = None,
     fin: common.FinOption = None,
     model: Annotated[str | None, common.model_option(
-        "Which actuator, instead of the file's", " Of an FMU it is the FMU's; name it for one of a file of yours.")
-    ] = None,
+        "Actuator, instead of the one in FILE", " With --fmu the FMU's own model is used; name it only if your own "
+                                                "Python file declares it.")] = None,
     requirements: Annotated[str | None, common.value(
-        "Judge every sample's parameters by these requirements (TOML), or by the shipped ones, and give the "
+        "Judge every sample's parameters by the requirements in this file, or by the shipped ones, and compute the "
         "probability that each is met; docs/use/requirements.md.", "FILE.toml|shipped")] = None,
     workers: Annotated[int | None, common.value(
-        "Number of processes. Default: that of the processors. 0: in this process, without Dask.", "N",
+        "Number of worker processes. Default: one per processor. 0: run in this process, without Dask.", "N",
         min=0)] = None,
-    scheduler: Annotated[str | None, common.value("Address of a running Dask cluster, instead of processes here.",
+    scheduler: Annotated[str | None, common.value("Address of a Dask scheduler, whose workers replace local processes.",
                                                   "ADDRESS")] = None,
-    chunk: Annotated[int | None, common.value("Samples in a task and a part of the results. Default: by their "
+    chunk: Annotated[int | None, common.value("Samples per task, and per file of the results. Default: by their "
                                               "duration.", "N", min=1)] = None,
-    only: Annotated[int | None, common.value("Run this one sample here, and print it.", "INDEX")] = None,
+    only: Annotated[int | None, common.value("Run only this sample, in this process, and print it.", "INDEX")] = None,
     plot: Annotated[Path | None, common.plot_option(
-        "With --only, plot the sample's time history", " Of several experiments each has a file, as in FILE_step.html; "
-        "those of --output too.")] = None,
+        "With --only, plot the sample's signals over time", " Each of several experiments has a file, as in "
+        "FILE_step.html; the same holds for --output.")] = None,
     report: Annotated[Path | None, common.page_option(
-        what="Write the summary page here. Default: summary.html in the folder.")] = None,
+        what="Write the summary page to this file. Default: summary.html in the folder.")] = None,
     as_json: Annotated[Path | None, common.json_option(
-        "Write the summary here. Default: summary.json in the folder. With --only, the sample.")] = None,
+        "Write the summary to this file. Default: summary.json in the folder. With --only: the sample.")] = None,
 ) -> None:
-    """Run samples over parameters, commands, loads and faults: percentiles, sensitivities, worst samples."""
+    """Run samples over parameters, commands, loads and faults; compute percentiles, sensitivities, worst samples."""
     from ..studies.campaign.study import load_study
 
     if workers is not None and scheduler is not None:
-        raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
+        raise EmcasError("--workers starts local processes, --scheduler uses a cluster: give one of them")
     if only is None and plot is not None:
-        raise EmcasError(f"--plot {plot}: draws one sample; name it with --only")
+        raise EmcasError(f"--plot {plot}: plots one sample; choose it with --only")
     if only is not None and report is not None:
-        raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
+        raise EmcasError(f"--report {report}: the page is about all samples; with --only, use --plot")
     inputs = (file, fmu, Path(requirements) if requirements else None)
     folder = output or Path(f"{file.stem}_results")
     page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
@@ -85,7 +85,7 @@ def campaign(
         kept = study.samples - len(store.missing())
         if stopped:
             common.err.print(f"stopped: {kept} of {study.samples} samples are kept in {escape(str(folder))}; the "
-                             "same command goes on", soft_wrap=True)
+                             "same command continues", soft_wrap=True)
             raise typer.Exit(common.INTERRUPTED)
         from ..studies.campaign.report import tables, write_report
 
@@ -111,7 +111,7 @@ def campaign(
 
 
 def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chunk: int | None) -> bool:
-    """Run the missing samples; return whether Ctrl-C stopped them."""
+    """Run the missing samples; return whether Ctrl-C stopped the campaign."""
     from ..studies.campaign import run
 
     missing = store.missing()
@@ -139,13 +139,13 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 
 def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot: Path | None,
          inputs: tuple[Path | None, ...]) -> None:
-    """Run one sample in this process; print it, and write its signals and pictures."""
+    """Run one sample in this process; print it, and write the requested signals and plots."""
     from ..pages.numbers import rounded
     from ..studies.campaign.extension_outputs import in_words, observed
     from ..studies.campaign.sample import columns, history, listed, rows
 
     if not 0 <= index < study.samples:
-        raise EmcasError(f"--only {index}: samples are numbered from 0 to {study.samples - 1}")
+        raise EmcasError(f"--only {index}: there is no such sample; the indices are 0 to {study.samples - 1}")
     files = {e: [path and (path if len(study.experiments) == 1 else path.with_stem(f"{path.stem}_{e.name}"))
                  for path in (output, plot)] for e in study.experiments}
     written = [path for pair in files.values() for path in pair]

@@ -1,4 +1,4 @@
-"""Shared by the commands: options for a model, its parameters and outputs, checks of outputs, failures, progress."""
+"""What commands share: options for a model, its parameters and outputs; checks of outputs; failures; progress."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from ..bench.subject import Subject
     from ..parameters import ParameterSet
 
-# Characters that control a terminal or reverse the order of text: in names or texts from files they could hide or forge
-# output. Half a surrogate pair cannot be printed at all.
+# Characters that control a terminal or reverse the order of text. In names or texts from files they could hide or forge
+# output. Half of a surrogate pair cannot be printed at all.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
@@ -48,11 +48,11 @@ out = _Plain(highlight=False)
 err = _Plain(stderr=True, highlight=False)
 
 INTERRUPTED = 130
-"""Exit code of a run that was stopped by Ctrl-C."""
+"""Exit code of a command that Ctrl-C stopped."""
 
 
 class _Notes(logging.Handler):
-    """Prints announcements of long work on standard error."""
+    """Prints announcements of slow work on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         err.print(escape(record.getMessage()), style="dim", soft_wrap=True)
@@ -60,9 +60,9 @@ class _Notes(logging.Handler):
 
 @contextmanager
 def failures() -> Iterator[None]:
-    """Print expected errors as a message and exit with 2, without a traceback; print warnings and announcements.
+    """Print an expected error as a message and exit with 2, without a traceback; print warnings and announcements.
 
-    All functions of commands are called within it.
+    The functions of all commands run within this context.
     """
     if not LOG.handlers:
         LOG.addHandler(_Notes())
@@ -80,7 +80,7 @@ def failures() -> Iterator[None]:
 
 @failures()
 def _file(argument: Path | None) -> Path | None:
-    """Return the file of an argument, which may also be the name of a shipped set."""
+    """Return the path of the file that an argument names; it may name a shipped set. Raises typer.Exit."""
     from ..parameters import parameter_file
 
     return argument and parameter_file(argument)
@@ -92,7 +92,7 @@ def _files(arguments: list[Path] | None) -> list[Path] | None:
 
 @failures()
 def _date(text: str) -> str:
-    """Return a date in ISO format; it may be empty."""
+    """Return a date in ISO format; an empty text stays empty. Raises typer.Exit."""
     try:
         return text and calendar.fromisoformat(text).isoformat()
     except ValueError as error:
@@ -100,23 +100,24 @@ def _date(text: str) -> str:
 
 
 def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
-    """Return a check of an output option: its name has the ending, or is that of a terminal or pipe.
+    """Return a callback that checks the path of an output: it must have the ending, or be a terminal or a pipe.
 
-    `check_outputs` refuses folders.
+    The callback accepts folders: `check_outputs` refuses them.
     """
     @failures()
     def check(path: Path | None) -> Path | None:
         if path and path.suffix.lower() != ending and (path.is_file() or not path.exists()):
-            raise EmcasError(f"{path}: such a file ends in {ending}{remedy}")
+            raise EmcasError(f"{path}: the name of this output must end in {ending}{remedy}")
         return path
 
     return check
 
 
 def value(what: str, metavar: str, *names: str, ending: str = "", remedy: str = "", **more: Any) -> Any:
-    """Return an option with a value: its help, the value's name in it, the `names` of the option if it has several.
+    """Return an option with a value: its help, its metavar, and its `names` if they differ from the argument's name.
 
-    `ending` is that of the file which the value names. `more` are arguments of typer.Option.
+    If the value is an output file, `ending` is the required ending of its name, and `remedy` follows in the message for
+    another ending. `more` are arguments of typer.Option.
     """
     if ending:
         more["callback"] = ends_in(ending, remedy)
@@ -129,80 +130,83 @@ def page_option(*names: str, what: str = "Write a page with pictures to this fil
 
 
 def json_option(what: str) -> Any:
-    """Return the option --json for a file."""
+    """Return the option --json, which names a file."""
     return value(what, "FILE", "--json", ending=".json")
 
 
 def output_option(what: str, ending: str = ".toml") -> Any:
-    """Return the option --output for a parameter file, or a file of another ending."""
+    """Return the option --output, which names a parameter file or, with another `ending`, another file."""
     return value(what, "FILE", "--output", "-o", ending=ending)
 
 
 def plot_option(what: str, more: str = "") -> Any:
     """Return the option --plot; `what` begins its help, `more` ends it."""
-    return value(f"{what}: .html, .svg, .png or .pdf.{more}", "FILE", "--plot", callback=failures()(check_ending))
+    return value(f"{what} to this file: .html, .svg, .png or .pdf.{more}", "FILE", "--plot",
+                 callback=failures()(check_ending))
 
 
 def _whole(model: str | None) -> str | None:
-    """Return the model of an option. Raises EmcasError for an actuator of which there are only FMUs."""
+    """Return the model of an option. Raises EmcasError for a model that exists only as an FMU."""
     if only := [each for each in FMU_ONLY if model and each in split(model)[1]]:
-        what, option = ("an actuator's half", "part") if only[0] in HALVES else ("torque out", "interface")
-        raise EmcasError(f"--model {model}: leave +{only[0]} out; {what} is an FMU only: emcas build "
+        what, option = ("half an actuator", "part") if only[0] in HALVES else ("an output torque", "interface")
+        raise EmcasError(f"--model {model}: leave +{only[0]} out; {what} exists only as an FMU: emcas build "
                          f"--{option} {only[0]}")
     return model
 
 
 def model_option(what: str, more: str = "") -> Any:
     """Return the option --model; `what` begins its help, `more` ends it."""
-    return value(f"{what}: {', '.join(NAMES)}, or a Python file that declares one. Behind it extensions, as in "
+    return value(f"{what}: {', '.join(NAMES)}, or a Python file that declares one. Append extensions with +, as in "
                  f"elastic+heat+faults: {', '.join(EXTENSIONS)}.{more}", "NAME|FILE.py[+EXTENSION...]", "--model",
                  callback=failures()(_whole))
 
 
 def examples(command: str, *arguments: str, first: str = "Examples:", last: Sequence[str] = ()) -> str:
-    """Return the end of a command's help: examples of its arguments, then the lines of `last`, between empty lines."""
+    """Return the end of a command's help: examples with its arguments, then the lines of `last`, all as paragraphs."""
     return "\n\n".join([first, *(f"  emcas {command} {each}".rstrip() for each in arguments), *last])
 
 
-ModelOption = Annotated[str, model_option("Which actuator")]
+ModelOption = Annotated[str, model_option("Actuator")]
 SubjectArgument = Annotated[Path | None, typer.Argument(
     help="FMU (.fmu), parameter file (.toml) or the name of a shipped set (emcas parameters --sets). Default: "
          "the shipped parameters.", metavar="[FMU|TOML|SET]", show_default=False, callback=_file)]
 SubjectModelOption = Annotated[str | None, model_option(
-    "Which actuator a parameter file is of", " Default: nonlinear. An FMU's name says it, except of one from your "
-                                              "file.")]
+    "Actuator of a parameter file", " Default: nonlinear. An FMU needs this option only if your own Python file "
+                                    "declares its actuator.")]
 ParametersOption = Annotated[list[Path] | None, value(
-    "Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); overrides any subset of the "
-    "defaults. Repeatable: a later file overrides those before it.", "FILE|SET", "--parameters", "-p", callback=_files)]
-FinOption = Annotated[int | None, value("Number of the fin in an FMU of several. Default: the first.", "N", min=1)]
+    "Parameter file (TOML), or the name of a shipped set (emcas parameters --sets). Its values override the defaults. "
+    "Repeatable: a later file overrides the earlier ones.", "FILE|SET", "--parameters", "-p", callback=_files)]
+FinOption = Annotated[int | None, value("Number of the fin in an FMU with several fins. Default: 1.", "N", min=1)]
 LayoutOption = Annotated[str | None, value(
-    "Placement of several fins: plus has one along body y, cross (default) is half a pitch further.", "plus|cross")]
+    "Placement of several fins: plus (one fin along body y) or cross (turned by half of the angle between two fins). "
+    "Default: cross.", "plus|cross")]
 FinFilesOption = Annotated[list[str] | None, value(
-    "Parameter file of one of several fins, which overrides those of all fins. Repeatable.", "N=FILE")]
+    "Parameter file for fin N of several; it overrides the files for all fins. Repeatable.", "N=FILE")]
 JsonOption = Annotated[Path | None, json_option("Write all figures to this file.")]
 JunitOption = Annotated[Path | None, value("Write JUnit XML to this file.", "FILE", ending=".xml")]
-DateOption = Annotated[str, value("Date to print, as 2026-03-31. Default: SOURCE_DATE_EPOCH, otherwise today (UTC).",
+DateOption = Annotated[str, value("Date to print, such as 2026-03-31. Default: SOURCE_DATE_EPOCH or today (UTC).",
                                   "DATE", show_default=False, callback=_date)]
 ReportOption = Annotated[Path | None, page_option()]
 RequirementsOption = Annotated[Path | None, value(
-    "Requirements (TOML). Default: those of Table 2 and of a flight control's review; docs/use/requirements.md.",
+    "File of requirements (TOML). Default: the actuator's in models/requirements, otherwise models/requirements.toml; "
+    "docs/use/requirements.md.",
     "FILE.toml", ending=".toml")]
 
 
 def placed(fins: int, layout: str | None, arguments: Iterable[str] | None) -> tuple[str, dict[int, Path]]:
-    """Return the layout of several fins, and the files of single ones by number, from the `arguments` of --fin.
+    """Return the layout of several fins, and the files of single fins by number, from the `arguments` of --fin.
 
-    Raises EmcasError if one fin has a layout or such a file.
+    Raises EmcasError if these options appear with one fin, or for an argument that is not N=FILE.
     """
     from ..fmi.interface import fin_files
 
     if fins == 1 and (layout or arguments):
-        raise EmcasError("--layout and --fin: are of several fins; add --fins, their number")
+        raise EmcasError("--layout and --fin are for several fins; add --fins with their number")
     return layout or "cross", fin_files(list(arguments or ()))
 
 
 def warn(warnings: Iterable[str]) -> None:
-    """Print warnings on standard error, each once; programs may read standard output."""
+    """Print each warning once, on standard error, since programs may read standard output."""
     for warning in dict.fromkeys(warnings):
         err.print(f"[bold yellow]warning:[/] {escape(warning)}", soft_wrap=True)
 
@@ -217,9 +221,9 @@ def parameter_set(files: Iterable[Path] | None, model: str = NONLINEAR) -> Param
 
 
 def nonlinear_set(files: Iterable[Path] | None, command: str) -> ParameterSet:
-    """Load parameters of the nonlinear actuator, of which alone a command is, and print their warnings.
+    """Load parameters for a `command` that supports only the nonlinear actuator, and print their warnings.
 
-    Raises EmcasError, in one line if they are those of another.
+    Raises ParameterError, or EmcasError with one line if the parameters belong to another actuator.
     """
     from ..parameters import ParameterError
 
@@ -228,17 +232,17 @@ def nonlinear_set(files: Iterable[Path] | None, command: str) -> ParameterSet:
     except ParameterError as error:
         unknown = [problem.partition(" = ")[0].rpartition(": ") for problem in error.problems
                   if ": unknown parameter" in problem]
-        if len(unknown) < max(2, len(error.problems)):  # a misspelt name, or another mistake
+        if len(unknown) < max(2, len(error.problems)):  # a single misspelt name, or another mistake
             raise
         names = ", ".join(name for _, _, name in unknown)
         raise EmcasError(f"{unknown[0][0]}: {command} needs the parameters of the nonlinear actuator, which has no "
-                         f"{names}; give a file of that actuator") from error
+                         f"{names}; give a parameter file of that actuator") from error
 
 
 @contextmanager
 def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
                  parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
-    """Open the subject as `bench.fmu_subject` does, and print its warnings. Raises EmcasError or ParameterError."""
+    """Open a subject as `fmu_subject.open_subject` does, and print its warnings. Raises EmcasError, ParameterError."""
     from ..bench import fmu_subject
 
     with fmu_subject.open_subject(path, model, fin, parameters) as opened:
@@ -252,7 +256,7 @@ def say(line: str) -> None:
 
 
 def write_results(result: Any, *outputs: tuple[Path | None, Callable[[Any, Path], object]]) -> None:
-    """Write a result by each function to its path, unless that is None."""
+    """Write a result to each path that is not None, by the function beside it."""
     for path, write in outputs:
         if path:
             write(result, path)
@@ -266,7 +270,7 @@ def write_json(figures: Mapping[str, Any], path: Path | None) -> None:
 
 
 def conclude(parts: Iterable[Any], *written: Path | None, passed: bool | None = True) -> None:
-    """Print the parts of a result and the files that are written; exit with 1 if it did not pass."""
+    """Print the parts of a result and the paths of the written files; exit with 1 if `passed` is False."""
     for part in parts:
         out.print(part)
     print_written(*written)
@@ -275,33 +279,33 @@ def conclude(parts: Iterable[Any], *written: Path | None, passed: bool | None = 
 
 
 def print_written(*paths: Path | None) -> None:
-    """Print the files that a command has written, without those that are None."""
+    """Print the paths of the files that a command has written; None is left out."""
     for path in filter(None, paths):
         say(f"written {escape(str(path))}")
 
 
 def parameter_arguments(files: Iterable[Path] | None, shown: Callable[[str], str] = str) -> list[str]:
-    """Return the arguments that name parameter files, as `shown`, for a command that is written into a result."""
+    """Return the arguments that name parameter files, each passed through `shown`, for the command line in a result."""
     return [argument for file in files or () for argument in ("--parameters", shown(as_given(file)))]
 
 
 def option(name: str, value: object, default: object = None) -> list[str]:
-    """Return an option with its value, for a command that is written into a result; empty for the default."""
+    """Return an option and its value for the command line in a result; an empty list for None and the default."""
     return [] if value in (None, default) else [name, str(value)]
 
 
 def check_outputs(*files: Path | None, folders: Iterable[Path] = (),
                   inputs: Iterable[Path | Iterable[Path] | None] = ()) -> None:
-    """Check before long work that outputs can be written, and that they differ from the inputs and from each other.
+    """Check, before long work, that outputs can be written and differ from the inputs and from each other.
 
-    The folders of `files` must exist or be among the `folders`, which are made later. An input is a path or several;
+    The folders of `files` must exist or be among the `folders`, which are made later. An input is one path or several;
     if it is a folder, no output may be in it. Raises EmcasError.
     """
     made = [folder.resolve() for folder in folders]
     for folder in made:
         existing = next(above for above in (folder, *folder.parents) if above.exists())
         if not existing.is_dir():
-            raise EmcasError(f"{existing}: is a file; give a folder to write to")
+            raise EmcasError(f"{existing}: is a file; give a folder for the output")
         try_folder(existing, folder)
     read = [path.resolve() for each in inputs for path in ([each] if isinstance(each, Path) else each or ())]
     written: set[Path] = set()
@@ -309,7 +313,7 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (),
         with writing(path):
             target = path.resolve()
             if path.is_dir():
-                raise EmcasError(f"{path}: is a folder; give a file to write to")
+                raise EmcasError(f"{path}: is a folder; give a file for the output")
             if path.exists() and not path.is_file():  # a terminal or a pipe
                 continue
             if any(target == source or (source.is_dir() and source in target.parents) for source in read):
@@ -325,23 +329,22 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (),
 
 
 def progress_bar() -> Bars:
-    """Return a progress bar with the remaining time, on standard error, that disappears at its end."""
+    """Return a progress bar with the remaining time; it is on standard error, and disappears at its end."""
     # Disabled without a terminal, where it would leave an empty line. Steps may take minutes: the remaining time is
-    # estimated from those of the last hour.
+    # estimated from the steps of the last hour.
     return Bars(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                 TextColumn("left about"), TimeRemainingColumn(), console=err, transient=True,
                 speed_estimate_period=3600.0, disable=not err.is_terminal)
 
 
 def stepper(bars: Bars, label: str) -> Progress:
-    """Return a callback that updates a progress bar."""
+    """Add a task to a progress bar, and return the callback that updates it."""
     task = bars.add_task(label, total=None)
     return lambda name, done, total: bars.update(task, description=f"{label} {name}", completed=done, total=total)
 
 
 def _lines(label: str) -> Progress:
-    """Return a callback that prints a line to standard error whenever a further part is done, or another stage begins.
-    """
+    """Return a callback that prints a line on standard error whenever another part is done or a stage begins."""
     last = 0, ""
 
     def report(name: str, done: int, total: int) -> None:
@@ -357,7 +360,7 @@ def _lines(label: str) -> Progress:
 def work(label: str, lines: bool = False) -> Iterator[Progress]:
     """Show a progress bar for the work of a command, and yield the callback that updates it.
 
-    Without a terminal there is nothing, or there are `lines`.
+    Without a terminal the callback prints lines if `lines` is true, otherwise nothing.
     """
     with progress_bar() as bars:
         yield _lines(label) if lines and not err.is_terminal else stepper(bars, label)

@@ -1,4 +1,4 @@
-"""`emcas compare`: measure parameter sets or actuators by the same requirements, side by side."""
+"""`emcas compare`: measure parameter sets or actuators against the same requirements, side by side."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ EPILOG = common.examples(
 
 def compare(
     sets: Annotated[list[str] | None, typer.Argument(
-        help="Names of shipped sets (emcas parameters --sets), parameter files (TOML), the word default, or "
-             "actuators, as names or Python files, whose default sets are compared. Default: the default set and, of "
-             "an actuator with a current loop, its three readings.", metavar="[SET|FILE|ACTUATOR]...",
+        help="Shipped sets (emcas parameters --sets), parameter files (TOML), the word default for the default set, or "
+             "actuators (names or Python files), which are compared with their default sets. Default: the default set "
+             "and, for an actuator with a current loop, its three readings.", metavar="[SET|FILE|ACTUATOR]...",
         show_default=False)] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
@@ -28,10 +28,10 @@ def compare(
     as_json: common.JsonOption = None,
     report: common.ReportOption = None,
 ) -> None:
-    """Measure parameter sets, or actuators, by the same requirements, a column each.
+    """Measure parameter sets or actuators against the same requirements, one column each.
 
-    Exit code 0 even if requirements are missed (emcas validate judges); 2: an error. Every set overrides the files of
-    --parameters.
+    Exit code: 0 even if requirements are missed (emcas validate judges), 2 for an error. Every set overrides the files
+    of --parameters.
     """
     from ..studies.compare.sets import as_dict, load_sets, summary, write_report
     from ..studies.compare.sets import compare as run

@@ -1,4 +1,4 @@
-"""`emcas envelope`: torque against speed of motor and drive, continuous and for a short time."""
+"""`emcas envelope`: compute the torque of motor and drive over speed, continuous and for a short time."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _ROWS = {"current / A": "current_a", "limited by": "bound_by", "  heat / A": "he
 def envelope(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = "nonlinear+heat",
-    duration: Annotated[str, common.value("How long the short-term torque is wanted, with its unit.", "TIME")] = "10 s",
-    preload: Annotated[float, common.value("Share of the continuous current, the least there is, that flowed before, "
-                                           "for long. 0: from ambient.", "SHARE")] = 0.0,
-    output: Annotated[Path | None, common.output_option("Write the curves to this CSV file, SI.", ".csv")] = None,
+    duration: Annotated[str, common.value("Duration of the short-term torque, with its unit.", "TIME")] = "10 s",
+    preload: Annotated[float, common.value("Share of the continuous current that has flowed for a long time before. "
+                                           "0: the motor is at ambient temperature.", "SHARE")] = 0.0,
+    output: Annotated[Path | None, common.output_option("Write the curves to this CSV file (in SI).", ".csv")] = None,
     plot: Annotated[Path | None, common.plot_option("Plot the envelopes")] = None,
     as_json: Annotated[Path | None, common.json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:
-    """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
+    """Compute torque-speed envelopes of motor and drive within winding temperature, I2t, peak current and voltage."""
     from ..bench.conditions import resting_on
     from ..bench.writers import write_csv
     from ..units import UnitError, quantity
@@ -55,7 +55,7 @@ def envelope(
     common.write_results(computed, (plot, lambda e, path: study.write_picture(e, path, chosen)))
     common.write_json(figures, as_json)
     common.out.print(_table(figures))
-    for each in resting_on({"what is marked": tuple(dict.fromkeys(chain(*computed.estimates.values())))}):
+    for each in resting_on({"marked figures": tuple(dict.fromkeys(chain(*computed.estimates.values())))}):
         common.say(escape(each))
     common.print_written(output, plot, as_json)
 
@@ -70,7 +70,7 @@ def _figures(e: Envelope) -> dict[str, Any]:
 
 
 def _columns(e: Envelope) -> dict[str, Any]:
-    """Return speed [rad/s], both envelopes [N.m], then each limit of each."""
+    """Return the motor's speed [rad/s], both envelopes [N.m], then the limits of each envelope [N.m]."""
     return {"motor_speed": e.speed, **{name: curve.torque for name, curve in e.curves.items()},
             **{f"{name}.{cause}": torque for name, curve in e.curves.items() for cause, torque in curve.limits.items()}}
 

@@ -1,4 +1,4 @@
-"""`emcas explore`: write a page in which sliders move an actuator, in any browser."""
+"""`emcas explore`: write a page with a simulated actuator and sliders, for any browser."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ def explore(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, common.value(
-        "Another value of a parameter, or a constant input, from which the page starts; with a unit or in the "
-        "variable's unit. Repeatable.", "NAME=VALUE", "--set")] = None,
+        "Initial value of a parameter, or a constant input, in the page; with a unit, otherwise in the variable's "
+        "unit. Repeatable.", "NAME=VALUE", "--set")] = None,
     requirements: common.RequirementsOption = None,
-    output: Annotated[Path, common.page_option("--output", "-o", what="The page.")] = Path("explore.html"),
+    output: Annotated[Path, common.page_option("--output", "-o", what="Page to write.")] = Path("explore.html"),
     date: common.DateOption = "",
 ) -> None:
-    """Write one page in which command, load, supply, temperature and gains are moved, and the actuator answers at once.
+    """Write a page in which an actuator responds at once to sliders for command, load, supply, temperature and gains.
 
-    The actuator in it is its generated C, compiled for the browser by zig (the extra native): nothing is installed
-    where the page is opened, and nothing leaves it.
+    The page contains the actuator's generated C, which zig (the extra native) compiles for the browser. The reader
+    installs nothing, and the page sends no data.
     """
     from ..bench.excitation import COMMAND
     from ..bench.subject import ParameterSubject
@@ -47,7 +47,7 @@ def explore(
     extras.require("native", "emcas explore needs", "ziglang")
     changes, _, constants = read_settings(settings or [], FmuInterface(1, model))
     if COMMAND in constants:
-        raise EmcasError(f"--set {COMMAND}: is moved in the page; leave it out")
+        raise EmcasError(f"--set {COMMAND}: a slider of the page sets it; leave it out")
     chosen = changed(load_parameters(files, model=model), changes[0])
     common.warn(chosen.warnings)
     command = shlex.join([
@@ -55,8 +55,8 @@ def explore(
         *(part for each in settings or () for part in ("--set", each)),
         *common.option("--requirements", requirements and as_given(requirements)),
         *common.option("--output", output), *common.option("--date", date, "")])
-    with common.err.status("compiling the actuator for the browser; the first time zig makes its C library, a minute"):
+    with common.err.status("compiling the actuator for the browser; zig builds its library first, once, in a minute"):
         page = render(ParameterSubject(chosen, files), constants, command, date or today(), requirements)
     size = write(output, page)
     common.print_written(output)
-    common.out.print(f"{size / 1000:.0f} kB; open it in a browser")
+    common.out.print(f"{size / 1000:.0f} kB; open the page in a browser")

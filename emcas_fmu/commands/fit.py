@@ -16,11 +16,11 @@ EPILOG = common.examples("fit", "", "-p my_actuator.toml --output my_second_orde
 
 def fit(
     parameters: common.ParametersOption = None,
-    model: Annotated[str, common.value("Only the nonlinear actuator is fitted.", "NAME")] = NONLINEAR,
-    output: Annotated[Path | None, common.output_option("Write a parameter file of the second-order model.")] = None,
+    model: Annotated[str, common.value("Actuator to approximate; only nonlinear is possible.", "NAME")] = NONLINEAR,
+    output: Annotated[Path | None, common.output_option("Write a parameter file for the second-order model.")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
-    """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
+    """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear actuator."""
     from ..studies import fitting
 
     common.check_outputs(output, as_json, inputs=(parameters,))

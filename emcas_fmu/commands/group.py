@@ -1,4 +1,4 @@
-"""The group of commands. Each is imported when it is called, so that help and version appear at once."""
+"""The group of commands. Each command is imported when it is called: help and version appear at once."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from ..errors import unwritable
 from ..support.dates import today
 from .common import failures
 
-# Set before NumPy is imported. The matrices are small: threads of the linear algebra gain nothing, and on busy cores
-# they wait for each other many times as long as they work.
+# Set before NumPy is imported. The matrices are small: threads in linear algebra gain nothing, and on busy cores they
+# wait for each other much longer than they work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 UNREAD = 141
-"""Exit code of a command whose reader has closed the pipe, as shells report it for any program."""
+"""Exit code of a command whose reader has closed the pipe; shells report the same for any program."""
 
-# The commands by the panels of `emcas --help`, in their order. Each is the module of its name in this folder, with a
-# function of that name and an EPILOG, or with an `app` of several; its docstring begins with the line that is listed.
+# Commands by the panels of `emcas --help`, in its order. The module with a command's name, in this folder, has either a
+# function of that name and an EPILOG, or an `app` of several commands. Its first line is the one in `emcas --help`.
 PANELS: Mapping[str, tuple[str, ...]] = {
     "Use": ("init", "simulate", "build", "parameters", "ssp"),
     "Design": ("explore", "analyse", "envelope", "compare", "identify", "calibrate", "tune", "fit"),
@@ -39,21 +39,21 @@ PANELS: Mapping[str, tuple[str, ...]] = {
 
 
 def summary(name: str) -> str:
-    """Return the sentence that describes a command, from the first line of its file; the file is not imported."""
+    """Return the sentence that describes a command, read from the first line of its file without importing it."""
     with files(__package__).joinpath(f"{name}.py").open(encoding="utf-8") as file:
         text = file.readline().strip().strip('"').rpartition("`: ")[2]
     return text[:1].upper() + text[1:]
 
 
 def check_environment() -> None:
-    """Exit with 2 if SOURCE_DATE_EPOCH is not a time: parts of NumPy read it when they are imported."""
+    """Exit with 2 if SOURCE_DATE_EPOCH is not a valid time: parts of NumPy read it when they are imported."""
     with failures():
         today()
 
 
 @cache
 def load(name: str, program: str = "") -> Any:
-    """Import a command and return it; its examples call `program`, by default emcas and its name."""
+    """Import a command and return it; its examples call `program`, by default ``emcas NAME``."""
     module = import_module(f".{name}", __package__)
     if (app := getattr(module, "app", None)) is None:
         app = typer.Typer(add_completion=False, rich_markup_mode="rich")
@@ -66,11 +66,11 @@ def load(name: str, program: str = "") -> Any:
 
 
 def readable(command: Any) -> Any:
-    """Return a command whose help wraps at the terminal's width only, and shows no types such as <bool> or <path>."""
+    """Change a command's help to wrap at the terminal's width only, and to show no types; return the command."""
     command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.help or ""))
     for parameter in command.get_params(typer.Context(command)):  # with --help
         if parameter.param_type_name == "argument":
-            parameter.display_type_rich = lambda ctx: None  # the help shows its metavar
+            parameter.display_type_rich = lambda ctx: None  # its metavar is enough
         elif parameter.metavar is None:
             parameter.metavar = "" if parameter.is_flag else "VALUE"
     for each in getattr(command, "commands", {}).values():
@@ -79,9 +79,9 @@ def readable(command: Any) -> Any:
 
 
 class _Printed:
-    """Standard output that ends the program if it cannot be written, quietly if its reader has gone.
+    """Standard output that ends the program if writing fails, without a message if its reader has closed the pipe.
 
-    An OSError would look like that of a file, and the libraries that print treat it differently.
+    An OSError would look like the error of a file, and libraries that print handle it in different ways.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -105,9 +105,9 @@ class _Printed:
         try:
             yield
         except OSError as error:
-            nowhere = os.open(os.devnull, os.O_WRONLY)  # for what the interpreter flushes when it ends
-            os.dup2(nowhere, self.stream.fileno())
-            os.close(nowhere)
+            sink = os.open(os.devnull, os.O_WRONLY)  # receives what the interpreter flushes when it ends
+            os.dup2(sink, self.stream.fileno())
+            os.close(sink)
             if isinstance(error, BrokenPipeError):
                 raise SystemExit(UNREAD) from error
             print(f"error: {unwritable('standard output', error)}", file=sys.stderr)
@@ -116,7 +116,7 @@ class _Printed:
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """End a command whose output cannot be written with one line and exit code 2, not with a traceback."""
+    """End a command whose standard output cannot be written: one line and exit code 2, no traceback."""
     stream = sys.stdout
     if stream is None:  # closed by the shell
         yield
@@ -148,12 +148,12 @@ class LazyGroup(TyperGroup):
         self.commands = cast(Any, _Commands({name: name for names in PANELS.values() for name in names}))
 
     def main(self, *args: Any, **named: Any) -> Any:
-        """Run a command; if its output cannot be written, end with one line."""
+        """Run a command; if its output cannot be written, end as `printing` does."""
         with printing():
             return super().main(*args, **named)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments, and keep them while the command runs: pages name the command that made them."""
+        """Parse the arguments, and store them while the command runs: a page names the command that made it."""
         check_environment()
         if args and args[0] in self.commands:
             from ..pages.provenance import made_by
@@ -166,7 +166,7 @@ class LazyGroup(TyperGroup):
         return list(self.commands)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help with the summary of every command, without importing any."""
+        """Write the help with the summary of every command, without importing the commands."""
         listed: dict[str, Any] = {name: TyperCommand(name, help=summary(name), rich_help_panel=panel)
                                   for panel, names in PANELS.items() for name in names}
         shown = TyperGroup(name=self.name, commands=listed, params=self.params, help=self.help,

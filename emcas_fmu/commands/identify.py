@@ -21,39 +21,39 @@ EPILOG = common.examples(
     "backlash backlash.csv --json backlash.json",
     first="Examples, in a folder of records such as examples/identification_bench/records:",
     last=["  emcas parameters -p identified.toml"])
-# For the experiments without further options: what they identify, and an example.
+# Experiments without additional options: the help, and the arguments of an example.
 _EXPERIMENTS = {
-    "drive": ("""Current gain, offset, transport delay and current-loop gains from the drive's reference and current.
+    "drive": ("""Identify current gain, offset, delay and current-loop gains from the drive's reference and current.
 
-    Columns: time, drive_reference, motor_current; motor_speed unless the rotor is clamped.
+    Columns: time, drive_reference, motor_current; also motor_speed, unless the rotor is clamped.
     """, "fast.csv staircase.csv --output identified.toml --report drive.html"),
-    "backlash": ("""Backlash at the fin from its angle measured directly and through the motor; reported, no parameter.
+    "backlash": ("""Identify the backlash at the fin from fin angle and motor angle; it is reported, not a parameter.
 
     Columns: time, motor_angle, fin_angle.
     """, "reversals.csv --json backlash.json --report backlash.html"),
-    "inertia": ("""Total inertia at the motor, and the rotor's share of it, from spin-ups.
+    "inertia": ("""Identify the total inertia at the motor, and the rotor's share, from spin-ups.
 
-    Columns: time, motor_angle, motor_current (motor_speed is checked if there is one).
+    Columns: time, motor_angle, motor_current (motor_speed, if present, is checked).
     """, "up_*.csv down_*.csv -p base.toml --output identified.toml"),
 }
 
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV files of measurements.", metavar="FILE...")]
 OutputOption = Annotated[Path | None, common.output_option(
-    "Write a parameter file: the identified values and what --parameters already changed.")]
+    "Write a parameter file: the identified values and the changes in --parameters.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich", epilog=EPILOG,
-                  help="Identify parameters from bench measurements. Columns have their unit in the header, as in "
-                       "motor_current [A]: docs/tools/identification.md.")
+                  help="Identify parameters from bench measurements. Each column has its unit in the header, as in "
+                       "motor_current [A]; see docs/tools/identification.md.")
 
 
 @common.failures()
 def _identify(kind: str, files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
-              as_json: Path | None, **choice: Any) -> None:
-    """Identify, write the requested files and print the estimates."""
+              as_json: Path | None, **options: Any) -> None:
+    """Identify parameters, write the requested files and print the estimates."""
     check_outputs(files, parameters, output, report, as_json)
     experiment = import_module(f"..studies.identification.{kind}", __package__)
     result: Identification = experiment.identify(
-        files, common.nonlinear_set(parameters, f"emcas identify {kind}"), **choice)
+        files, common.nonlinear_set(parameters, f"emcas identify {kind}"), **options)
     write(result, parameters, output, report, as_json)
     show(result)
     common.print_written(output, report, as_json)
@@ -61,14 +61,14 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
 
 def check_outputs(files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
                   as_json: Path | None) -> None:
-    """Check the outputs as `common.check_outputs` does; the set may be written over: experiments chain through one."""
+    """Check outputs as `common.check_outputs` does; `output` may overwrite a parameter file: experiments chain."""
     common.check_outputs(report, as_json, inputs=(files, parameters))
     common.check_outputs(output, report, as_json, inputs=(files,))
 
 
 def write(result: Identification, parameters: list[Path] | None, output: Path | None, report: Path | None,
           as_json: Path | None) -> None:
-    """Write the requested files of a result, whose base set is that of the files `parameters`."""
+    """Write the requested files of a result; its base set was read from the files `parameters`."""
     from ..studies.identification.result import write_identified
 
     common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
@@ -77,7 +77,7 @@ def write(result: Identification, parameters: list[Path] | None, output: Path | 
 
 
 def show(result: Identification, *tables: Any) -> None:
-    """Print the estimates as a table, further tables, and the notes."""
+    """Print a table of the estimates, the other `tables`, and the notes."""
     estimates = common.table(["name", ">value", ">1 sigma", "unit", ">base set"], (
         [e.name, f"{e.value:.6g}", f"{e.sigma:.2g}", e.unit, "" if e.base is None else f"{e.base:.6g}"]
         for e in result.estimates), result.experiment.title, whole=range(5))
@@ -93,18 +93,18 @@ def friction(
     files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
     report: common.ReportOption = None, as_json: common.JsonOption = None,
     keep_cold_ratios: Annotated[bool, typer.Option(
-        "--keep-cold-ratios", help="Keep the ratios of cold to warm friction of the parameters: for sweeps at one "
+        "--keep-cold-ratios", help="Keep the parameters' ratios of cold to warm friction: for sweeps at one "
                                    "temperature.")] = False,
 ) -> None:
-    """Viscous and Coulomb friction per direction, and cold ratios, from sweeps at constant speed.
+    """Identify viscous and Coulomb friction per direction, and cold ratios, from sweeps at constant speed.
 
-    Columns: time, motor_angle, motor_current, temperature (motor_speed is checked if there is one).
+    Columns: time, motor_angle, motor_current, temperature (motor_speed, if present, is checked).
     """
     _identify("friction", files, parameters, output, report, as_json, keep_ratios=keep_cold_ratios)
 
 
 def _add(kind: str, text: str, arguments: str) -> None:
-    """Add the command of an experiment without further options."""
+    """Add the command of an experiment without additional options."""
     @app.command(kind, help=text, epilog=common.examples("identify", f"{kind} {arguments}"))
     def command(files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
                 report: common.ReportOption = None, as_json: common.JsonOption = None) -> None:

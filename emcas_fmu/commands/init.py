@@ -1,4 +1,4 @@
-"""`emcas init`: the first files for your actuator."""
+"""`emcas init`: write the first files for your actuator."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ EPILOG = common.examples("init", "my_actuator", "my_actuator --model electrohydr
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(help="Folder to write to; created if missing.",
+    folder: Annotated[Path, typer.Argument(help="Folder for the files; created if missing.",
                                            metavar="FOLDER")] = Path(),
     model: common.ModelOption = NONLINEAR,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
-    """Write a parameter file to fill in from datasheets, with studies for tuning, campaign and report.
+    """Write a parameter file to fill in from datasheets, and files for tuning, campaign and requirements.
 
-    The file lists, as comments, each value that a datasheet, drawing or controller has: its name there, its unit, the
-    default value and the source of that.
+    The parameter file lists, as comments, each value that a datasheet, a drawing or the controller has: its name there,
+    its unit, the default value and the source of the default.
     """
     from ..studies.starter import commands, starter_files
 
@@ -36,10 +36,10 @@ def init(
     files = starter_files(base)
     paths = [folder / name for name in files]
     common.check_outputs(folders=(folder,))
-    if (there := [str(path) for path in paths if path.exists()]) and not force:
-        raise EmcasError(f"{', '.join(there)}: there already; give another folder, or --force to write over them")
+    if (existing := [str(path) for path in paths if path.exists()]) and not force:
+        raise EmcasError(f"{', '.join(existing)}: exists already; give another folder, or --force to overwrite")
     write_folder(folder, files)
     common.print_written(*paths)
     first = commands(base, files)[0][0]
-    go = "" if folder.resolve() == Path().resolve() else f"cd {shlex.quote(str(folder))} && "
-    common.say(f"next: fill in what you have, then {escape(go + first)}")
+    change_folder = "" if folder.resolve() == Path().resolve() else f"cd {shlex.quote(str(folder))} && "
+    common.say(f"next: fill in the values that you have, then run {escape(change_folder + first)}")

@@ -1,4 +1,4 @@
-"""`emcas parameters`: print a parameter set, checked, with units and sources."""
+"""`emcas parameters`: check a parameter set, and print it with units and sources."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ EPILOG = common.examples("parameters", "", "-p my_actuator.toml --json", "-p my_
 def parameters(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     sets: Annotated[bool, typer.Option(
         "--sets", help="List the shipped sets, whose names --parameters accepts.")] = False,
     sensitivity: Annotated[float | None, common.value(
-        "Order the remaining estimates by how far 10 % of each move the fin within 0.5 s of a step to half of "
-        "command.limit against this hinge moment in N.m (0: none).", "TORQUE")] = None,
+        "Order the remaining estimates by their effect: the largest change of the fin angle by a 10 % change of each, "
+        "in a step to half of command.limit against this hinge moment in N.m (0: none).", "TORQUE")] = None,
 ) -> None:
-    """Print the checked parameter set with units and sources; of a file, also the remaining estimates."""
+    """Check a parameter set and print it with units and sources; with --parameters, also the remaining estimates."""
     from ..studies.overview import amounts_to, by_effect, remaining_estimates
 
     if sets:
@@ -43,7 +43,7 @@ def parameters(
         return
     chosen = common.parameter_set(parameters, model)
     if sensitivity is not None and not isfinite(sensitivity):
-        raise EmcasError(f"--sensitivity {sensitivity:g}: give a hinge moment in N.m")
+        raise EmcasError(f"--sensitivity {sensitivity:g}: give a finite hinge moment in N.m")
     estimates = remaining_estimates(chosen) if sensitivity is None else by_effect(chosen, sensitivity)
     left = {name: estimate for estimate in estimates for name in estimate.names}
     records: list[dict[str, object]] = [
@@ -64,7 +64,7 @@ def parameters(
         [">" * (name == "value") + name.replace("_", " ") for name in columns],
         ([str(row[name]) for name in columns] for row in rows), "EM-CAS parameters", whole=range(4)))
     if not notes:
-        common.out.print("A wider terminal, or --json, shows what each value rests on.")
+        common.out.print("A wider terminal, or --json, also shows the note on each value.")
     if parameters:
         for what, amount in amounts_to(chosen).items():
             common.out.print(f"{what}: {amount}")
@@ -75,26 +75,26 @@ def parameters(
 
 
 def _show_estimates(chosen: ParameterSet, estimates: Sequence[Estimate]) -> None:
-    """Print which values are still estimates, a line for each group."""
+    """Print the names of the values that are still estimates, one line for each group."""
     from ..studies.overview import by_group, in_words, offered
 
-    common.say(f"Still {escape(in_words(chosen, estimates))}, by --sensitivity in the order of their effect")
+    common.say(f"Still {escape(in_words(chosen, estimates))}; --sensitivity orders them by their effect")
     on_sheets = {e.variable.name for entries in offered(chosen).values() for e in entries}
     listed = [estimate for estimate in estimates if on_sheets.intersection(estimate.names)]
     for group, names in by_group(listed).items():
         common.say(f"  {escape(group)}: {escape(', '.join(names))}")
     if others := sum(len(estimate.names) for estimate in estimates if estimate not in listed):
-        common.out.print(f"  and {others} that are on no datasheet (--json has all)")
+        common.out.print(f"  and {others} that no datasheet contains (--json lists all)")
 
 
 def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
-    """Print the remaining estimates with what 10 % of each do."""
+    """Print the remaining estimates with the effect of a 10 % change of each."""
     common.out.print(common.table(
-        ["still an estimate", "10 % of it, deg"],
+        ["still an estimate", "effect of 10 % / deg"],
         ([each.label, f"{degrees(each.effect):.3g}"] for each in estimates if each.effect is not None),
-        f"Largest change of the fin's angle by 10 % of each: a step to half of command.limit against {torque:g} N.m"))
+        f"Largest change of the fin angle by a 10 % change: step to half of command.limit against {torque:g} N.m"))
     if rest := [estimate.label for estimate in estimates if estimate.effect is None]:
-        common.say(f"Not varied, being 0, a switch, a count or a temperature: {escape(', '.join(rest))}")
+        common.say(f"Not varied (0, a switch, a count or a temperature): {escape(', '.join(rest))}")
 
 
 def _show_sets(as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""`emcas reference`: regenerate the reference responses by independent integration, or compare with them."""
+"""`emcas reference`: compute the reference responses by independent integration, or check stored ones."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ EPILOG = common.examples(
 
 
 def reference(
-    directory: Annotated[Path | None, common.value("Folder of the reference files. Default with --check: the shipped "
-                                                   "ones.", "DIR")] = None,
+    directory: Annotated[Path | None, common.value("Folder of the reference files. Default with --check: that of the "
+                                                   "package.", "DIR")] = None,
     case: Annotated[list[str] | None, common.value("Only this case. Repeatable.", "NAME")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
-    check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Compare with the files in the folder instead.")] = False,
 ) -> None:
-    """Regenerate the reference responses by independent integration, or compare with those stored."""
+    """Compute the reference responses by independent integration; write them, or check stored ones."""
     from ..reference import files
     from ..support.files import models_directory
 
     if not directory and not check:
-        raise EmcasError("--directory is missing: give a folder to write the reference files to")
+        raise EmcasError("--directory is missing: give a folder for the reference files")
     if not directory and (parameters or model != NONLINEAR):
-        raise EmcasError("--parameters and --model need --directory: the shipped references are of the default "
+        raise EmcasError("--parameters and --model need --directory: the shipped references are for the default "
                          "actuator with its default parameters")
     folder = directory or models_directory() / "reference"
-    if not check:  # the folder first: what is written into it depends on the parameters
+    if not check:  # the folder first: the names of the files in it depend on the parameters
         common.check_outputs(folders=(folder,))
     chosen = common.parameter_set(parameters, model)
     if not check:

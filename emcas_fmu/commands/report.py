@@ -1,4 +1,4 @@
-"""`emcas report`: carry out an actuator's acceptance test and write the report to sign."""
+"""`emcas report`: carry out an actuator's acceptance test and write the report for signature."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def report(
     fin: common.FinOption = None,
     mission: Annotated[Path | None, common.value("Mission profile instead of the synthetic one: CSV of time (s) and "
                                                  "inputs in SI.", "FILE.csv")] = None,
-    load: Annotated[float | None, common.value("Rated hinge moment of the article in N.m. Default: 100, that of Table "
-                                               "2.", "MOMENT")] = None,
-    document: Annotated[str, common.value("Number of the document that the report is.", "TEXT")] = "",
-    revision: Annotated[str, common.value("Revision of that document.", "TEXT")] = "",
+    load: Annotated[float | None, common.value("Rated hinge moment of the article in N.m. Default: 100 (Table 2).",
+                                               "MOMENT")] = None,
+    document: Annotated[str, common.value("Document number of the report.", "TEXT")] = "",
+    revision: Annotated[str, common.value("Revision of the report.", "TEXT")] = "",
     date: common.DateOption = "",
     as_json: common.JsonOption = None,
     junit: common.JunitOption = None,
 ) -> None:
-    """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report to sign."""
+    """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report for signature."""
     from ..bench.excitation import csv_file
     from ..bench.requirements import load_requirements
     from ..motions import RATED

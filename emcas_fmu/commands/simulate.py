@@ -30,18 +30,18 @@ EPILOG = common.examples(
     "--fins 4 --fin 2=my_actuator.toml --step 10 --set bus.source_resistance=0.02 --plot fins.html")
 
 
-# Bounds of command and load: a turn in either direction, and a thousand times the rated hinge moment of Table 2.
+# Bounds of command and load: half a turn in either direction, and a thousand times the rated hinge moment of Table 2.
 _STEP, _TORQUE = In("deg", -180.0, 180.0), In("N.m", -1e5, 1e5)
 
 
 def _stepped(step: str, load: str, interval: float, stop: float) -> Excitation:
-    """Return a step to an angle under a constant hinge moment, from the texts of the options. Raises EmcasError."""
+    """Return a step to an angle under a constant hinge moment, read from the options' texts. Raises EmcasError."""
     from ..bench.excitation import LOAD, check_span, step_to
 
     degrees, torque = entered(f"--step {step}", step, _STEP), entered(f"--torque {load}", load, _TORQUE)
     check_span("step", interval, stop)
     if stop <= LEAD_IN:
-        raise EmcasError(f"step: it is at {LEAD_IN:g} s, the end at {stop:g} s is before that")
+        raise EmcasError(f"--stop {stop:g}: the step is at {LEAD_IN:g} s; give a later end")
     stepped = step_to(radians(degrees), stop - LEAD_IN, step=interval)
     title = f"Step to {degrees:+g} deg" + (f" with {torque:+g} N.m" if torque else "")
     return replace(stepped.holding({LOAD: torque}), title=title)
@@ -49,7 +49,7 @@ def _stepped(step: str, load: str, interval: float, stop: float) -> Excitation:
 
 def simulate(
     case: Annotated[str | None, common.value("Reference case to run, such as step_plus10.", "NAME")] = None,
-    input_file: Annotated[Path | None, common.value("CSV of time in s and inputs in SI, as fmpy reads it.", "FILE",
+    input_file: Annotated[Path | None, common.value("CSV of time in s and inputs in SI, in the format of fmpy.", "FILE",
                                                     "--input", "-i")] = None,
     step: Annotated[str | None, common.value("Step of the fin command at 50 ms, in degrees or with a unit.",
                                              "ANGLE")] = None,
@@ -58,25 +58,26 @@ def simulate(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, common.value(
-        "Another value of a parameter, or a constant input, with a unit or in the variable's unit. Repeatable. Of "
-        "several fins it applies to all, fin[2].NAME to one; bus.source_resistance, or line.accumulator_volume of a "
-        "hydraulic supply, makes the supply sag; roll_command, pitch_command and yaw_command are mixed into all "
-        "commands.", "NAME=VALUE", "--set")] = None,
-    fins: Annotated[int, common.value("Actuators on one supply, all with the same case, step or columns; columns such "
-                                      "as fin[2].fin_command are for one. Computed in Python, which is slower.",
+        "Value of a parameter, or constant value of an input, with a unit or in the variable's unit. Repeatable. NAME "
+        "applies to all fins, fin[2].NAME to one. With bus.source_resistance, or with line.accumulator_volume of a "
+        "hydraulic supply, the supply sags. roll_command, pitch_command and yaw_command are mixed into all commands.",
+        "NAME=VALUE", "--set")] = None,
+    fins: Annotated[int, common.value("Number of actuators on one supply, all with the same case, step or columns; a "
+                                      "column such as fin[2].fin_command is for one fin. Computed in Python, slower.",
                                       "N")] = 1,
     layout: common.LayoutOption = None,
     fin: common.FinFilesOption = None,
-    stop: Annotated[float | None, common.value("End; 0.5 with --step, else that of the input.", "SECONDS")] = None,
-    interval: Annotated[float | None, common.value("Communication step; 0.001, or that of the case.",
+    stop: Annotated[float | None, common.value("End of the simulation. Default: 0.5 with --step, otherwise that of "
+                                               "the input.", "SECONDS")] = None,
+    interval: Annotated[float | None, common.value("Communication step. Default: 0.001, or that of the case.",
                                                    "SECONDS")] = None,
-    kernel: Annotated[str, common.value("compiled, python, or auto: compiled where that pays. The numbers are the "
-                                        "same.", "KERNEL")] = "auto",
+    kernel: Annotated[str, common.value("compiled, python, or auto (compiled if that saves time). The numbers "
+                                        "are the same.", "KERNEL")] = "auto",
     output: Annotated[Path | None, common.output_option("Write every signal to this CSV file.", ".csv")] = None,
-    plot: Annotated[Path | None, common.plot_option("Plot the response, the actuator's outputs by their units")] = None,
+    plot: Annotated[Path | None, common.plot_option("Plot the actuator's outputs, by their units,")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
-    """Run the actuator on a case, a file of inputs or a step, without an FMU."""
+    """Simulate a step, a reference case or a file of inputs, without an FMU."""
     from ..api import simulate as run
     from ..bench.conditions import resting_on
     from ..bench.excitation import csv_file, reference_case
@@ -86,36 +87,36 @@ def simulate(
 
     if [case, input_file, step].count(None) != 2:
         raise EmcasError("give one of --case, --input and --step")
-    (placement, files), unit = common.placed(fins, layout, fin), FmuInterface(fins, model)
+    (placement, files), interface = common.placed(fins, layout, fin), FmuInterface(fins, model)
     common.check_outputs(output, plot, as_json, inputs=(parameters, files.values(), input_file))
     for name, value in (("--stop", stop), ("--interval", interval)):
         if value is not None and not 0.0 < value < float("inf"):
             raise EmcasError(f"{name} {value}: must be above 0")
     if case and (stop or interval):
-        raise EmcasError("--stop and --interval go with --step and --input: a case has them already")
+        raise EmcasError("--stop and --interval are for --step and --input: a case has its own; leave them out")
     if torque is not None and step is None:
-        raise EmcasError("--torque belongs to --step: a case or a file has loads already")
-    chosen = (reference_case(case) if case else
+        raise EmcasError("--torque belongs to --step: a case or a file has its own loads; leave --torque out")
+    excitation = (reference_case(case) if case else
               csv_file(input_file, interval or STEP, stop, model, fins) if input_file
               else _stepped(step or "0", torque or "0", interval or STEP, stop or 0.5))
-    changes, line, constants = read_settings(settings or [], unit)
-    if twice := [name for name in constants if name in chosen.columns]:
-        raise EmcasError(f"--set {twice[0]}: is set by {chosen.title} already")
+    changes, line, constants = read_settings(settings or [], interface)
+    if twice := [name for name in constants if name in excitation.columns]:
+        raise EmcasError(f"--set {twice[0]}: {excitation.title} sets this input already; leave --set out")
     base = load_parameters(parameters, model=model)
-    base = base.with_values(base.having(chosen.start_values))
+    base = base.with_values(base.having(excitation.start_values))
     sets = fin_sets(base, fins, placement, files) if fins > 1 else (base,)
     sets = tuple(changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
     require_shared(sets, "--set")
     common.warn(warning for each in sets for warning in each.warnings)
     if case:
-        chosen = reference_case(case, supply=supply_start(model, sets[0].values))
-    response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
+        excitation = reference_case(case, supply=supply_start(model, sets[0].values))
+    response = run(sets, replace(excitation, start_values={}), kernel=kernel, line=line, **constants)
     common.write_results(response, (output, type(response).write_csv), (plot, type(response).plot))
     common.write_json(response.as_dict(), as_json)
     columns = [f">fin {k}" for k in range(1, fins + 1)] if fins > 1 else [">value"]
-    common.out.print(common.table(["figure", *columns], response.lines(), f"{chosen.title}, {chosen.stop:g} s"))
-    if unit.line:
-        common.say(f"{unit.line.group}: " + ", ".join(
+    common.out.print(common.table(["figure", *columns], response.lines(), f"{excitation.title}, {excitation.stop:g} s"))
+    if interface.line:
+        common.say(f"{interface.line.group}: " + ", ".join(
             f"{name} {number(value)}" for name, value in response.line.items()))
     for each in resting_on(response.estimates):
         common.say(escape(each))

@@ -25,25 +25,27 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich", invoke_without_
 @common.failures()
 def write(
     context: typer.Context,
-    fmu: Annotated[Path | None, common.value("FMU for the archive; default: a native one is built.", "FMU")] = None,
+    fmu: Annotated[Path | None, common.value("FMU for the archive. Default: a native FMU is built.", "FMU")] = None,
     output: Annotated[Path, common.value("Archive to write.", "FILE.ssp", "--output", "-o")] = Path("EMCAS.ssp"),
     model: common.SubjectModelOption = None,
     parameters: common.ParametersOption = None,
-    fins: Annotated[int, common.value("Number of fins, evenly about the body, 1 to 8.", "N")] = 4,
+    fins: Annotated[int, common.value("Number of fins, 1 to 8, evenly spaced about the body.", "N")] = 4,
     layout: common.LayoutOption = None,
     fin: common.FinFilesOption = None,
     variant: Annotated[list[str] | None, common.value(
-        "A further variant, or a replacement of cold or degraded; a file like models/degraded.toml.",
+        "Additional variant, or a replacement for cold or degraded, from a file such as models/degraded.toml. "
+        "Repeatable.",
         "NAME=FILE")] = None,
     border: Annotated[bool, typer.Option("--system-connectors", help="Wire the fins to connectors of the system, such "
-                                         "as fin1_fin_command, as fmpy's simulate_ssp needs it; libcosim and Ecos "
-                                         "refuse that.")] = False,
-    halves: Annotated[bool, typer.Option("--halves", help="Each fin as two components, controllers and plant, to "
-                                         "replace one by hardware; built, with connectors of the system.")] = False,
+                                         "as fin1_fin_command. fmpy's simulate_ssp needs them; libcosim and Ecos "
+                                         "refuse them.")] = False,
+    halves: Annotated[bool, typer.Option("--halves", help="Write each fin as two components, controllers and plant, "
+                                         "so that hardware can replace one. Both FMUs are built (no --fmu) and wired "
+                                         "to connectors of the system.")] = False,
 ) -> None:
-    """Write an SSP 1.0 archive with variants nominal, cold and degraded.
+    """Write an SSP 1.0 archive with the variants nominal, cold and degraded.
 
-    Variants that change parameters an actuator lacks are left out.
+    A variant is left out if it changes a parameter that the actuator lacks.
     """
     if context.invoked_subcommand:
         return
@@ -70,12 +72,12 @@ def write(
     "ssp check", "EMCAS.ssp", "vehicle.ssp --fmu EMCAS.fmu", "vehicle.ssp --json findings.json"))
 @common.failures()
 def check(
-    ssp: Annotated[Path, typer.Argument(help="Archive to check: written by emcas ssp, or in the same form.",
+    ssp: Annotated[Path, typer.Argument(help="Archive to check: by emcas ssp, or of the same structure.",
                                         metavar="FILE.ssp")],
-    fmu: Annotated[Path | None, common.value("The FMU that the archive should contain; another one is an error.",
+    fmu: Annotated[Path | None, common.value("FMU that the archive must contain.",
                                              "FMU")] = None,
-    guid: Annotated[str | None, common.value("Its GUID, instead of the file.", "GUID")] = None,
-    model: Annotated[str | None, common.model_option("Actuator of FMUs whose name does not contain it")] = None,
+    guid: Annotated[str | None, common.value("GUID of that FMU, instead of its file.", "GUID")] = None,
+    model: Annotated[str | None, common.model_option("Actuator of an FMU whose name does not contain it")] = None,
     as_json: Annotated[Path | None, common.json_option("Write all findings to this file.")] = None,
 ) -> None:
     """Check schema, wiring, units, parameters and FMU of an SSP; exit code 1 if there are errors."""
@@ -93,15 +95,15 @@ def check(
             texts = ([each.place, each.file], [each.message, each.remedy])
             rows += [Text(each.level, "red" if each.level == "error" else "yellow"),
                      *(Text(upper + "\n" * bool(upper)).append(lower, "dim") for upper, lower in texts)], None
-        common.out.print(common.table(["", "where", "what is wrong, and what to do"], rows))
-    errors, warnings = (f"{len(found)} {name}{'s' * (len(found) != 1)}" for found, name in (
+        common.out.print(common.table(["", "where", "problem and remedy"], rows))
+    errors, warnings = (f"{len(findings)} {name}{'s' * (len(findings) != 1)}" for findings, name in (
         (report.errors, "error"), (report.warnings, "warning")))
     verdict = f"[bold red]failed[/], {errors}" if report.errors else "[bold green]passed[/]"
     common.say(f"{verdict}, {warnings}: {escape(str(ssp))}, variants "
               f"{', '.join(map(escape, report.variants)) or 'none'}, {report.connections} connections, "
               f"{report.parameters} parameters")
     if report.unchecked:
-        common.say(f"[yellow]not checked[/] until that is corrected: wiring and parameters of "
+        common.say(f"[yellow]not checked[/] until these errors are corrected: wiring and parameters of "
                    f"{', '.join(map(escape, report.unchecked))}")
     if report.errors:
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""`emcas tune`: find controller gains that meet requirements, limits, friction and delay included."""
+"""`emcas tune`: find controller gains that meet requirements, simulated with limits, friction and delay."""
 
 from __future__ import annotations
 
@@ -21,31 +21,32 @@ EPILOG = common.examples(
 
 def tune(
     study: Annotated[Path | None, typer.Argument(
-        help="Requirements, cases and what may be tuned (TOML). Default: the actuator's in models/tuning, "
+        help="Study: requirements, cases and the parameters to tune (TOML). Default: the actuator's in models/tuning, "
              "otherwise models/tuning.toml.", metavar="FILE")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
-    requirements: common.RequirementsOption = None,
+    requirements: Annotated[Path | None, common.value(
+        "File of requirements (TOML) that replace those of the study; docs/use/requirements.md.", "FILE.toml",
+        ending=".toml")] = None,
     output: Annotated[Path | None, common.output_option(
-        "Write a parameter file: the gains and what --parameters already changed.")] = None,
+        "Write a parameter file: the gains and the changes in --parameters.")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
     seed: Annotated[int, common.value("Seed of the random search; the same seed gives the same gains.", "N",
                                       min=0)] = 1,
     generations: Annotated[int, common.value("Generations of the global search.", "N", min=1)] = 12,
-    workers: Annotated[int | None, common.value("Number of processes. Default: that of the processors.", "N",
-                                                min=1)] = None,
-    journal: Annotated[Path | None, common.value("Keep every evaluation in this file, and go on from what is there.",
+    workers: Annotated[int | None, common.value("Number of processes. Default: one per processor.", "N", min=1)] = None,
+    journal: Annotated[Path | None, common.value("Keep every evaluation in this file, and continue from those in it.",
                                                  "FILE")] = None,
     pareto: Annotated[list[str] | None, common.value(
-        "Plot what one requirement costs another (name two). Default: the two that conflict most.",
+        "Plot the trade-off between two requirements: name each with this option. Default: the two that conflict most.",
         "REQUIREMENT")] = None,
 ) -> None:
-    """Find controller gains that meet requirements in every case at once, limits, friction and delay included.
+    """Find controller gains that meet requirements in all cases, simulated with limits, friction and delay.
 
-    Gains are judged as they are written; those that are returned are never worse than those begun with. The shipped
-    study takes about a minute on two processors. Ctrl-C ends the search: the best gains it has found are shown and
-    written, and the exit code is 130.
+    Gains are judged with the digits that are written. The result is never worse than the initial gains. The shipped
+    study takes about a minute on two processors. Ctrl-C ends the search: the best gains so far are shown and written,
+    and the exit code is 130.
     """
     from ..api import tune as run
     from ..studies.overview import stalled
@@ -58,13 +59,13 @@ def tune(
     chosen = chosen.judged_by(requirements) if requirements else chosen
     names = [r.name for r in chosen.requirements]
     if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
-        raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
+        raise EmcasError(f"--pareto must appear twice, with two of {', '.join(names)}")
     common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
     try:
         with common.work("tune", lines=True) as step:
             result = run(base, chosen, seed, generations, workers, journal, step)
     except KeyboardInterrupt:
-        common.err.print("stopped before there were gains to write")
+        common.err.print("stopped before any gains were judged; nothing is written")
         raise typer.Exit(common.INTERRUPTED) from None
     command = shlex.join([
         "emcas", "tune", *([str(study)] if study else []), *common.parameter_arguments(parameters),

@@ -1,4 +1,4 @@
-"""`emcas validate`: judge an FMU or a parameter set by the reference responses and by requirements."""
+"""`emcas validate`: judge an FMU or a parameter set by reference responses and by requirements."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ def validate(
     junit: common.JunitOption = None,
     report: common.ReportOption = None,
     directory: Annotated[Path | None, common.value(
-        "Folder of the reference files, compared whatever their parameters are. Without it: models/reference, "
-        "compared where they are of the subject's parameters.", "DIR")] = None,
+        "Folder of reference files, which are compared even if they are for other parameters. Default: "
+        "models/reference, compared only where they are for the subject's parameters.", "DIR")] = None,
     requirements: common.RequirementsOption = None,
-    inside: Annotated[bool, typer.Option("--inside", help="Compare trajectories with the references inside the FMU; of "
-                                         "another actuator, or other parameters than the defaults, that is so "
-                                         "unless --directory is given.")] = False,
+    inside: Annotated[bool, typer.Option("--inside", help="Compare trajectories with the references inside the FMU. "
+                                         "Without --directory, this is the default for an FMU of another actuator "
+                                         "or with other parameters than the defaults.")] = False,
 ) -> None:
-    """Run a model on every reference case and judge it by the reference, where there is one of its actuator, and by
-    requirements.
+    """Run an FMU or a parameter set on every reference case; judge it by the actuator's references and by requirements.
 
-    Exit code 0: all that was judged is met, or with --case the actuator has no reference and it ran (JSON: passed is
-    null); 1: a criterion is not met, or nothing was judged: a case did not run to its end, or the references are of
-    other parameters; 2: it cannot be carried out. In a gate leave --case out: with it no requirement is judged.
+    Exit code 0: every criterion is met, or, with --case, the cases ran to their ends and the actuator has no reference
+    (JSON: passed is null). 1: a criterion is missed, or nothing was judged because a case stopped early or the
+    references are for other parameters. 2: the request cannot be executed. In a gate leave --case out: with it no
+    requirement is judged.
     """
     from ..api import validate as run
     from ..studies.validate.validation_output import as_dict, summary, write_junit, write_report
@@ -45,7 +45,7 @@ def validate(
     if case and requirements:
         raise EmcasError("--case and --requirements: with --case no requirement is judged; leave one of them out")
     if inside and directory:
-        raise EmcasError("--inside and --directory: references are of one place; give one of them")
+        raise EmcasError("--inside and --directory: both choose the references; give one of them")
     common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
     with common.work("validate") as step, common.open_subject(article, model, fin) as subject:
         result = run(subject, case, directory, step, inside, requirements)

@@ -103,7 +103,7 @@ def test_a_scheduler_that_is_lost(small: Study, store: Store) -> None:
             store.write(rows)
             other.cluster.close()
 
-        with pytest.raises(CampaignError, match=r"the scheduler was lost .* the same command goes on"):
+        with pytest.raises(CampaignError, match=r"the scheduler was lost .* the same command continues"):
             by_dask(other, small, store.missing(), keep, chunk=1, work=slow)
     assert len(store.missing()) < 24
 
@@ -177,7 +177,7 @@ def test_ctrl_c_leaves_what_is_done(write: Write, tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
     _, errors = process.communicate(timeout=60.0)
     assert process.returncode == 130, errors
-    assert "the same command goes on" in " ".join(errors.split())
+    assert "the same command continues" in " ".join(errors.split())
     assert "Traceback" not in errors
     assert 0 < len(Store(folder, load_study(file)).missing()) <= 20_000 - 2 * 2
 

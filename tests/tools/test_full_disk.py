@@ -133,7 +133,7 @@ def test_files_of_a_folder_are_tried_before_long_work(command: str, file: str, t
     monkeypatch.setattr(files, "regenerate", begun)
     done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 2
-    assert f"x/{file}: is a folder; give a file to write to" in done.stderr
+    assert f"x/{file}: is a folder; give a file for the output" in done.stderr
 
 
 @pytest.mark.parametrize("command", FOLDERS)

@@ -219,7 +219,7 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     (("--case", "nonsense"), "there is step, step_plus1"), (("--step", "1", "--stop", "-1"), "--stop"),
     (("--step", "1", "--set", "encoder.multiplier=3"), "error: --set encoder.multiplier = 3 must be 1, 2 or 4"),
     (("--step", "1", "--set", "drive.kp=-1"), "error: --set drive.kp = -1.0 V/A: is -1 V/A; it must"),
-    (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "has them already"),
+    (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "a case has its own"),
     (("--step", "1", "--kernel", "fortran"), "auto, compiled, python"),
     (("--step", "1", "--layout", "plus"), "add --fins"), (("--case", "stp"), "did you mean step"),
     (("--step", "1", "--torque", "1e300"), "--torque 1e300: must be within -100000 .. 100000 N.m"),
@@ -227,7 +227,7 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     (("--step", "5 N"), "--step 5 N: the unit N does not measure"),
     (("--step", "1", "--interval", "1"), "steps of 1 s"), (("--step", "1", "--interval", "1e-12"), "steps of"),
     (("--step", "1", "--interval", "0.3"), "not a whole number of steps"),
-    (("--step", "1", "--stop", "0.02"), "before that"), (("--case", "step", "--torque", "1"), "belongs to --step")])
+    (("--step", "1", "--stop", "0.02"), "a later end"), (("--case", "step", "--torque", "1"), "belongs to --step")])
 def test_simulate_refuses(arguments: tuple[str, ...], said: str) -> None:
     refused = emcas("simulate", *arguments)
     assert refused.exit_code == 2

@@ -112,7 +112,7 @@ def test_what_is_refused() -> None:
                              "second-order has no supply"),
                             (("--fins", "2", "--set", "fin[2].drive.supply_voltage=20"), "differs between fins"),
                             (("--fins", "2", "--set", "fin[2].motor.resistence=1"), "did you mean motor.resistance"),
-                            (("--set", "aero_torque=3"), "is set by Step to +5 deg already"),
+                            (("--set", "aero_torque=3"), "Step to +5 deg sets this input already"),
                             (("--set", "enable=5"), "expected true or false"),
                             (("--set", "bus.source_resistance=0.1"), "needs --fins"),
                             (("--fins", "4", "--set", "fin[7].motor.resistance=1"), "fins are 1 to 4"),

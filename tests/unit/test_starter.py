@@ -134,7 +134,7 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     (tmp_path / "actuator.toml").write_text("mine", encoding="utf-8")
     refused = init(tmp_path)
     assert refused.exit_code == 2
-    assert "actuator.toml: there already" in refused.stderr
+    assert "actuator.toml: exists already" in refused.stderr
     assert "README.md" not in refused.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["actuator.toml"]
     assert (tmp_path / "actuator.toml").read_text(encoding="utf-8") == "mine"
